@@ -1,13 +1,13 @@
-"""Measure how deep probes sink into exported textures in each physics engine.
+"""Measure how deep a probe sinks into exported textures in each physics engine.
 
     python benchmarks/contact_in_engines.py [--textures 24]
 
 The notes in the exported folders quote these figures. Each row is a ball, or a dome that is pressed with 2 N and can
 move up and down only. It is dropped from 0.3 mm above the lowest valley (a ball) or above the block's centre (a dome).
 
-* ``low``: how far its centre is then below the height at which the formula lets it rest, in mm;
-* ``sinks``: how far it is below the formula's contact at the place that it has reached, in mm. On the walls of a
-  square wave, a sideways motion changes this value by the slope of the wall.
+* ``low``: how far its centre is finally below the computed height of rest at the start, in mm;
+* ``sinks``: how far its centre is below the computed height of contact at its final position, in mm. On the walls of
+  a square wave, a sideways motion changes this value by the slope of the wall.
 
 An engine that is not installed is left out and named.
 """
@@ -38,7 +38,7 @@ Place = tuple[float, float, float]
 
 
 def start_mm(block: Block, radius_mm: float) -> Place:
-    """Where a probe would rest: a dome above the block's centre, a ball in the lowest valley."""
+    """Return the computed position of rest: above the block's centre for a dome, in the lowest valley for a ball."""
     if radius_mm >= DOME_MM:
         x, y = (side / 2.0 for side in block.size_mm)
         return (x, y, centre_height_mm(block, x, y, radius_mm, 1201))
@@ -123,16 +123,16 @@ def drake(path: Path, start: Place, radius_mm: float, seconds: float, modulus_pa
     return np.asarray(world.EvalBodyPoseInWorld(context, body).translation()) * 1e3
 
 
-def row(engine: str, what: str, block: Block, radius_mm: float, seconds: float, run: Callable[..., Any]) -> None:
+def row(engine: str, case: str, block: Block, radius_mm: float, seconds: float, run: Callable[..., Any]) -> None:
     """Run one probe and print its line."""
-    begun = time.perf_counter()
+    begin = time.perf_counter()
     rest = start_mm(block, radius_mm)
     x, y, z = run(rest, radius_mm, seconds)
     free = centre_height_mm(block, x, y, radius_mm, 1201 if radius_mm > 2.0 else 201)
-    took = time.perf_counter() - begun
+    seconds_taken = time.perf_counter() - begin
     print(
-        f"{engine:<10}{block.texture.name:<11}{what:<30}{radius_mm:>8g}{seconds:>8g}{rest[2] - z:>10.3f}"
-        f"{free - z:>10.3f}{took:>9.1f}",
+        f"{engine:<10}{block.texture.name:<11}{case:<30}{radius_mm:>8g}{seconds:>8g}{rest[2] - z:>10.3f}"
+        f"{free - z:>10.3f}{seconds_taken:>9.1f}",
         flush=True,
     )
 
@@ -149,14 +149,14 @@ def main() -> int:
             name = block.texture.name
             if importlib.util.find_spec("mujoco"):
                 for kind in ("", "-tiles"):
-                    own = folder / f"{name}{kind}.xml"
+                    original = folder / f"{name}{kind}.xml"
                     soft = folder / f"{name}{kind}-soft.xml"
-                    text = re.sub(r'solref=.*?priority="1"', DEFAULTS, own.read_text(encoding="utf-8"))
+                    text = re.sub(r'solref=.*?priority="1"', DEFAULTS, original.read_text(encoding="utf-8"))
                     soft.write_text(text.replace('timestep="0.0005"', 'timestep="0.002"'), encoding="utf-8")
-                    for label, path in (("settings of the file", own), ("MuJoCo's defaults", soft)):
+                    for label, path in (("settings of the file", original), ("MuJoCo's defaults", soft)):
                         for radius in (0.5, 1.0, DOME_MM):
-                            what = f"{kind[1:] or 'one'}, {label}"
-                            row("mujoco", what, block, radius, 0.3, lambda *a, path=path: mujoco(path, *a))
+                            case = f"{kind[1:] or 'one'}, {label}"
+                            row("mujoco", case, block, radius, 0.3, lambda *a, path=path: mujoco(path, *a))
             if importlib.util.find_spec("pybullet"):
                 path = folder / f"{name}.urdf"
                 for radius in (0.5, 1.0, 5.0, 12.0, DOME_MM):
@@ -164,8 +164,8 @@ def main() -> int:
             if importlib.util.find_spec("pydrake"):
                 path = folder / f"{name}.sdf"
                 for radius, modulus in ((0.5, 1e7), (1.0, 1e7), (DOME_MM, 1e7), (DOME_MM, 1e9)):
-                    what = f"modulus {modulus:g} Pa"
-                    row("drake", what, block, radius, 0.5, lambda *a, p=path, m=modulus: drake(p, *a, modulus_pa=m))
+                    case = f"modulus {modulus:g} Pa"
+                    row("drake", case, block, radius, 0.5, lambda *a, p=path, m=modulus: drake(p, *a, modulus_pa=m))
     for module in ("mujoco", "pybullet", "pydrake"):
         if not importlib.util.find_spec(module):
             print(f"left out: {module} is not installed")

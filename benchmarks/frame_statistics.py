@@ -1,4 +1,4 @@
-"""Measure what frames of a TacTip look like, simulated ones or your own, in numbers.
+"""Measure statistics of the frames of a TacTip, for simulated frames or for your own frames.
 
     python benchmarks/frame_statistics.py [--look tactip-bristol]
     python benchmarks/frame_statistics.py FILE.png ... --dome X,Y,R [--field R] [--log SIGMA,THRESHOLD]
@@ -42,9 +42,9 @@ def print_looks(looks: list[str]) -> bool:
             if goal.name not in chosen[look]:
                 line += " | |"
                 continue
-            value, met = values[look][goal.name], chosen[look][goal.name].met_by(values[look][goal.name])
-            missed += not met
-            line += f" {chosen[look][goal.name].shown} | {value:.3g}{'' if met else ' (goal missed)'} |"
+            value, is_met = values[look][goal.name], chosen[look][goal.name].met_by(values[look][goal.name])
+            missed += not is_met
+            line += f" {chosen[look][goal.name].shown} | {value:.3g}{'' if is_met else ' (goal missed)'} |"
         print(line)
     print(f"\n{missed} goals are not met")
     return missed == 0
@@ -55,11 +55,11 @@ def print_files(paths: list[Path], near: Dome, field: float, log: tuple[float, f
     frames = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]
     for path, frame in zip(paths, frames, strict=True):
         if frame is None:
-            raise SystemExit(f"{path}: is no image that OpenCV reads.")
+            raise SystemExit(f"{path}: OpenCV cannot read this file as an image.")
     try:
         single = [frame_statistics(frame, near, field / near.radius, log) for frame in frames]
     except ValueError as error:
-        raise SystemExit(f"{error}; --dome, --field and --log say where and how to look for them.") from None
+        raise SystemExit(f"{error}; use --dome, --field and --log to describe the dome and the pins.") from None
     for name in single[0]:
         values = [statistics[name] for statistics in single if name in statistics]
         print(f"{name:45}{np.median(values):10.4g}{min(values):10.4g} to {max(values):.4g}")

@@ -41,7 +41,7 @@ def write_images(folder: Path, count: int, suffix: str) -> None:
 
 
 def plain_loop(folder: Path, out: Path) -> None:
-    """Read each file, decode it, write it again."""
+    """Read each file, decode it and write a copy."""
     out.mkdir()
     for path in sorted((folder / "frames").iterdir()):
         data = path.read_bytes()
@@ -50,18 +50,21 @@ def plain_loop(folder: Path, out: Path) -> None:
 
 
 def imported(folder: Path, out: Path) -> None:
-    """Import them."""
+    """Import the images with the package."""
     assert import_samples([folder / "frames", folder / "labels.csv"], out).ok
 
 
 def seconds(work: Callable[[Path, Path], None], folder: Path) -> tuple[float, float]:
-    """Wall time of the work and processor time of all its threads, in s; removing its output is not timed."""
+    """Return the wall time of the work and the processor time of all its threads, in s.
+
+    The time to remove the output is not included.
+    """
     out = folder / "out"
-    began, busy = time.perf_counter(), time.process_time()
+    start, processor_start = time.perf_counter(), time.process_time()
     work(folder, out)
-    passed = (time.perf_counter() - began, time.process_time() - busy)
+    times = (time.perf_counter() - start, time.process_time() - processor_start)
     shutil.rmtree(out)
-    return passed
+    return times
 
 
 def main() -> int:
@@ -74,13 +77,13 @@ def main() -> int:
         folder = Path(name)
         write_images(folder, chosen.images, chosen.suffix)
         turns = [(seconds(plain_loop, folder), seconds(imported, folder)) for _ in range(TURNS)]
-    loop, ours = (min(wall for wall, _ in times) for times in zip(*turns, strict=True))
-    of_loop, of_ours = (min(busy for _, busy in times) for times in zip(*turns, strict=True))
-    print(
-        f"{chosen.images:,} images ({chosen.suffix}), seconds (processor time): plain loop {loop:.2f} ({of_loop:.2f}),"
-    )
-    print(f"import {ours:.2f} ({of_ours:.2f}): {ours / loop:.2f} times ({of_ours / of_loop:.2f} times)")
-    return int(ours > LIMIT * loop)
+    loop_s, import_s = (min(wall for wall, _ in times) for times in zip(*turns, strict=True))
+    loop_processor_s, import_processor_s = (min(busy for _, busy in times) for times in zip(*turns, strict=True))
+    ratio, processor_ratio = import_s / loop_s, import_processor_s / loop_processor_s
+    print(f"{chosen.images:,} images ({chosen.suffix}), seconds (processor time): ", end="")
+    print(f"plain loop {loop_s:.2f} ({loop_processor_s:.2f}),")
+    print(f"import {import_s:.2f} ({import_processor_s:.2f}): {ratio:.2f} times ({processor_ratio:.2f} times)")
+    return int(import_s > LIMIT * loop_s)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Count the triangles that our meshes and four simplifiers need for the same measured distance from the formula.
+"""Count the triangles that this package and four simplifiers need for the same measured distance from the formula.
 
     python benchmarks/mesh_triangles.py [--textures 1,2,3,5,6] [--tolerance 0.01] [--peers manifold3d,...] [--rounds 8]
 
@@ -33,16 +33,16 @@ from tacbench_cad.util.types import Floats
 
 #: Rounds of each search for the fewest triangles.
 ROUNDS = 8
-#: A start mesh has fewer triangles than this, unless a tenth of the distance needs more.
+#: The maximum number of triangles of a start mesh, unless a tenth of the distance needs more.
 MAX_START_TRIANGLES = 600_000
-#: Settings of fast-simplification to try; the best result counts. Its thresholds are absolute, in the mesh's units.
+#: The settings of fast-simplification to try; the best result counts. Its thresholds are absolute, in mesh units.
 AGGRESSIONS = (2.0, 2.8)
-#: Distance of the measured points along x and y, in mm; in a small triangle a twelfth of its side.
+#: The distance between measured points along x and y, in mm; in a small triangle it is a twelfth of the side.
 STEP_MM = 0.04
 
 
 class Profile:
-    """One axis of the formula as a table: value and slope by cubic interpolation on 400,000 points."""
+    """A table of one axis of the formula: value and slope by cubic interpolation on 400,000 points."""
 
     def __init__(self, sines: Sines, length_mm: float) -> None:
         self.step = length_mm / 400_000
@@ -59,7 +59,7 @@ class Profile:
 
 
 class Ruler:
-    """Measures the distance of upward triangles from a block's formula."""
+    """A measurement of the distance between upward triangles and the formula of a block."""
 
     def __init__(self, block: Block) -> None:
         self.datum = block.formula_datum_mm
@@ -68,13 +68,13 @@ class Ruler:
         self.waves_along = [not s.is_constant for s in (block.surface.along_u, block.surface.along_v)]
 
     def distance(self, mesh: Mesh, limit_mm: float = np.inf) -> float:
-        """Largest ``|z - formula| / sqrt(1 + |gradient|^2)`` at dense points of the top, in mm.
+        """Return the largest ``|z - formula| / sqrt(1 + |gradient|^2)`` at dense points of the top, in mm.
 
         If a few points of each triangle already exceed the limit, the others are not measured.
         """
-        corners = mesh.triangle_points
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        top = corners[normal[:, 2] > 1e-3 * np.linalg.norm(normal, axis=1)]
+        triangles = mesh.triangle_points
+        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        top = triangles[normal[:, 2] > 1e-3 * np.linalg.norm(normal, axis=1)]
         # triangles of the underside look down and those of the walls sideways
         span = (np.ptp(top[:, :, :2], axis=1) * self.waves_along).max(axis=1)
         order = np.clip(np.ceil(span / STEP_MM), 12, 96).astype(np.int64)
@@ -105,7 +105,9 @@ def _lattice(order: int) -> Floats:
 
 
 def start_mesh(block: Block, ruler: Ruler, distance_mm: float, across: int) -> Mesh:
-    """A mesh with vertices on the formula, dense where it is curved, and an error of less than a tenth of a distance.
+    """Return a mesh with vertices on the formula and an error below a tenth of a distance.
+
+    The vertices are dense where the formula is curved.
 
     Args:
         block: The block.
@@ -134,7 +136,7 @@ def _lines(sines: Sines, length_mm: float, distance_mm: float, across: int) -> F
         return single(np.linspace(0.0, length_mm, across))
     t = np.linspace(0.0, length_mm, 20_001)
     slope, second = derivatives(sines, t, [1, 2])
-    # the error between lines h apart is |p''| h^2 / 8 over sqrt(1 + p'^2), and half of it is one axis's part
+    # the error between lines at a distance h is |p''| h^2 / 8 over sqrt(1 + p'^2); each axis may use half of it
     density = np.sqrt(np.abs(second) / np.sqrt(1.0 + slope**2) / (4.0 * distance_mm)) + 1.0
     total = np.append(0.0, np.cumsum((density[1:] + density[:-1]) / 2.0 * np.diff(t)))
     return single(np.interp(np.linspace(0.0, total[-1], int(total[-1]) + 2), total, t))
@@ -145,16 +147,16 @@ class Result:
     """The result of a peer.
 
     Args:
-        count: Fewest triangles within the distance; infinite if no run stayed within it.
-        seconds: Time of its slowest run.
-        at_ours_mm: Its measured distance with as many triangles as ours; NaN if it cannot make so few.
-        begun: Number of triangles of the start mesh.
+        count: The smallest number of triangles within the distance; infinite if no run stayed within it.
+        seconds: The time of its slowest run.
+        at_ours_mm: Its measured distance with as many triangles as this package uses; NaN if it cannot make so few.
+        start_count: The number of triangles of the start mesh.
     """
 
     count: float
     seconds: float
     at_ours_mm: float
-    begun: int
+    start_count: int
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ class Race:
     rounds: int
 
     def run(self, name: str) -> Result:
-        """The best of a peer's settings."""
+        """Return the best result of a peer's settings."""
         if name == "fast-simplification":
             return min(self._by_count(fast_simplification_peer(self.start, value)) for value in AGGRESSIONS)
         if name == "pymeshlab":
@@ -183,22 +185,22 @@ class Race:
         mesh = reduce(fraction)
         # some peers stop before they reach the requested count
         at_ours = self.ruler.distance(mesh) if len(mesh.faces) <= 1.01 * self.ours else np.nan
-        # worse with our count means that it needs more triangles: search between our count and the start mesh
+        # if the peer is worse with our number of triangles, it needs more: search between our number and the start mesh
         return self._fewest(reduce, fraction if at_ours > self.distance_mm else 12.0 * fraction, at_ours)
 
     def _fewest(self, reduce: Callable[[float], Mesh], high: float, at_ours: float) -> Result:
-        """Bisect the control value: 1 keeps most triangles, ``high`` fewest."""
-        best, spent, low = np.inf, 0.0, 1.0
+        """Bisect the control value; 1 keeps the most triangles and ``high`` the fewest."""
+        best, slowest_s, low = np.inf, 0.0, 1.0
         for _ in range(self.rounds):
             middle = float(np.sqrt(low * high))
             begin = time.perf_counter()
             mesh = reduce(middle)
-            spent = max(spent, time.perf_counter() - begin)
+            slowest_s = max(slowest_s, time.perf_counter() - begin)
             if self.ruler.distance(mesh, self.distance_mm) <= self.distance_mm:
                 best, low = min(best, len(mesh.faces)), middle
             else:
                 high = middle
-        return Result(best, spent, at_ours, len(self.start.faces))
+        return Result(best, slowest_s, at_ours, len(self.start.faces))
 
 
 def pymeshlab_peer(start: Mesh) -> Callable[[float], Mesh]:
@@ -257,7 +259,7 @@ def pydelatin_peer(block: Block, start: Mesh, distance_mm: float) -> Callable[[f
     height = (block.formula_datum_mm + block.surface.grid(x, y)).astype(np.float32)
 
     def reduce(factor: float) -> Mesh:
-        # its own error is vertical: search until the measured distance fits
+        # pydelatin's error is vertical, so the search continues until the measured distance fits
         surface = Delatin(np.ascontiguousarray(height.T), max_error=distance_mm * factor / 10.0)
         column, row = surface.vertices[:, 0].astype(np.int64), surface.vertices[:, 1].astype(np.int64)
         points = np.column_stack([x[column], y[row], height[column, row]])
@@ -287,12 +289,12 @@ def main() -> None:
         block = Block.of(number, sampling=Tolerance(mm=options.tolerance))
         start_time = time.perf_counter()
         mesh, certificate = mesh_block(block)
-        spent = time.perf_counter() - start_time
+        elapsed_s = time.perf_counter() - start_time
         ruler = Ruler(block)
         distance = ruler.distance(mesh)
         ours = len(mesh.faces)
         proved = f"{distance:.5f} mm measured, {certificate.distance_mm:.5f} proved"
-        print(f"{number:8}{'ours':22}{ours:10}{1:8.2f}{spent:9.3f}   {proved}", flush=True)
+        print(f"{number:8}{'ours':22}{ours:10}{1:8.2f}{elapsed_s:9.3f}   {proved}", flush=True)
         flat = not all(ruler.waves_along)
         # a texture of one axis is tried as strips and with square cells; the better result counts
         starts = [start_mesh(block, ruler, distance, lines) for lines in ((2, 41) if flat else (2,))]
@@ -302,7 +304,7 @@ def main() -> None:
             note = "" if np.isnan(result.at_ours_mm) else f", {result.at_ours_mm:.4f} mm with our number of triangles"
             verdict = "  PEER WINS" if result.count < ours or result.at_ours_mm < distance else ""
             row = f"{number:8}{name:22}{result.count:10.0f}{result.count / ours:8.2f}{result.seconds:9.3f}"
-            print(f"{row}   from {result.begun}{note}{verdict}", flush=True)
+            print(f"{row}   from {result.start_count}{note}{verdict}", flush=True)
 
 
 if __name__ == "__main__":

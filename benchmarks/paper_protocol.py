@@ -8,7 +8,7 @@ The protocol has three training combinations, random forest and network, and 20 
   Only a few trials are run, and their time is multiplied.
 * ours: what ``tacbench classify --protocol paper`` does.
 
-Both are child processes on the same cores, one after the our_percent, with the same images. These are the images of run
+Both are child processes on the same cores, one after the other, with the same images. These are the images of run
 folders, or synthetic ones of 256 x 192 pixels with textures, prints, positions and noise. The peak memory is the
 largest resident size of the process; for ours, that of each worker is added.
 
@@ -46,7 +46,7 @@ COLUMNS = ("train", "test", "unseen")
 
 
 class Study:
-    """Images (N, pixels), texture and combination of each, and the combinations that are trained on."""
+    """Images, shape (N, pixels), the texture and the combination of each image, and the combinations for training."""
 
     def __init__(self, folder: Path) -> None:
         self.images: Bytes = np.load(folder / "images.npy")
@@ -99,7 +99,7 @@ def recorded(folder: Path, runs: list[Path]) -> None:
 
 
 class Result:
-    """Seconds of each stage and accuracies of each trial, (combination, classifier, column)."""
+    """Seconds of each stage, and accuracies of each trial, shape (combination, classifier, column)."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -114,12 +114,15 @@ class Result:
 
 
 def scored(models: Any, sets: Any) -> list[list[float]]:
-    """Accuracy of each classifier on each set."""
+    """Return the accuracy of each classifier on each set."""
     return [[float(np.mean(model.predict(rows) == labels)) for rows, labels in sets] for model in models]
 
 
 def peak_kb() -> int:
-    """Largest resident size of this process, from Linux' own counter: ``getrusage`` includes a parent's beyond exec."""
+    """Return the largest resident size of this process, in kB.
+
+    On Linux it is read from /proc, because ``getrusage`` also counts the parent process before exec.
+    """
     status = Path("/proc/self/status")
     if status.exists():
         lines = status.read_text().splitlines()
@@ -128,7 +131,7 @@ def peak_kb() -> int:
 
 
 def plain(study: Study, trials: int, epochs: int) -> Result:
-    """The script from the text."""
+    """Run the script that follows the text of the paper."""
     from sklearn.decomposition import PCA
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.model_selection import train_test_split
@@ -160,7 +163,7 @@ def plain(study: Study, trials: int, epochs: int) -> Result:
 
 
 def workers_kb() -> int:
-    """The largest resident sizes of this process's children, added up (Linux; 0 elsewhere)."""
+    """Return the sum of the largest resident sizes of the child processes, in kB (Linux; otherwise 0)."""
     total = 0
     for children in Path("/proc/self/task").glob("*/children"):
         for pid in children.read_text().split():
@@ -170,7 +173,7 @@ def workers_kb() -> int:
 
 
 def study_of(study: Study, epochs: int) -> Any:
-    """The images as the package's own study of the paper's protocol."""
+    """Return the images as a study of the package for the paper's protocol."""
     from tacbench_cad.lab.analysis.classification.features import Features
     from tacbench_cad.lab.analysis.classification.outcomes import Study as Classified
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
@@ -190,7 +193,7 @@ def study_of(study: Study, epochs: int) -> Any:
 
 
 def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
-    """The steps of ``tacbench classify --protocol paper`` after the images are read."""
+    """Run the steps of ``tacbench classify --protocol paper`` after reading the images."""
     from tacbench_cad.lab.analysis.classification.paper_protocol import calls
     from tacbench_cad.lab.parallel import workers
 
@@ -202,13 +205,13 @@ def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
             with result.timed("forest, network, predicting"):
                 trained = [outcomes for part in executor(call for _, call in parts) for outcomes in part]
             for outcomes in trained:
-                right = {
+                accuracies = {
                     (outcome.estimator, outcome.hold_out): float(
                         np.mean(outcome.predicted == study.texture[outcome.press])
                     )
                     for outcome in outcomes
                 }
-                result.accuracies.append([[right[name, column] for column in COLUMNS] for name in CLASSIFIERS])
+                result.accuracies.append([[accuracies[name, column] for column in COLUMNS] for name in CLASSIFIERS])
         result.worker_kb = workers_kb()
     return result
 
@@ -245,12 +248,12 @@ def networks(study: Study, trials: int, epochs: int) -> None:
             RandomForestClassifier(max_depth=50, random_state=seed).fit(train, labels)
     settings = {"max_iter": epochs, "n_iter_no_change": epochs, "tol": 0}
     with timed("batched network", TOGETHER):
-        ours = [NetworkClassifier((50,), **settings, random_state=seed) for seed in range(TOGETHER)]
-        fit_together(ours, [(train, labels) for train in rows])
+        classifiers = [NetworkClassifier((50,), **settings, random_state=seed) for seed in range(TOGETHER)]
+        fit_together(classifiers, [(train, labels) for train in rows])
     with timed("MLPClassifier", 1):
         MLPClassifier((50,), **settings, random_state=0).fit(rows[0], labels)
-    for stage, spent in seconds.items():
-        print(f"{stage:<20}{spent:>9.2f} s for each trial and combination")
+    for stage, elapsed_s in seconds.items():
+        print(f"{stage:<20}{elapsed_s:>9.2f} s for each trial and combination")
     rest = seconds["inner products"] + seconds["PCA"] + seconds["forest"]
     faster = (rest + seconds["MLPClassifier"]) / (rest + seconds["batched network"])
     print(f"the whole protocol with MLPClassifier takes {faster:.1f} times the processor time")
@@ -275,8 +278,8 @@ def run(part: str, folder: Path, trials: int, arguments: argparse.Namespace) -> 
     threads = {f"{name}_NUM_THREADS": str(arguments.cores) for name in ("OMP", "OPENBLAS", "MKL")}
     argv = [sys.executable, __file__, "--part", part, "--folder", str(folder), "--trials", str(trials)]
     argv += ["--epochs", str(arguments.epochs), "--cores", str(arguments.cores)]
-    done = subprocess.run(argv, env={**os.environ, **threads}, stdout=subprocess.PIPE, check=True, text=True)
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    process = subprocess.run(argv, env={**os.environ, **threads}, stdout=subprocess.PIPE, check=True, text=True)
+    answer: dict[str, Any] = json.loads(process.stdout.splitlines()[-1])
     return answer
 
 
@@ -285,15 +288,15 @@ def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int
     pixels = study.images.shape[1]
     rows = [int(np.sum(study.combination == number)) for number in study.selected]
     print(f"{len(study.images)} images of {pixels} pixels; trained on {rows} images, four copies each")
-    whole = {part: answer["wall"] * count / trials[part] for part, answer in answers.items()}
+    total_s = {part: answer["wall"] * count / trials[part] for part, answer in answers.items()}
     for part, answer in answers.items():
         print(f"\n{part}: {trials[part]} trials in {answer['wall']:.1f} s; peak memory {answer['peak_gb']:.2f} GB")
         for stage, seconds in answer["seconds"].items():
-            each = seconds / trials[part] / len(study.selected)
-            print(f"  {stage:<30}{seconds:>9.1f} s{each:>9.2f} s for each trial and combination")
+            per_trial = seconds / trials[part] / len(study.selected)
+            print(f"  {stage:<30}{seconds:>9.1f} s{per_trial:>9.2f} s for each trial and combination")
     note = f"{trials['plain']} trials, multiplied by {count / trials['plain']:g}"
-    print(f"\n{count} trials: plain {whole['plain']:.0f} s ({note}), ours {whole['ours']:.0f} s", end="")
-    faster = whole["plain"] / whole["ours"]
+    print(f"\n{count} trials: plain {total_s['plain']:.0f} s ({note}), ours {total_s['ours']:.0f} s", end="")
+    faster = total_s["plain"] / total_s["ours"]
     print(f": {faster:.1f} times faster")
     print(f"\n{'accuracy, %':<26}{'plain':>8}{'ours':>8}{'std':>8}   (std: standard deviation of our trials)")
     agree = True
@@ -302,9 +305,9 @@ def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int
         for part, answer in answers.items()
     }
     for index, combination in enumerate(study.selected):
-        for which, classifier in enumerate(CLASSIFIERS):
+        for position, classifier in enumerate(CLASSIFIERS):
             for column, name in enumerate(COLUMNS):
-                plain_percent, our_percent = (tables[part][index, :, which, column] for part in ("plain", "ours"))
+                plain_percent, our_percent = (tables[part][index, :, position, column] for part in ("plain", "ours"))
                 deviation = our_percent.std(ddof=1) if len(our_percent) > 1 else 0.0
                 error = deviation * np.sqrt(1 / len(plain_percent) + 1 / len(our_percent))
                 means = plain_percent.mean(), our_percent.mean()
@@ -313,15 +316,15 @@ def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int
                 label = f"{combination + 1} {classifier} {name}"
                 mark = "" if agrees else "   differ"
                 print(f"{label:<26}{means[0]:>8.2f}{means[1]:>8.2f}{deviation:>8.2f}{mark}")
-    held = {
+    verdicts = {
         "at least 10 times faster": faster >= 10,
         "accuracies agree (3 standard errors + 0.1 %)": agree,
         "peak memory below a third": answers["ours"]["peak_gb"] < answers["plain"]["peak_gb"] / 3,
     }
     print()
-    for claim, holds in held.items():
+    for claim, holds in verdicts.items():
         print(f"{claim}: {'yes' if holds else 'NO'}")
-    return all(held.values())
+    return all(verdicts.values())
 
 
 def main() -> int:

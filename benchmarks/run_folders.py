@@ -28,7 +28,7 @@ from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 
-#: Markers of each ring, 133 in all.
+#: The number of markers in each ring, 133 in total.
 PINS = (1, 12, 12, 12, 24, 24, 24, 24)
 LIMIT_S = 60.0
 LIMIT_GROWTH = 1.1
@@ -43,7 +43,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 
 
 def image(random: np.random.Generator) -> np.ndarray:
-    """A grey image like a TacTip's, uint8, (480, 640)."""
+    """Return a grey image similar to an image of a TacTip, uint8, shape (480, 640)."""
     y, x = np.mgrid[:480, :640]
     brightness = np.full((480, 640), 8.0)
     for ring in range(8):
@@ -59,8 +59,8 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=54, help="runs that are checked (default 54: 8,100 images)")
     runs = parser.parse_args().runs
     with tempfile.TemporaryDirectory() as folder:
-        held = _write_and_check(Path(folder), runs) & _import(Path(folder))
-    return 0 if held else 1
+        holds = _write_and_check(Path(folder), runs) & _import(Path(folder))
+    return 0 if holds else 1
 
 
 def _write_and_check(folder: Path, runs: int) -> bool:
@@ -80,26 +80,26 @@ def _write_and_check(folder: Path, runs: int) -> bool:
     base = image(random).astype(np.int16)
     with RunWriter.open(folder / "run-0", info) as writer:
         writer.reference(image(random), datetime.now(UTC))
-        spent, before = 0.0, dict(writer.seconds)
+        elapsed_s, before = 0.0, dict(writer.seconds)
         for press in info.presses:
-            reading = np.clip(base + random.normal(0.0, 1.4, base.shape), 0, 255).astype(np.uint8)
+            frame = np.clip(base + random.normal(0.0, 1.4, base.shape), 0, 255).astype(np.uint8)
             start = time.perf_counter()
-            writer.press(press, (press.x_mm, press.y_mm, -1.0), reading, time_utc=datetime.now(UTC))
-            spent += time.perf_counter() - start
+            writer.press(press, (press.x_mm, press.y_mm, -1.0), frame, time_utc=datetime.now(UTC))
+            elapsed_s += time.perf_counter() - start
         count = len(info.presses)
         encode, sync = ((writer.seconds[name] - before[name]) / count * 1e3 for name in ("encode", "sync"))
-    print(f"writing a press: {spent / count * 1e3:.1f} ms ({encode:.1f} encoding, {sync:.1f} writing and syncing)")
+    print(f"writing a press: {elapsed_s / count * 1e3:.1f} ms ({encode:.1f} encoding, {sync:.1f} writing and syncing)")
     copies = [folder / f"run-{number}" for number in range(runs)]
     for copy in copies[1:]:
         shutil.copytree(copies[0], copy, copy_function=os.link)
     start = time.perf_counter()
     findings = sum(len(check_run(copy).findings) for copy in copies)
     seconds = time.perf_counter() - start
-    held = seconds <= LIMIT_S * max(1.0, runs / 54) and findings == 0
+    holds = seconds <= LIMIT_S * max(1.0, runs / 54) and findings == 0
     rate = runs * count / seconds
     print(f"checking {runs * count} images: {seconds:.1f} s on {os.cpu_count()} cores, {rate:.0f} images/s; ", end="")
-    print(f"within {LIMIT_S:g} s: {'yes' if held else 'NO'}")
-    return held
+    print(f"within {LIMIT_S:g} s: {'yes' if holds else 'NO'}")
+    return holds
 
 
 def _import(folder: Path) -> bool:
@@ -116,9 +116,9 @@ def _import(folder: Path) -> bool:
         peaks.append(int(subprocess.run(words, capture_output=True, check=True, text=True).stdout) / 1e6)
         seconds = time.perf_counter() - start
         print(f"importing {blocks} blocks, {blocks * 138} MB: {seconds:.1f} s, {peaks[-1]:.0f} MB of peak memory")
-    held = peaks[1] <= LIMIT_GROWTH * peaks[0]
-    print(f"memory does not grow: {'yes' if held else 'NO'}")
-    return held
+    holds = peaks[1] <= LIMIT_GROWTH * peaks[0]
+    print(f"memory does not grow: {'yes' if holds else 'NO'}")
+    return holds
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Measure how long a simulated study takes, which steps take the time, and how much memory the processes need.
+"""Measure the time of a simulated study, the time of its steps, and the memory of its processes.
 
     python benchmarks/simulate_study.py [--study paper] [--jobs 2] [--colour] [--look NAME] [--out FOLDER]
 
@@ -43,35 +43,35 @@ def main() -> int:
     require_room(out, needed)
     memory: list[tuple[int, int]] = []
 
-    def look(images: int) -> None:
+    def measure_memory(images: int) -> None:
         children = psutil.Process().children()
         memory.append((images, max((child.memory_info().rss for child in children), default=0)))
 
-    began = time.perf_counter()
+    start = time.perf_counter()
     try:
-        blocks = simulate_study(study, out, simulation, jobs=options.jobs, progress=look)
-        seconds = time.perf_counter() - began
+        blocks = simulate_study(study, out, simulation, jobs=options.jobs, progress=measure_memory)
+        seconds = time.perf_counter() - start
         size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     finally:
         if options.out is None:
             shutil.rmtree(out)
     images = sum(block.images for block in blocks)
-    spent = {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
-    total = sum(spent.values())
+    stage_s = {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
+    total = sum(stage_s.values())
     print(
         f"{options.study}: {needed.blocks} blocks, {needed.presses:,} presses, {images:,} images, {size / 1e9:.2f} GB"
     )
     print(f"estimated {needed.gb:.2f} GB and {needed.minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
     print(f"in {options.jobs} processes, {1e3 * seconds * options.jobs / images:.1f} ms of processing for each image")
-    for name, what in TIME_SPENT.items():
-        print(f"  {what:<18}{100 * spent[name] / total:5.1f} %  {1e3 * spent[name] / images:6.2f} ms per image")
+    for name, label in TIME_SPENT.items():
+        print(f"  {label:<18}{100 * stage_s[name] / total:5.1f} %  {1e3 * stage_s[name] / images:6.2f} ms per image")
     print(f"worst force error {1e3 * max(block.worst_n for block in blocks):.4f} mN")
     early = max(rss for count, rss in memory if count <= images / 4)
     late = max(rss for count, rss in memory if count >= 3 * images / 4)
     print(f"largest process: {early / 1e6:.0f} MB in the first quarter, {late / 1e6:.0f} MB in the last")
-    held = late <= MAX_GROWTH * early and (options.study != "paper" or seconds / 60 <= MAX_MINUTES)
-    print(f"at most {MAX_MINUTES:g} minutes, memory does not grow: {'yes' if held else 'NO'}")
-    return 0 if held else 1
+    holds = late <= MAX_GROWTH * early and (options.study != "paper" or seconds / 60 <= MAX_MINUTES)
+    print(f"at most {MAX_MINUTES:g} minutes, memory does not grow: {'yes' if holds else 'NO'}")
+    return 0 if holds else 1
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Measure what PrusaSlicer and CuraEngine make of textures 2 and 4: the tables of docs/plates.md.
+"""Measure the errors of textures 2 and 4 as sliced by PrusaSlicer and CuraEngine, for the tables of docs/plates.md.
 
     python benchmarks/slice_check.py
 
@@ -45,7 +45,7 @@ Slice = Callable[[Path], Path]
 
 
 def cases(model: dict[int, Path]) -> Iterator[tuple[int, str, Slice]]:
-    """Texture, a description, and the function that slices it."""
+    """Yield a texture number, a description, and the function that slices the texture."""
     cura = shutil.which("CuraEngine") and cura_search_path()
     if shutil.which("prusa-slicer"):
         run = program("prusa-slicer", "prusa-slicer")

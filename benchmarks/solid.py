@@ -1,13 +1,13 @@
-"""Measure the solid of texture 4 within 1 micrometre against the surface fits of CadQuery and build123d.
+"""Compare the solid of texture 4 within 1 micrometre with the surface fits of CadQuery and build123d.
 
     python benchmarks/solid.py [--limit 200] [--quick]
 
 The peers get the paper's 189 x 201 samples of the formula and make one face. Each setting runs in its own process,
-which is ended after ``--limit`` seconds. Our code gets the formula and makes the whole solid: once from nothing (first
-call), and five times more with empty caches, of which the fastest counts. Imports are not timed on either side.
+which is ended after ``--limit`` seconds. This package gets the formula and makes the whole solid, in a first call and
+then in five calls with empty caches, of which the fastest counts. Imports are not timed.
 
-The error is |z - formula| at the surface's own x and y, for 1000 x 1000 parameters of the face; for our solid the
-proved bound is printed as well. ``--quick`` runs one setting of each library. This needs the extra ``cad``.
+The error is |z - formula| at the x and y of the surface, for 1000 x 1000 parameters of the face. For the solid of this
+package, the proved bound is also printed. ``--quick`` runs one setting of each library. This needs the extra ``cad``.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from pathlib import Path
 from typing import IO, Any
 
 #: Tolerance, smoothing, lowest and highest degree. At a tolerance of 1 mm the fit has only 8 x 9 poles for a relief of
-#: 4.7 mm, so a comparison would mean nothing.
+#: 4.7 mm, so a comparison would be meaningless.
 SETTINGS: tuple[tuple[float, tuple[float, float, float] | None, int, int], ...] = (
-    (0.001, None, 1, 3),  # finer than the fit reaches: it gives up early, and is the fastest
+    (0.001, None, 1, 3),  # the fit cannot reach this tolerance, ends early and is the fastest
     (0.01, None, 1, 3),  # the default of both
     (0.1, None, 1, 3),
     (0.01, None, 3, 8),
     (0.01, None, 1, 1),
     (0.01, (1.0, 1.0, 1.0), 1, 6),
 )
-#: Settings of a quick run.
+#: The number of settings in a quick run.
 QUICK = 1
-#: Limits in s for the imports before a fit and for measuring after it; neither is part of its time.
-PATIENCE_S = 300.0
+#: The limit for the imports before a fit and for the measurement after it, in s. Neither is part of the fit's time.
+MAX_OVERHEAD_S = 300.0
 OURS_DENSE = 2000
 
 
 @dataclass(frozen=True)
 class Result:
-    """One row: seconds, and worst and root-mean-square distance in mm. A missing value is None, with the reason."""
+    """One row: seconds, and the worst and the rms distance in mm. If a value is None, the note has the reason."""
 
     name: str
     seconds: float | None = None
@@ -52,7 +52,7 @@ class Result:
     note: str = ""
 
     def row(self) -> str:
-        """The row as text."""
+        """Return the row as text."""
         seconds = "-" if self.seconds is None else f"{self.seconds:.3f}"
         worst = "-" if self.worst_mm is None else f"{self.worst_mm:.3g}"
         rms = "-" if self.rms_mm is None else f"{self.rms_mm:.3g}"
@@ -60,7 +60,7 @@ class Result:
 
 
 def _lines(stream: IO[str]) -> queue.Queue[dict[str, Any] | None]:
-    """The lines of the child process as they arrive, then None."""
+    """Return a queue that receives the messages of the child process, and None at the end."""
     messages: queue.Queue[dict[str, Any] | None] = queue.Queue()
 
     def pump() -> None:
@@ -74,7 +74,7 @@ def _lines(stream: IO[str]) -> queue.Queue[dict[str, Any] | None]:
 
 
 def peer(library: str, setting: tuple[float, tuple[float, float, float] | None, int, int], limit_s: float) -> Result:
-    """One fit of a library in a child process, ended after the limit."""
+    """Run a fit of a library in a child process, which is ended after the limit."""
     tol, smoothing, low, high = setting
     name = f"{library} tol={tol:g} smoothing={smoothing} minDeg={low} maxDeg={high}"
     options = json.dumps({"tol": tol, "smoothing": smoothing, "min": low, "max": high})
@@ -86,20 +86,20 @@ def peer(library: str, setting: tuple[float, tuple[float, float, float] | None, 
     lines = _lines(child.stdout)
     result = Result(name)
     try:
-        for wait in (PATIENCE_S, limit_s, PATIENCE_S):
-            facts = lines.get(timeout=wait)
-            if facts is None:
+        for wait in (MAX_OVERHEAD_S, limit_s, MAX_OVERHEAD_S):
+            message = lines.get(timeout=wait)
+            if message is None:
                 return replace(result, note=f"ended with exit code {child.wait()}")
-            if facts["state"] == "failed":
-                return replace(result, note=f"failed after {facts['seconds']:.1f} s: {facts['error'][:60]}")
-            if facts["state"] == "fitted":
-                result = replace(result, seconds=facts["seconds"])
-            if facts["state"] == "measured":
-                poles = f"{facts['poles'][0]} x {facts['poles'][1]} poles"
-                result = replace(result, worst_mm=facts["worst_mm"], rms_mm=facts["rms_mm"], note=poles)
+            if message["state"] == "failed":
+                return replace(result, note=f"failed after {message['seconds']:.1f} s: {message['error'][:60]}")
+            if message["state"] == "fitted":
+                result = replace(result, seconds=message["seconds"])
+            if message["state"] == "measured":
+                poles = f"{message['poles'][0]} x {message['poles'][1]} poles"
+                result = replace(result, worst_mm=message["worst_mm"], rms_mm=message["rms_mm"], note=poles)
     except queue.Empty:
-        done = "not done" if result.seconds is None else "not measured"
-        return replace(result, note=f"{done} after {limit_s if result.seconds is None else PATIENCE_S:g} s, ended")
+        state = "not done" if result.seconds is None else "not measured"
+        return replace(result, note=f"{state} after {limit_s if result.seconds is None else MAX_OVERHEAD_S:g} s, ended")
     finally:
         child.kill()
         child.wait()
@@ -107,9 +107,9 @@ def peer(library: str, setting: tuple[float, tuple[float, float, float] | None, 
 
 
 def ours() -> list[Result]:
-    """Our solid: the first call, and the fastest of five more with caches emptied."""
+    """Measure the solid of this package: the first call, and the fastest of five more calls with empty caches."""
     from OCP.BRep import BRep_Tool
-    from solid_peers import off_the_formula
+    from solid_peers import formula_errors
 
     from tacbench_cad.geometry import brep
     from tacbench_cad.geometry.splines import build as _imported_before_the_clock_starts  # noqa: F401
@@ -130,7 +130,7 @@ def ours() -> list[Result]:
         spline.basis.cache_clear()
         again.append(build()[0])
     block = Block.of(4)
-    worst, rms = off_the_formula(BRep_Tool.Surface_s(brep.texture_face(block)), block, OURS_DENSE)
+    worst, rms = formula_errors(BRep_Tool.Surface_s(brep.texture_face(block)), block, OURS_DENSE)
     relief = patches(block, 0.001)
     note = f"proved {certificate.vertical_mm:.3g}; {relief.x.patches} x {relief.y.patches} patches"
     return [
@@ -140,7 +140,7 @@ def ours() -> list[Result]:
 
 
 def print_patches() -> None:
-    """Patches, degree, poles and the size of the STEP file of every texture that has a solid."""
+    """Print patches, degree, poles and the size of the STEP file of every texture that has a solid."""
     from tacbench_cad.formats.step import write_shape
     from tacbench_cad.geometry.brep import solid_block, solid_refusal
     from tacbench_cad.geometry.splines.patches import patches
@@ -174,20 +174,20 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} setting of each library only")
     arguments = parser.parse_args()
     print(f"{'texture 4, preset paper':<58}{'seconds':>10}{'worst mm':>12}{'rms mm':>12}")
-    mine = ours()
-    for row in mine:
+    own_results = ours()
+    for row in own_results:
         print(row.row(), flush=True)
     peers = []
     for library in ("cadquery", "build123d"):
         for setting in SETTINGS[: QUICK if arguments.quick else None]:
             peers.append(peer(library, setting, arguments.limit))
             print(peers[-1].row(), flush=True)
-    done = [row for row in peers if row.seconds is not None and row.worst_mm is not None]
-    if done:
-        fastest = min(row.seconds for row in done if row.seconds is not None)
-        closest = min(row.worst_mm for row in done if row.worst_mm is not None)
-        assert mine[0].seconds is not None and mine[0].worst_mm is not None
-        faster, closer = fastest / mine[0].seconds, closest / mine[0].worst_mm
+    finished = [row for row in peers if row.seconds is not None and row.worst_mm is not None]
+    if finished:
+        fastest = min(row.seconds for row in finished if row.seconds is not None)
+        closest = min(row.worst_mm for row in finished if row.worst_mm is not None)
+        assert own_results[0].seconds is not None and own_results[0].worst_mm is not None
+        faster, closer = fastest / own_results[0].seconds, closest / own_results[0].worst_mm
         print(f"\nour first call against the fastest of theirs ({fastest:.3g} s): {faster:.0f} times faster")
         print(f"our worst distance against the closest of theirs ({closest:.3g} mm): {closer:.0f} times closer")
     print_patches()

@@ -28,13 +28,13 @@ def say(**facts: object) -> None:
     print(json.dumps(facts), flush=True)
 
 
-def off_the_formula(surface: Geom_Surface, block: Block, dense: int) -> tuple[float, float]:
-    """Largest and root-mean-square ``|z - formula|`` in mm, at the surface's own x and y.
+def formula_errors(surface: Geom_Surface, block: Block, dense: int) -> tuple[float, float]:
+    """Return the largest and the root-mean-square ``|z - formula|`` in mm, at the x and y of the surface.
 
     Args:
         surface: Any surface.
-        block: The block; the formula's zero is at its datum.
-        dense: Points along each of the surface's parameters, ends included.
+        block: The block; the zero of the formula is at its datum.
+        dense: The number of points along each parameter of the surface, ends included.
     """
     u0, u1, v0, v1 = surface.Bounds()
     points: Floats = np.empty((dense, dense, 3))
@@ -73,7 +73,7 @@ def _build123d(points: Floats) -> Callable[..., TopoDS_Face]:
 
 
 def main() -> None:
-    """Fit once and measure."""
+    """Fit a surface once and measure it."""
     library, setting = sys.argv[1], json.loads(sys.argv[2])
     block = Block.of(4, sampling="grid")
     x, y = block.samples_mm
@@ -84,12 +84,12 @@ def main() -> None:
     start = time.perf_counter()
     try:
         face = fit(setting["tol"], setting["smoothing"], setting["min"], setting["max"])
-    except Exception as error:  # whatever the kernel throws is the result of this setting
+    except Exception as error:  # any exception of the kernel is the result of this setting
         say(state="failed", seconds=time.perf_counter() - start, error=f"{type(error).__name__}: {error}")
         return
     say(state="fitted", seconds=time.perf_counter() - start)
     surface: Any = BRep_Tool.Surface_s(face)
-    worst, rms = off_the_formula(surface, block, DENSE)
+    worst, rms = formula_errors(surface, block, DENSE)
     say(state="measured", worst_mm=worst, rms_mm=rms, poles=[surface.NbUPoles(), surface.NbVPoles()])
 
 

@@ -1,9 +1,10 @@
-"""Measure six STL files within 0.01 mm: ours from the formula, numpy-stl from triangles that are already computed.
+"""Measure the time for six STL files within 0.01 mm of the formula.
+
+This package starts from the formula. numpy-stl gets triangles that are already computed.
 
     python benchmarks/stl_speed.py [--repeats 7] [--tolerance 0.01]
 
-Both end with the renamed file. Imports and checks are left out on both sides. This needs the extra ``dev``
-(numpy-stl).
+Both times end when the file has its name. Imports and checks are not timed. This needs the extra ``dev`` (numpy-stl).
 """
 
 from __future__ import annotations
@@ -28,32 +29,32 @@ from tacbench_cad.util.files import replacing
 from tacbench_cad.util.types import Floats
 
 SIX = (1, 2, 3, 4, 5, 6)
-#: Time that ours may take in addition to numpy-stl's, for all six together, in s.
+#: The time that this package may take in addition to the time of numpy-stl, for all six textures, in s.
 ALLOWANCE_S = 0.3
 
 
 def ours(number: int, tolerance_mm: float, folder: Path) -> None:
-    """One texture: formula, mesh, file, rename. Nothing is cached between runs."""
+    """Write one texture: formula, mesh, file, rename. Nothing is cached between runs."""
     part = block_part(Block.of(number, sampling=Tolerance(mm=tolerance_mm)))
     with replacing(folder / f"{part.name}.stl") as temporary:
         write_stl(part, temporary)
 
 
-def peer(corners: Floats, path: Path) -> None:
-    """numpy-stl as in its manual: build from computed vertices, save as binary."""
-    body = PeerMesh(np.zeros(len(corners), dtype=PeerMesh.dtype))
-    body.vectors[:] = corners
+def peer(triangles: Floats, path: Path) -> None:
+    """Write triangles with numpy-stl as in its manual: build from computed vertices, save as binary."""
+    body = PeerMesh(np.zeros(len(triangles), dtype=PeerMesh.dtype))
+    body.vectors[:] = triangles
     body.save(str(path), mode=Mode.BINARY)
 
 
-def least(action: Callable[[], None], repeats: int) -> float:
-    """Seconds of the fastest of several runs."""
-    best = np.inf
+def fastest_time(action: Callable[[], None], repeats: int) -> float:
+    """Return the time of the fastest of several runs, in s."""
+    fastest_s = np.inf
     for _ in range(repeats):
         start = time.perf_counter()
         action()
-        best = min(best, time.perf_counter() - start)
-    return float(best)
+        fastest_s = min(fastest_s, time.perf_counter() - start)
+    return float(fastest_s)
 
 
 def main() -> None:
@@ -67,11 +68,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for number in SIX:
-            corners = mesh_block(Block.of(number, sampling=Tolerance(mm=options.tolerance)))[0].triangle_points
-            runs = (partial(ours, number, options.tolerance, folder), partial(peer, corners, folder / "peer.stl"))
-            times = np.array([least(run, options.repeats) for run in runs])
+            triangles = mesh_block(Block.of(number, sampling=Tolerance(mm=options.tolerance)))[0].triangle_points
+            runs = (partial(ours, number, options.tolerance, folder), partial(peer, triangles, folder / "peer.stl"))
+            times = np.array([fastest_time(run, options.repeats) for run in runs])
             totals += times
-            print(f"{number:<8}{len(corners):10}{times[0]:10.4f}{times[1]:14.4f}")
+            print(f"{number:<8}{len(triangles):10}{times[0]:10.4f}{times[1]:14.4f}")
     verdict = "within" if totals[0] <= totals[1] + ALLOWANCE_S else "ABOVE"
     print(f"{'all':8}{'':10}{totals[0]:10.4f}{totals[1]:14.4f}   {verdict} numpy-stl + {ALLOWANCE_S} s")
 

@@ -32,12 +32,12 @@ from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N
 
 
 def rng(seed: int = 0) -> np.random.Generator:
-    """A generator."""
+    """Return a generator of random numbers."""
     return np.random.Generator(np.random.SFC64(seed))
 
 
 def worst_marker_px() -> float:
-    """Largest distance of a marker's centroid in a rendered image from the position of its pin, in px."""
+    """Return the largest distance between the centroid of a marker in an image and the position of its pin, in px."""
     image = TacTip(colour=False).image(None, (0.0, 0.0, 0.0), rng())
     weight = np.where(image > 20, image, 0).astype(np.uint8)
     count, labels = cv2.connectedComponents((weight > 0).astype(np.uint8))
@@ -55,12 +55,12 @@ def worst_marker_px() -> float:
 
 
 def milliseconds(call: Callable[[int], object], runs: int) -> float:
-    """Median time of a call, in ms."""
+    """Return the median time of a call, in ms."""
     times = []
     for i in range(runs):
-        began = time.perf_counter()
+        start = time.perf_counter()
         call(i)
-        times.append(time.perf_counter() - began)
+        times.append(time.perf_counter() - start)
     return 1e3 * statistics.median(times)
 
 
@@ -69,9 +69,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=200, help="calls for each time (default 200)")
     runs = parser.parse_args().runs
-    held = True
+    holds = True
     worst = worst_marker_px()
-    held &= worst <= 0.3
+    holds &= worst <= 0.3
     print(f"markers at rest: at most {worst:.3f} px from 601 r / (48.9 + z)")
 
     plate = DomeContact(flat_plate())
@@ -81,7 +81,7 @@ def main() -> int:
         overlap = plate.overlap(0.0, 0.0, z)
         radius = math.sqrt(np.count_nonzero(overlap.depth_mm) / math.pi) * overlap.cell_mm
         ratio = 0.47 * (-z) ** 1.5 / force
-        held &= 0.5 <= ratio <= 2.0
+        holds &= 0.5 <= ratio <= 2.0
         print(f"{force:>10.4f}{-z:>24.3f}{ratio:>16.3f}{radius:>13.2f}{contact_radius_mm(force):>8.2f}")
 
     sensor, places = TacTip(colour=False), PressGrid.paper().positions_mm
@@ -91,23 +91,23 @@ def main() -> int:
         contact = contact_for(printed, HolderRim())
         shifts, error = [], 0.0
         for force, band in zip(FORCES_N, FORCE_SPREADS_N, strict=True):
-            moved = []
+            distances = []
             for x, y in places:
                 pose = (float(x), float(y), contact.z_for_force(x, y, force))
                 error = max(error, abs(contact.force_n(*pose) - force) / band)
                 tips = sensor.pins(contact, pose).tips_mm
-                moved.append(
+                distances.append(
                     np.linalg.norm(sensor.camera.pixels(tips) - sensor.camera.pixels(sensor.rest.tips_mm), axis=1)
                 )
-            shifts.append(float(np.mean(moved)))
-        held &= shifts == sorted(shifts) and error < 0.01
+            shifts.append(float(np.mean(distances)))
+        holds &= shifts == sorted(shifts) and error < 0.01
         print(f"{texture:>10}{', '.join(f'{shift:.3f}' for shift in shifts):>54}{error:>26.5f}")
 
     cv2.setNumThreads(1)
     x, y = (float(value) for value in places[12])
     z = contact.z_for_force(x, y, FORCES_N[-1])
     one_force = milliseconds(lambda i: contact.force_n(x + 1e-4 * i, y, z), runs)
-    held &= one_force < 1.0
+    holds &= one_force < 1.0
     print(f"one force at a new place: {one_force:.3f} ms (dome of {DOME_RADIUS_MM:g} mm at {FORCES_N[-1]} N)")
     print(
         f"pose for a force: {milliseconds(lambda i: contact.z_for_force(x + 1e-4 * i, y, FORCES_N[-1]), runs):.3f} ms"
@@ -115,10 +115,10 @@ def main() -> int:
     print(f"pins: {milliseconds(lambda i: sensor.pins(contact, (x + 1e-4 * i, y, z)), runs):.3f} ms")
     for look, colour in product(LOOKS.values(), (False, True)):
         camera = TacTip(colour=colour, look=look)
-        taken = milliseconds(lambda i, camera=camera: camera.frame(camera.rest, rng(i)), runs)  # type: ignore[misc]
-        print(f"frame of {look.name}, {'colour' if colour else 'grey'}: {taken:.3f} ms")
-    print(f"all claims: {'yes' if held else 'NO'}")
-    return 0 if held else 1
+        time_ms = milliseconds(lambda i, camera=camera: camera.frame(camera.rest, rng(i)), runs)  # type: ignore[misc]
+        print(f"frame of {look.name}, {'colour' if colour else 'grey'}: {time_ms:.3f} ms")
+    print(f"all claims: {'yes' if holds else 'NO'}")
+    return 0 if holds else 1
 
 
 if __name__ == "__main__":

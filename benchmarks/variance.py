@@ -1,4 +1,4 @@
-"""Measure the variance of a study against reading and decoding its files, its memory, and its numerical error.
+"""Measure the time of ``tacbench variance`` compared with decoding the same files, its memory and its numerical error.
 
     python benchmarks/variance.py RUNS... [--jobs 1] [--check 200]
 
@@ -39,7 +39,7 @@ LIMIT, FLAT_KB, DIGITS = 2.0, 2.0, 1e-9
 
 
 def opened(folders: list[Path], divisor: int) -> Collection:
-    """Copy 1 of every block: 8,100 images of the paper's study, or an eighth of its positions."""
+    """Return copy 1 of every block, 8,100 images of the paper's study, at all positions or at a fraction of them."""
     collection = Collection.open(folders)
     collection = collection.chosen(collection.copy == 1)
     positions = np.unique(collection.position)
@@ -53,9 +53,9 @@ def in_child(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def pass_once(folders: list[Path], divisor: int) -> tuple[int, float]:
-    """Number of images, and the peak memory (MB) of the pass in one process, without the table of presses."""
+    """Return the number of images, and the peak memory of the pass in one process in MB, without the press table."""
     collection = opened(folders, divisor)
-    collection.level, collection.position, collection.repeat  # noqa: B018 the table of presses, read before
+    collection.level, collection.position, collection.repeat  # noqa: B018 reads the press table now
     tracemalloc.start()
     with workers(1) as executor:
         stream(collection, Preprocess(), executor)
@@ -63,10 +63,10 @@ def pass_once(folders: list[Path], divisor: int) -> tuple[int, float]:
 
 
 def seconds(function: Callable[[], Any]) -> tuple[float, Any]:
-    """Wall time of a call in s, and its result."""
-    began = time.perf_counter()
+    """Return the wall time of a call in s, and its result."""
+    start = time.perf_counter()
     result = function()
-    return time.perf_counter() - began, result
+    return time.perf_counter() - start, result
 
 
 def decode(collection: Collection, part: np.ndarray[Any, Any]) -> None:
@@ -77,7 +77,10 @@ def decode(collection: Collection, part: np.ndarray[Any, Any]) -> None:
 
 
 def largest_difference(collection: Collection, places: Any, cells: int) -> float:
-    """Largest relative difference of a cell's variance from NumPy's two passes, over some cells at some places."""
+    """Return the largest relative difference between the variance of a cell and NumPy's two-pass result.
+
+    A random sample of the cells is compared.
+    """
     random = np.random.default_rng(0)
     worst = 0.0
     for number in random.permutation(len(places) * len(places[0].cells))[:cells]:
@@ -94,7 +97,7 @@ def largest_difference(collection: Collection, places: Any, cells: int) -> float
 def main() -> int:
     """Print the figures; the exit code is 1 if a claim does not hold."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="+", help="run folders, or folders that hold some")
+    parser.add_argument("runs", type=Path, nargs="+", help="run folders, or folders that contain run folders")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default 1)")
     parser.add_argument("--check", type=int, default=200, help="cells compared with NumPy (default 200)")
     options = parser.parse_args()
@@ -102,27 +105,27 @@ def main() -> int:
     parts = np.array_split(np.arange(len(collection)), 4 * options.jobs)
     frames = sum(1 for run in collection.runs for frame in run.stationary_frames if frame.in_contact)
     times: dict[str, list[float]] = {"decode": [], "variance": []}
-    done = None
-    for _ in range(2):  # interleaved, the better of two; the first round also fills the disk's cache
+    sums = None
+    for _ in range(2):  # the better of two rounds counts; the first round also fills the disk cache
         calls = (delayed(decode)(collection, part) for part in parts)
         times["decode"].append(seconds(lambda calls=calls: Parallel(n_jobs=options.jobs)(calls))[0])
         with workers(options.jobs) as executor:
-            taken, done = seconds(lambda executor=executor: stream(collection, Preprocess(), executor))
-        times["variance"].append(taken)
-    assert done is not None
+            wall_s, sums = seconds(lambda executor=executor: stream(collection, Preprocess(), executor))
+        times["variance"].append(wall_s)
+    assert sums is not None
     best = {name: min(values) for name, values in times.items()}
-    spent = sum(done.seconds.values())
-    per_frame = best["variance"] / done.readings / (best["decode"] / len(collection))
+    total_s = sum(sums.seconds.values())
+    per_frame = best["variance"] / sums.readings / (best["decode"] / len(collection))
     print(f"{len(collection):,} images and {frames:,} stationary frames, {options.jobs} process(es)")
     print(f"reading and decoding the images alone: {best['decode']:.1f} s")
-    print(f"the whole pass, stationary frames too:  {best['variance']:.1f} s ({done.readings:,} frames)")
-    print(f"decoding, as part of the pass: {100.0 * done.seconds['decode'] / spent:.0f} %")
+    print(f"the whole pass, stationary frames too:  {best['variance']:.1f} s ({sums.readings:,} frames)")
+    print(f"decoding, as part of the pass: {100.0 * sums.seconds['decode'] / total_s:.0f} %")
     print(f"a frame in the pass takes {per_frame:.2f} times as long as its decoding")
     few, many = (in_child(pass_once, options.runs, divisor) for divisor in (8, 1))
     growth_kb = 1024.0 * (many[1] - few[1]) / (many[0] - few[0])
     for images, megabytes in (few, many):
         print(f"peak memory of the pass in one process, {images:,} images: {megabytes:.0f} MB")
-    worst = largest_difference(collection, done.places, options.check)
+    worst = largest_difference(collection, sums.places, options.check)
     print(f"largest relative difference from NumPy's two passes, {options.check} cells: {worst:.1e}")
     claims = (
         (f"a frame takes at most {LIMIT:g} times its decoding", per_frame <= LIMIT),
@@ -132,9 +135,9 @@ def main() -> int:
         ),
         (f"equal to NumPy to {DIGITS:g}", worst <= DIGITS),
     )
-    for words, held in claims:
-        print(f"{words}: {'yes' if held else 'NO'}")
-    return 0 if all(held for _, held in claims) else 1
+    for words, holds in claims:
+        print(f"{words}: {'yes' if holds else 'NO'}")
+    return 0 if all(holds for _, holds in claims) else 1
 
 
 if __name__ == "__main__":

@@ -41,8 +41,8 @@ class Residual(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Return the sum, after a ReLU."""
-        kept = self.downsample(x) if hasattr(self, "downsample") else x
-        return torch.relu(kept + self.bn2(self.conv2(torch.relu(self.bn1(self.conv1(x))))))
+        shortcut = self.downsample(x) if hasattr(self, "downsample") else x
+        return torch.relu(shortcut + self.bn2(self.conv2(torch.relu(self.bn1(self.conv1(x))))))
 
 
 class ResNet18(nn.Sequential):
@@ -79,7 +79,7 @@ class FrozenBackbone(TransformerMixin, BaseEstimator):
         mean, scale = (torch.tensor(values).reshape(3, 1, 1) for values in (MEAN, SCALE))
         frames = torch.as_tensor(np.asarray(rows, dtype=np.float32).reshape(-1, 1, *self.frame_shape) / 255.0)
         with torch.inference_mode():
-            return torch.cat([self.backbone_((some - mean) / scale) for some in frames.split(BATCH_SIZE)]).numpy()
+            return torch.cat([self.backbone_((batch - mean) / scale) for batch in frames.split(BATCH_SIZE)]).numpy()
 
 
 def classifier() -> Any:

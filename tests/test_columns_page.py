@@ -99,9 +99,8 @@ def test_every_key_of_the_analysis_documents_is_explained(tmp_path: Path, capsys
     folders = write_study(runs, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)))
     quick = ("--trials", "1", "--hold-out", "copy", "--components", "2", "--jobs", "1", "--epochs", "100")
     splits, predictions = tmp_path / "splits", tmp_path / "predictions.csv"
-    assert (
-        main(["check-runs", *map(str, folders), "--json"]) == 1
-    )  # the runs lack references, so that findings are also printed
+    # The runs lack references, so that findings are also printed.
+    assert main(["check-runs", *map(str, folders), "--json"]) == 1
     assert _unexplained(capsys) == set()
     for argv in (
         ["report", str(runs), "-o", str(tmp_path / "report.html"), "--no-classify", "--jobs", "1"],
