@@ -13,9 +13,9 @@ from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.part import Part, box_of
 from tacbench_cad.util.types import Floats
 
-#: A solid, and a corner of the whole, must lie this near to its place, in mm.
+#: The largest allowed distance of a solid, or of a corner of the whole bounding box, from its expected place, in mm.
 PLACE_MM = 1e-3
-#: The kernel's volume must come this near to the closed form, as a fraction of it.
+#: The largest allowed difference of the kernel's volume from the closed form, as a fraction of the closed form.
 _KERNEL_FRACTION = 1e-4
 
 
@@ -51,11 +51,11 @@ def verify_solid_assembly(part: Part, path: Path) -> Report:
         allowed = _KERNEL_FRACTION * expected.volume_mm3 + expected.volume_slack_mm3
         checks.append(volume_check(measured.volume_mm3, expected.volume_mm3, allowed, f"{name}: volume"))
         corners = np.concatenate([measured.low_mm, measured.high_mm])
-        at_most = PLACE_MM if expected.certificate is None else max(PLACE_MM, expected.certificate.vertical_mm)
-        checks.append(_box(corners, np.array([0.0, 0.0, 0.0, *placed.size_mm]), f"{name}: place", at_most))
+        place_mm = PLACE_MM if expected.certificate is None else max(PLACE_MM, expected.certificate.vertical_mm)
+        checks.append(_box(corners, np.array([0.0, 0.0, 0.0, *placed.size_mm]), f"{name}: place", place_mm))
     return Report(path=path, checks=tuple(checks), volume_mm3=total, size_mm=part.size_mm)
 
 
 def _box(measured: Floats, expected: Floats, name: str, allowed: float = PLACE_MM) -> Check:
     off = float(np.abs(measured - expected).max())
-    return Check(name=name, ok=off <= allowed, detail=f"{off:.1e} mm from its place (allowed {allowed:g})")
+    return Check(name=name, ok=off <= allowed, detail=f"{off:.1e} mm from its place (allowed {allowed:g} mm)")

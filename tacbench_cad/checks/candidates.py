@@ -1,4 +1,4 @@
-"""The blocks that a file may be: what the user says of it, else what its own name says, else all that are known."""
+"""The blocks that a file may contain: the block that the user expects, the block named in the file, or all blocks."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from tacbench_cad.checks.body_shape import BodyShape
 from tacbench_cad.checks.claim import claimed_block
-from tacbench_cad.checks.look import Look
 from tacbench_cad.checks.match import Candidate, Placement
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import PRESETS
@@ -19,13 +19,14 @@ from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_text
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, one_of
 
-#: Sides that give the same scale within this fraction are a scaled preset's.
-SAME_SCALE = 2e-3
-#: A scale this near to a plain one is taken for that, and the difference for a fault.
-NEAR_PLAIN = 0.04
-#: Plain scales are multiples of this.
-PLAIN = 0.25
-#: Within this, in mm, a side is as wanted.
+#: The largest difference of the scales along x and y of a scaled block, as a fraction of the scale.
+MAX_SCALE_DIFFERENCE = 2e-3
+#: Round scales are the multiples of this number.
+ROUND_SCALE = 0.25
+#: A scale that differs from a round scale by at most this fraction counts as the round scale. The file then has a wrong
+#: size.
+ROUNDING_FRACTION = 0.04
+#: The largest allowed difference of a side from its expected length, in mm.
 SIDE_MM = 2e-3
 
 _SAMPLINGS: dict[str, tuple[Tolerance | Literal["grid"], ...]] = {
@@ -39,10 +40,10 @@ class Expectation:
     """What the file is expected to contain.
 
     Args:
-        texture: A texture, its number or name, or the path of a TOML file; None for any.
-        preset: ``paper`` or ``released``; None for any.
-        scale: The scale; None to take it from the sides.
-        claim: The name that the file itself bears, if any.
+        texture: A texture, its number or name, or the path of a TOML file; None for any texture.
+        preset: ``paper`` or ``released``; None for any preset.
+        scale: The scale; None to compute it from the sides.
+        claim: The part name in a file of this package; None for other files.
     """
 
     texture: Texture | str | None = None
@@ -62,12 +63,12 @@ class Expectation:
 
     @property
     def _table(self) -> BlockTable | None:
-        """What a texture's own file says of its block."""
-        named = self.texture
-        return read_texture(Path(named)).block if isinstance(named, str) and named.endswith(".toml") else None
+        """The table ``[block]`` of the texture's TOML file; None if there is none."""
+        texture = self.texture
+        return read_texture(Path(texture)).block if isinstance(texture, str) and texture.endswith(".toml") else None
 
     def textures(self, preset: str) -> tuple[Texture, ...]:
-        """The textures that come into question in a preset."""
+        """Return the possible textures of a preset."""
         if self.texture is None:
             return catalogue(preset)
         if isinstance(self.texture, Texture):
@@ -78,7 +79,7 @@ class Expectation:
 
     @property
     def claimed(self) -> Block | None:
-        """The block of the file's own name, its texture and scale replaced where the user says another."""
+        """The block that the name in the file describes, with the user's texture and scale if they are given."""
         if self.claim is None:
             return None
         words = self.claim.split("_")
@@ -94,20 +95,20 @@ class Expectation:
         except InputError:
             return None
 
-    def __call__(self, look: Look, placement: Placement) -> Iterator[Candidate]:
-        """The candidates in order of preference, for a placement.
+    def __call__(self, shape: BodyShape, placement: Placement) -> Iterator[Candidate]:
+        """Yield the candidates for a placement, in order of preference.
 
         Args:
-            look: The shape; its sides give the scale where none is said.
-            placement: Its turn decides which side is x.
+            shape: The shape. Its sides determine the scale if no scale is given.
+            placement: The placement. Its turn determines which side is x.
         """
         claimed = self.claimed
-        blocks = [claimed] if claimed is not None else list(self._blocks(placement.sides(look.size_mm)))
+        blocks = [claimed] if claimed is not None else list(self._blocks(placement.sides(shape.size_mm)))
         for block in blocks:
-            yield Candidate(block, as_solid=look.is_solid)
-            stretch = stretch_of(block, look, placement)
-            if max(abs(one - 1.0) for one in stretch) > 1e-4:
-                yield Candidate(block, as_solid=look.is_solid, stretch=stretch)
+            yield Candidate(block, as_solid=shape.is_solid)
+            stretch = stretch_of(block, shape, placement)
+            if max(abs(factor - 1.0) for factor in stretch) > 1e-4:
+                yield Candidate(block, as_solid=shape.is_solid, stretch=stretch)
 
     def _blocks(self, sides_mm: tuple[float, float]) -> Iterator[Block]:
         presets = PRESETS if self.preset is None else (self.preset,)
@@ -128,27 +129,31 @@ class Expectation:
 def _known(
     texture: Texture, preset: str, sampling: Tolerance | Literal["grid"], table: BlockTable | None, scale: float
 ) -> Block:
-    """The block of a preset at a scale; kept, because proving its extremes takes most of an examination's time."""
+    """Return the block of a preset at a scale.
+
+    The blocks are cached, because computing their extreme heights takes most of the time of a check.
+    """
     return Block.of(texture, preset, sampling=sampling, table=table, scale=scale)
 
 
-def stretch_of(block: Block, look: Look, placement: Placement) -> tuple[float, float, float]:
-    """What the sides of a file's box are of a block's."""
-    x, y = placement.sides(look.size_mm)
-    return (x / block.size_mm[0], y / block.size_mm[1], look.size_mm[2] / block.height_mm)
+def stretch_of(block: Block, shape: BodyShape, placement: Placement) -> tuple[float, float, float]:
+    """Return the sides x, y and z of a shape, as multiples of the sides of a block."""
+    x, y = placement.sides(shape.size_mm)
+    return (x / block.size_mm[0], y / block.size_mm[1], shape.size_mm[2] / block.height_mm)
 
 
 def scale_of(block: Block, sides_mm: tuple[float, float]) -> float:
-    """The scale that a file's sides speak of; 1 where they are not those of a scaled preset.
+    """Compute the scale from the sides of a file; return 1 if the two sides do not give the same scale.
 
-    A scale within 4 % of a multiple of 0.25 counts as that multiple: a size that far off is more likely a mistake (or
-    shrinkage) than a wish, and shall be named. A file of ours bears its scale in its name, and any scale can be given.
+    A scale within 4 % of a multiple of 0.25 counts as this multiple. Such a small difference is more likely a mistake
+    (or shrinkage) than intended, so the check reports it as a wrong size. The files of this package contain their exact
+    scale in their name, and for other files the user can state any scale.
     """
     along_x, along_y = sides_mm[0] / block.nominal_size_mm[0], sides_mm[1] / block.nominal_size_mm[1]
-    if abs(along_x - along_y) > SAME_SCALE * along_x:
+    if abs(along_x - along_y) > MAX_SCALE_DIFFERENCE * along_x:
         return 1.0
-    found = (along_x + along_y) / 2.0
-    plain = round(found / PLAIN) * PLAIN
-    if plain > 0.0 and abs(found / plain - 1.0) <= NEAR_PLAIN:
-        return plain
-    return float(f"{found:.4g}")
+    scale = (along_x + along_y) / 2.0
+    rounded = round(scale / ROUND_SCALE) * ROUND_SCALE
+    if rounded > 0.0 and abs(scale / rounded - 1.0) <= ROUNDING_FRACTION:
+        return rounded
+    return float(f"{scale:.4g}")

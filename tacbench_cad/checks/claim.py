@@ -1,4 +1,7 @@
-"""What a file of ours says that it is: its part's name stands in the STL header, the 3MF metadata, the STEP header."""
+"""The part name in a file of this package (STL header, 3MF metadata or STEP header), and the block that it describes.
+
+Such a name contains all settings of a block: ``texture-2_paper_x1_40x35x8_key2.5_tol0.05``.
+"""
 
 from __future__ import annotations
 
@@ -21,16 +24,16 @@ _STEP_NAME = re.compile(r"FILE_NAME\(\s*'([^']*)'.*?'tacbench-cad ", re.DOTALL)
 
 
 def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | None:
-    """The part's name that a file of ours bears, or None for a file made elsewhere.
+    """Return the part name in a file of this package, or None if another program wrote the file.
 
     Args:
         path: The file.
-        metadata: What a 3MF's reader found.
+        metadata: The metadata of a 3MF file; None for other formats.
     """
     suffix = path.suffix.lower()
     if metadata is not None:
-        ours = metadata.get("Application", "").startswith("tacbench-cad ")
-        return metadata.get("name") if ours else None
+        own_file = metadata.get("Application", "").startswith("tacbench-cad ")
+        return metadata.get("name") if own_file else None
     if suffix == ".stl":
         first, _, name = stl_header(path).partition(" ")
         return name if first == "tacbench-cad" and name else None
@@ -40,11 +43,12 @@ def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | No
 
 
 def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
-    """The block that a name of ours stands for (its ``name``), or None where it is no block's.
+    """Return the block with a given ``name``, or None if the name is not the name of a block.
 
     Args:
         name: The name.
-        texture: Comes in place of the name's texture; needed where that is not one of the six.
+        texture: A texture that replaces the texture in the name. It is necessary if the texture in the name is not one
+            of the six.
     """
     words = name.split("_")
     if len(words) < 3 or words[1] not in PRESETS or not (scale := re.fullmatch(rf"x({_NUMBER})", words[2])):
@@ -74,7 +78,7 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
 
 
 def _numbers(words: list[str], prefix: str, count: int) -> list[float] | None:
-    """The numbers of the word made of a prefix and so many numbers joined by x."""
+    """Find the word that consists of a prefix and ``count`` numbers joined by ``x``; return the numbers."""
     pattern = re.compile(prefix + "x".join([f"({_NUMBER})"] * count))
     for word in words:
         if numbers := pattern.fullmatch(word):

@@ -1,8 +1,9 @@
-"""``tacbench check-part``: what a file is, whoever made it, and everything that is wrong with it.
+"""Identification of a part file from any program (``tacbench check-part``), and a report of all its faults.
 
-The origin may lie anywhere and the block may be turned by quarter turns. A file of ours says what it is (see
-:mod:`tacbench_cad.checks.claim`) and is held to it; another is compared with all that is known, and the nearest named.
-In a plate or an assembly, a 3MF of several objects or a STEP of several parts, each body is examined so by itself.
+The origin can be anywhere, and the block can be turned by quarter turns. A file of this package contains the name of
+its part (see :mod:`tacbench_cad.checks.claim`) and must agree with this name. Any other file is compared with all known
+blocks, and the report names the nearest block. If a file contains several bodies (a plate or an assembly), each body is
+checked separately.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.checks import meshcheck
+from tacbench_cad.checks.body_shape import BodyShape, mesh_shape, solid_shape
 from tacbench_cad.checks.candidates import SIDE_MM, Expectation, stretch_of
 from tacbench_cad.checks.claim import claimed_name
-from tacbench_cad.checks.look import Look, look_at_mesh, look_at_solid
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
@@ -35,13 +36,14 @@ if TYPE_CHECKING:
 
     from tacbench_cad.checks.solidcheck import Measured
 
-#: A residual above this fraction of the relief's own spread means that no texture was found, not that one is wrong.
-UNLIKE = 0.5
-#: Below this fraction the relief is surely that candidate's, in the placement found.
-SURE = 0.1
-#: Of a plate or an assembly at most so many bodies are examined.
+#: The largest residual of a relief that is similar to the candidate, as a fraction of the standard deviation of the
+#: relief's heights.
+MAX_SIMILAR = 0.5
+#: The same fraction, up to which the candidate and its placement are certain.
+MAX_CERTAIN = 0.1
+#: The largest number of bodies in a file.
 MAX_BODIES = 300
-#: The solid's own error, and the kernel's, on top of a tolerance, in mm.
+#: The allowance for rounding by the solid and by the kernel, in addition to the tolerance, in mm.
 ROUNDING_MM = 1e-5
 
 
@@ -53,22 +55,22 @@ def examine(
     *,
     full: bool | None = None,
 ) -> Report:
-    """Look at a file and name what it is and every fault.
+    """Identify the part in a file, and report every fault.
 
     Args:
         path: An STL, 3MF or STEP file.
-        texture: What its relief shall be: a texture, its number or name, or a TOML file; None for the nearest.
-        preset: ``paper`` or ``released`` (which means the published sample-grid surface); None for the nearest.
-        scale: Its scale; None to take it from the file's name for itself, or from its sides.
-        full: Add pymeshlab's checks; None adds them where it is installed.
+        texture: The expected texture: a texture, its number or name, or a TOML file; None for the nearest texture.
+        preset: ``paper`` or ``released`` (the published surface on its sample grid); None for the nearest preset.
+        scale: The expected scale; None to take it from the part name in the file, or to compute it from the sides.
+        full: Whether the checks by pymeshlab are done. None does them if pymeshlab is installed.
 
     Returns:
-        The report. What cannot be read as its format is a failed check, too.
+        The report. A file that cannot be read has one failed check.
 
     Raises:
-        InputError: There is no such file, its format is not known, or texture or preset are not; or the file crashes
-            the CAD kernel.
-        MissingToolError: A package that the format, or ``full``, needs is not there.
+        InputError: The file does not exist, its format, the texture or the preset is unknown, or the file crashes the
+            CAD kernel.
+        MissingToolError: A package that the format or ``full`` needs is not installed.
     """
     expected = Expectation(texture=texture, preset=preset, scale=scale)
     try:
@@ -82,49 +84,51 @@ def examine(
 
 @dataclass(frozen=True, kw_only=True)
 class _Body:
-    """One of the bodies in a file.
+    """A body in a file.
 
     Args:
-        name: What the file calls it; empty where it has no name for it.
-        checks: What has nothing to do with textures.
-        look: Its shape; None where it is not one body after all.
+        name: The name of the body in the file; empty if it has no name.
+        checks: The checks that do not concern the texture.
+        shape: The shape; None if this is not exactly one body.
     """
 
     name: str
     checks: list[Check]
-    look: Look | None
+    shape: BodyShape | None
 
     @property
     def is_block(self) -> bool:
-        """Whether it has a relief over its top."""
-        return self.look is not None and self.look.is_block
+        """Whether the body has a relief on its top."""
+        return self.shape is not None and self.shape.is_block
 
     def examine(self, expected: Expectation) -> tuple[list[Check], float | None]:
-        """All its checks, and how far it is from its formula."""
-        if self.look is None:
+        """Return all checks of the body, and its largest distance from the formula."""
+        if self.shape is None:
             return self.checks, None
-        found, deviation = _identity(self.look, expected)
-        return [*self.checks, *found], deviation
+        checks, deviation = _identity(self.shape, expected)
+        return [*self.checks, *checks], deviation
 
 
 def _examine_bodies(
     bodies: Sequence[_Body], expected: Expectation, claim: str | None
 ) -> tuple[list[Check], float | None]:
-    """The checks of a file's bodies, where there are several each under its name, and the largest deviation.
+    """Return the checks of all bodies, and the largest deviation.
 
-    Of several bodies the blocks are held to what is asked; the others may be fixtures.
+    If there are several bodies, the names of the checks begin with the name of the body. The expected texture, preset
+    and scale then apply only to the blocks, because the other bodies can be fixtures.
     """
     if len(bodies) == 1:
         return bodies[0].examine(replace(expected, claim=claim))
     blocks = sum(body.is_block for body in bodies)
-    detail = f"{len(bodies)}, {blocks} of them with a relief; each is examined by itself"
+    detail = f"{len(bodies)}, {blocks} of them with a relief; each is checked separately"
     checks = [Check(name="bodies", ok=expected.is_open or blocks > 0, detail=detail)]
     deviations = []
     for number, body in enumerate(bodies, start=1):
-        # A file of ours calls each body by its part's name; what follows after a blank says where it is.
-        own = body.name.partition(" ")[0] if claim is not None else None
-        found, deviation = body.examine(replace(expected, claim=own) if body.is_block else Expectation(claim=own))
-        checks += [replace(check, name=f"{body.name or f'body {number}'}: {check.name}") for check in found]
+        # In a file of this package, the name of a body is its part name, followed by a space and its position.
+        part_name = body.name.partition(" ")[0] if claim is not None else None
+        body_expected = replace(expected, claim=part_name) if body.is_block else Expectation(claim=part_name)
+        body_checks, deviation = body.examine(body_expected)
+        checks += [replace(check, name=f"{body.name or f'body {number}'}: {check.name}") for check in body_checks]
         deviations += [] if deviation is None else [deviation]
     return checks, max(deviations, default=None)
 
@@ -135,37 +139,43 @@ def _examine_mesh(path: Path, expected: Expectation, full: bool | None) -> Repor
         from tacbench_cad.formats.threemf import read_parts
 
         parts, metadata = read_parts(path)
-        mesh = Mesh.joined([one for _, one in parts])
+        mesh = Mesh.joined([body for _, body in parts])
     else:
         mesh = meshcheck.read_mesh(path)
         parts = [("", mesh)]
-    if len(parts) > MAX_BODIES:
-        raise CheckFailedError(f"{path}: has {len(parts)} bodies; at most {MAX_BODIES} are examined")
+    _require_few_bodies(path, len(parts))
     edges = meshcheck.edges(mesh)
-    checks = _mesh_soundness(mesh, edges)
-    bodies = [_mesh_body(name, one) for name, one in parts]
-    found, deviation = _examine_bodies(bodies, expected, claimed_name(path, metadata))
-    closed = mesh if edges.sound else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
+    checks = _mesh_checks(mesh, edges)
+    bodies = [_mesh_body(name, body) for name, body in parts]
+    body_checks, deviation = _examine_bodies(bodies, expected, claimed_name(path, metadata))
+    closed = mesh if edges.ok else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
     volume = None if closed is None else closed.volume_mm3
-    return Report.of_mesh(path, mesh, [*checks, *found, *_full(mesh, full)], deviation, volume)
+    return Report.of_mesh(path, mesh, [*checks, *body_checks, *_full(mesh, full)], deviation, volume)
+
+
+def _require_few_bodies(path: Path, count: int) -> None:
+    if count > MAX_BODIES:
+        raise CheckFailedError(
+            f"{path}: has {count} bodies, but at most {MAX_BODIES} can be checked; split it into several files"
+        )
 
 
 def _mesh_body(name: str, mesh: Mesh) -> _Body:
     pieces = meshcheck.bodies(mesh)
     if pieces == 1:
-        return _Body(name=name, checks=[], look=look_at_mesh(mesh))
+        return _Body(name=name, checks=[], shape=mesh_shape(mesh))
     detail = f"{pieces} separate bodies without names; save each body as a file and check these files"
-    return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], look=None)
+    return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], shape=None)
 
 
-def _mesh_soundness(mesh: Mesh, edges: meshcheck.Edges) -> list[Check]:
-    """Everything about a mesh that has nothing to do with textures."""
+def _mesh_checks(mesh: Mesh, edges: meshcheck.Edges) -> list[Check]:
+    """Return the checks of a mesh that do not concern the texture."""
     checks = [
         Check(name="file", ok=True, detail="readable; all coordinates finite"),
         *meshcheck.edge_checks(edges),
         meshcheck.degenerate_check(mesh),
     ]
-    if not edges.sound:
+    if not edges.ok:
         return checks
     volume = mesh.volume_mm3
     low, high = mesh.bounds_mm
@@ -175,7 +185,7 @@ def _mesh_soundness(mesh: Mesh, edges: meshcheck.Edges) -> list[Check]:
     checks.append(Check(name="volume", ok=volume > 0.0, detail=f"{inside_out}{volume:.6g} mm^3"))
     status, genus = meshcheck.solidity(mesh)
     ok = status == "NoError"
-    # The genus is one less for every further body.
+    # Each further body reduces the genus by one.
     holes = f", {genus + meshcheck.bodies(mesh) - 1} through holes" if ok else ": not manifold"
     checks.append(Check(name="manifold", ok=ok, detail=f"manifold3d: {status}{holes}"))
     return checks
@@ -191,7 +201,7 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
 
 
 def _examine_solid(path: Path, expected: Expectation) -> Report:
-    """What :func:`examine` does with a STEP file, in a child process."""
+    """Check a STEP file; called by :func:`examine` in a child process."""
     with kernel_errors(path):
         return _report_of_solid(path, expected)
 
@@ -202,70 +212,73 @@ def _report_of_solid(path: Path, expected: Expectation) -> Report:
 
     shape = read_step(path)
     parts = read_parts(path) if solidcheck.count(shape, "SOLID") > 1 else [("", shape)]
-    if len(parts) > MAX_BODIES:
-        raise CheckFailedError(f"{path}: has {len(parts)} bodies; at most {MAX_BODIES} are examined")
-    measured = [solidcheck.measure(one) for _, one in parts]
-    bodies = [_solid_body(name, one, own) for (name, one), own in zip(parts, measured, strict=True)]
-    found, deviation = _examine_bodies(bodies, expected, claimed_name(path))
-    low, high = np.min([own.low_mm for own in measured], axis=0), np.max([own.high_mm for own in measured], axis=0)
-    whole = solidcheck.Measured(volume_mm3=sum(own.volume_mm3 for own in measured), low_mm=low, high_mm=high)
+    _require_few_bodies(path, len(parts))
+    measured = [solidcheck.measure(solid) for _, solid in parts]
+    bodies = [_solid_body(name, solid, values) for (name, solid), values in zip(parts, measured, strict=True)]
+    checks, deviation = _examine_bodies(bodies, expected, claimed_name(path))
+    low = np.min([values.low_mm for values in measured], axis=0)
+    high = np.max([values.high_mm for values in measured], axis=0)
+    whole = solidcheck.Measured(volume_mm3=sum(values.volume_mm3 for values in measured), low_mm=low, high_mm=high)
     return Report(
         path=path,
-        checks=(Check(name="file", ok=True, detail="read by the kernel"), *found),
+        checks=(Check(name="file", ok=True, detail="read by the kernel"), *checks),
         deviation_mm=deviation,
         volume_mm3=whole.volume_mm3,
         size_mm=whole.size_mm,
     )
 
 
-def _solid_body(name: str, shape: TopoDS_Shape, measured: Measured) -> _Body:
+def _solid_body(name: str, solid: TopoDS_Shape, measured: Measured) -> _Body:
     from tacbench_cad.checks import solidcheck
 
-    single = solidcheck.count(shape, "SOLID") == 1
+    single = solidcheck.count(solid, "SOLID") == 1
     volume = measured.volume_mm3
-    holes = f", {solidcheck.genus(shape)} through holes" if single else ""
+    holes = f", {solidcheck.genus(solid)} through holes" if single else ""
     detail = f"{volume:.6g} mm^3{holes}" + ("" if volume > 0.0 else ": inside out or empty")
-    checks = [*solidcheck.solid_checks(shape), Check(name="volume", ok=volume > 0.0, detail=detail)]
+    checks = [*solidcheck.solid_checks(solid), Check(name="volume", ok=volume > 0.0, detail=detail)]
     return _Body(
         name=name,
         checks=checks,
-        look=look_at_solid(shape, measured.low_mm, measured.high_mm) if single else None,
+        shape=solid_shape(solid, measured.low_mm, measured.high_mm) if single else None,
     )
 
 
-def _identity(look: Look, expected: Expectation) -> tuple[list[Check], float | None]:
-    """What the shape is, and how far it is from that."""
-    match = nearest(look, expected) if len(look.points) else None
-    if match is None or (not look.is_block and expected.is_open and expected.claimed is None):
-        return [_no_texture(look, match, asked=not expected.is_open or expected.claimed is not None)], None
-    if expected.is_open and expected.claimed is None and _is_unknown(look, match):
+def _identity(shape: BodyShape, expected: Expectation) -> tuple[list[Check], float | None]:
+    """Return the checks that compare a shape with the nearest block, and the largest distance from the formula."""
+    match = nearest(shape, expected) if len(shape.points) else None
+    if match is None or (not shape.is_block and expected.is_open and expected.claimed is None):
+        return [_no_texture(shape, match, required=not expected.is_open or expected.claimed is not None)], None
+    if expected.is_open and expected.claimed is None and _is_unknown(shape, match):
         return [Check(name="texture", ok=False, detail=f"not one of the six textures; {_near(match)}")], None
     allowed = _allowed(match.candidate)
-    residual = match.candidate.measure(look, match.placement, near_mm=allowed)
+    residual = match.candidate.measure(shape, match.placement, near_mm=allowed)
     checks = [
-        _placement(look, match),
-        _size(look, match),
-        *_corner(look, match, expected),
-        *_sides(look, match),
-        _relief(look, match, residual, expected, allowed),
+        _placement(shape, match),
+        _size(shape, match),
+        *_corner(shape, match, expected),
+        *_sides(shape, match),
+        _relief(shape, match, residual, expected, allowed),
     ]
-    if look.engraved:
-        checks.append(Check(name="label", ok=True, detail=f"pockets of {LABEL_DEPTH_MM:g} mm in the underside"))
+    if shape.engraved:
+        checks.append(Check(name="label", ok=True, detail=f"pockets in the underside, {LABEL_DEPTH_MM:g} mm deep"))
     return checks, residual.largest_mm
 
 
-def _no_texture(look: Look, match: Match | None, asked: bool) -> Check:
-    """A fixture, which is no fault unless a texture was asked for; or a relief at a size that no block can have."""
-    size = mm(*look.size_mm)
-    if look.is_block and match is None:
-        detail = f"a relief over {size}, but no texture has a block of this size; check that its unit is the millimetre"
+def _no_texture(shape: BodyShape, match: Match | None, required: bool) -> Check:
+    """Return the check of a part without a relief, or with a relief on a part whose size no block can have.
+
+    A part without a relief is a fixture. This is a fault only if a texture is required.
+    """
+    size = mm(*shape.size_mm)
+    if shape.is_block and match is None:
+        detail = f"no texture has a block of {size}, but the part has a relief; check that the file is in millimetres"
         return Check(name="texture", ok=False, detail=detail)
     near = "" if match is None else f"; {_near(match)}"
-    return Check(name="texture", ok=not asked, detail=f"none: a part of {size} without a relief over its top{near}")
+    return Check(name="texture", ok=not required, detail=f"none: a part of {size} without a relief on its top{near}")
 
 
 def _near(match: Match) -> str:
-    return f"the nearest is {_name(match.candidate)}, {match.rms_mm:.3g} mm rms from it"
+    return f"the nearest is {_name(match.candidate)}, at a distance of {match.rms_mm:.3g} mm rms"
 
 
 def _name(candidate: Candidate) -> str:
@@ -275,7 +288,7 @@ def _name(candidate: Candidate) -> str:
 
 
 def _allowed(candidate: Candidate) -> float:
-    """The residual that a candidate may have, in mm."""
+    """Return the largest allowed distance from a candidate, in mm."""
     sampling = candidate.block.sampling
     if isinstance(sampling, Tolerance):
         return sampling.mm + ROUNDING_MM
@@ -284,113 +297,127 @@ def _allowed(candidate: Candidate) -> float:
     return GRID_MM * max(1.0, candidate.block.scale)
 
 
-def _placement(look: Look, match: Match) -> Check:
-    corner = "at the origin" if max(map(abs, look.origin_mm)) <= SIDE_MM else _at(look.origin_mm)
-    sure = _likeness(look, match) <= SURE
-    quarters = match.placement.quarters if sure else 0
+def _placement(shape: BodyShape, match: Match) -> Check:
+    corner = "at the origin" if max(map(abs, shape.origin_mm)) <= SIDE_MM else _at(shape.origin_mm)
+    certain = _relative_residual(shape, match) <= MAX_CERTAIN
+    quarters = match.placement.quarters if certain else 0
     turned = f", turned by {90 * quarters} degrees about z" if quarters else ""
     faults = []
-    if look.upside_down:
+    if shape.upside_down:
         faults.append("upside down: the relief faces down")
-    if match.placement.mirrored and sure:
+    if match.placement.mirrored and certain:
         faults.append("mirrored: the relief is the mirror image")
     detail = "; ".join([*faults, f"lower corner {corner}{turned}"])
     return Check(name="placement", ok=not faults, detail=detail)
 
 
-def _likeness(look: Look, match: Match) -> float:
-    """The residual as a fraction of the relief's own spread: 0 is the candidate itself, 1 is no likeness at all."""
-    return match.rms_mm / max(float(look.points[:, 2].std()), 1e-12)
+def _relative_residual(shape: BodyShape, match: Match) -> float:
+    """Return the rms residual as a fraction of the standard deviation of the relief's heights.
+
+    It is 0 if the relief is that of the candidate, and about 1 if the two are not similar.
+    """
+    return match.rms_mm / max(float(shape.points[:, 2].std()), 1e-12)
 
 
-def _is_unknown(look: Look, match: Match) -> bool:
-    """Whether a relief is none of the known ones. One that is only alike, at another size, is none of them either."""
-    likeness = _likeness(look, match)
-    return likeness > UNLIKE or (likeness > SURE and not _size(look, match).ok)
+def _is_unknown(shape: BodyShape, match: Match) -> bool:
+    """Check whether the part is an unknown block: its relief is not similar, or it is similar but the size differs."""
+    residual = _relative_residual(shape, match)
+    return residual > MAX_SIMILAR or (residual > MAX_CERTAIN and not _size(shape, match).ok)
 
 
 def _at(place: tuple[float, float, float]) -> str:
     return "at x {:.4g}, y {:.4g}, z {:.4g} mm".format(*place)
 
 
-def _size(look: Look, match: Match) -> Check:
-    """Sides and height against the candidate's."""
+def _size(shape: BodyShape, match: Match) -> Check:
+    """Compare the sides and the height with those of the candidate."""
     block = match.candidate.block
-    found = (*match.placement.sides(look.size_mm), look.size_mm[2])
+    measured = (*match.placement.sides(shape.size_mm), shape.size_mm[2])
     sides = (*block.size_mm, block.height_mm)
-    off = [one - want for one, want in zip(found, sides, strict=True)]
-    text = mm(*found)
-    # The highest point of a solid is as near to the height as the solid is to the formula.
-    height_mm = max(SIDE_MM, _allowed(match.candidate)) if match.candidate.as_solid and look.is_solid else SIDE_MM
+    off = [value - expected for value, expected in zip(measured, sides, strict=True)]
+    text = mm(*measured)
+    # The height of a solid has the same tolerance as its distance from the formula.
+    height_mm = max(SIDE_MM, _allowed(match.candidate)) if match.candidate.as_solid and shape.is_solid else SIDE_MM
     if max(map(abs, off[:2])) <= SIDE_MM and abs(off[2]) <= height_mm:
         return Check(name="size", ok=True, detail=text)
-    fractions = stretch_of(block, look, match.placement)
-    if max(fractions) - min(fractions) <= 1e-4:
-        how = f"{(sum(fractions) / 3.0):.5g} times as large as expected"
+    factors = stretch_of(block, shape, match.placement)
+    if max(factors) - min(factors) <= 1e-4:
+        how = f"{(sum(factors) / 3.0):.5g} times as large as expected"
     else:
-        how = ", ".join(f"{name} by {one:+.4g} mm" for name, one in zip("xyz", off, strict=True) if abs(one) > SIDE_MM)
+        differences = [
+            f"{axis} by {value:+.4g} mm" for axis, value in zip("xyz", off, strict=True) if abs(value) > SIDE_MM
+        ]
+        how = "differs in " + ", ".join(differences)
     return Check(name="size", ok=False, detail=f"wrong size: {text} instead of {mm(*sides)} ({how})")
 
 
-def _corner(look: Look, match: Match, expected: Expectation) -> list[Check]:
-    """The key: a cut corner at (X, 0) of the block."""
-    cut = look.cut_corners
+def _corner(shape: BodyShape, match: Match, expected: Expectation) -> list[Check]:
+    """Check the key, which is the cut corner at (X, 0) of the block."""
+    cut = shape.cut_corners
     claimed = expected.claimed
-    asked = None if claimed is None else claimed.key_mm
+    key_mm = None if claimed is None else claimed.key_mm
+    if not cut and key_mm is None:
+        return []
     if not cut:
-        return (
-            [] if asked is None else [Check(name="key", ok=False, detail=f"missing; a key of {asked:g} mm is expected")]
-        )
+        return [Check(name="key", ok=False, detail=f"missing; a key of {key_mm:g} mm is expected")]
     if len(cut) > 1:
-        return [Check(name="key", ok=False, detail=f"{len(cut)} corners of the underside are cut off; a key is one")]
+        detail = f"{len(cut)} corners of the underside are cut off, but a key cuts off only one"
+        return [Check(name="key", ok=False, detail=detail)]
     i, j, leg = cut[0]
-    corner = np.array([[i * look.size_mm[0], j * look.size_mm[1]]])
-    x, y = (float(one[0]) for one in match.placement.to_block(corner, look.size_mm))
-    width = match.placement.sides(look.size_mm)[0]
+    corner = np.array([[i * shape.size_mm[0], j * shape.size_mm[1]]])
+    x, y = (float(values[0]) for values in match.placement.to_block(corner, shape.size_mm))
+    width = match.placement.sides(shape.size_mm)[0]
     right = abs(x - width) < SIDE_MM and abs(y) < SIDE_MM
-    where = "at the corner (X, 0)" if right else f"at the corner ({x:.4g}, {y:.4g}) mm; it belongs to (X, 0)"
-    as_asked = claimed is None or (asked is not None and abs(leg - asked) <= SIDE_MM)
-    want = "" if as_asked else f"; {'no key' if asked is None else f'{asked:g} mm'} is expected"
-    return [Check(name="key", ok=right and as_asked, detail=f"{leg:.4g} mm {where}{want}")]
+    where = "at the corner (X, 0)" if right else f"at the corner ({x:.4g}, {y:.4g}) mm instead of (X, 0)"
+    size_ok = claimed is None or (key_mm is not None and abs(leg - key_mm) <= SIDE_MM)
+    expectation = "" if size_ok else f"; {'no key' if key_mm is None else f'{key_mm:g} mm'} is expected"
+    return [Check(name="key", ok=right and size_ok, detail=f"{leg:.4g} mm {where}{expectation}")]
 
 
-def _sides(look: Look, match: Match) -> list[Check]:
-    """Walls stand on the sides of the box or on the cut of the key."""
-    off = look.off_sides_mm
-    for i, j, leg in look.cut_corners:
-        from_x = np.abs(off[:, 0] - i * look.size_mm[0])
-        from_y = np.abs(off[:, 1] - j * look.size_mm[1])
+def _sides(shape: BodyShape, match: Match) -> list[Check]:
+    """Check that all walls are on the sides of the bounding box, or on the cut of the key."""
+    off = shape.off_sides_mm
+    for i, j, leg in shape.cut_corners:
+        from_x = np.abs(off[:, 0] - i * shape.size_mm[0])
+        from_y = np.abs(off[:, 1] - j * shape.size_mm[1])
         off = off[np.abs(from_x + from_y - leg) > SIDE_MM]
     if len(off) == 0:
         return []
     x, y = off[0].tolist()
-    detail = f"{len(off)} corners of walls stand away from the sides (one at x {x:.4g}, y {y:.4g} mm of the box)"
+    detail = (
+        f"{len(off)} points of walls are not on a side of the bounding box "
+        f"(for example x {x:.4g}, y {y:.4g} mm from its lower corner)"
+    )
     return [Check(name="sides", ok=False, detail=detail)]
 
 
-def _relief(look: Look, match: Match, residual: Residual, expected: Expectation, allowed: float) -> Check:
+def _relief(shape: BodyShape, match: Match, residual: Residual, expected: Expectation, allowed: float) -> Check:
+    """Check the distance of the relief from the candidate."""
     candidate = match.candidate
-    name, numbers = _name(candidate), f"{residual.largest_mm:.3g} mm at most, {residual.rms_mm:.3g} mm rms"
-    unlike = _likeness(look, match) > UNLIKE
-    if residual.above_mm and not unlike:
-        height = f"stands {abs(residual.above_mm):.3g} mm too {'high' if residual.above_mm > 0.0 else 'low'}"
-        numbers = f"{numbers}, once shifted back: it {height} above the underside"
-    if max(abs(one - 1.0) for one in candidate.stretch) > 1e-4:
-        numbers = f"{numbers}, once brought back to the wanted size"
+    distance = f"at most {residual.largest_mm:.3g} mm, {residual.rms_mm:.3g} mm rms (allowed {allowed:.3g} mm)"
+    similar = _relative_residual(shape, match) <= MAX_SIMILAR
+    notes = []
+    if residual.above_mm and similar:
+        height = f"{abs(residual.above_mm):.3g} mm too {'high' if residual.above_mm > 0.0 else 'low'}"
+        notes.append(f"; the relief is {height} above the underside, and was shifted back before the comparison")
+    if max(abs(factor - 1.0) for factor in candidate.stretch) > 1e-4:
+        notes.append("; the file was scaled to the expected size before the comparison")
     if residual.largest_mm <= allowed and not residual.above_mm:
-        return Check(name="relief", ok=True, detail=f"{name}: {numbers} (allowed {allowed:.3g})")
-    detail = f"wrong relief: {name} is {numbers} away (allowed {allowed:.3g}), worst {_at(residual.at_mm)} of the box"
-    if unlike:
-        detail = f"{detail}; the relief is not similar to this texture"
-    other = _other(look, match, expected)
-    return Check(name="relief", ok=False, detail=detail + other)
+        return Check(name="relief", ok=True, detail="".join([f"{_name(candidate)}: distance {distance}", *notes]))
+    if not similar:
+        notes.append("; the relief is not similar to this texture")
+    detail = (
+        f"wrong relief: the distance from {_name(candidate)} is {distance}; "
+        f"it is largest {_at(residual.at_mm)} from the lower corner of the bounding box"
+    )
+    return Check(name="relief", ok=False, detail="".join([detail, *notes, _other(shape, match, expected)]))
 
 
-def _other(look: Look, match: Match, expected: Expectation) -> str:
-    """What the surface is nearest to when nothing is asked of it, if that is something else."""
+def _other(shape: BodyShape, match: Match, expected: Expectation) -> str:
+    """Name the nearest of all known blocks, if it is nearer than the expected block."""
     if expected.is_open and expected.claimed is None:
         return ""
-    found = nearest(look, Expectation())
-    if found is None or found.rms_mm >= match.rms_mm or _name(found.candidate) == _name(match.candidate):
+    other = nearest(shape, Expectation())
+    if other is None or other.rms_mm >= match.rms_mm or _name(other.candidate) == _name(match.candidate):
         return ""
-    return f"; the nearest known is {_name(found.candidate)} ({found.rms_mm:.3g} mm rms)"
+    return f"; the nearest known block is {_name(other.candidate)} ({other.rms_mm:.3g} mm rms)"

@@ -1,4 +1,4 @@
-"""Which block a relief is: every candidate in every placement, ranked by its residual."""
+"""The search for the block that is nearest to a relief: it tries every candidate in every placement."""
 
 from __future__ import annotations
 
@@ -8,45 +8,50 @@ from functools import cached_property
 
 import numpy as np
 
-from tacbench_cad.checks.look import Look
+from tacbench_cad.checks.body_shape import BodyShape
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats, Ints
 
-#: Points that rank the candidates; the chosen one is then measured at all of them.
+#: The number of points for the ranking of the candidates. The distance from the best candidate is then computed at all
+#: points.
 RANKING_POINTS = 600
-#: A candidate further down the list must be this much nearer to be preferred.
+#: A later candidate replaces an earlier candidate if its residual is less than this fraction of the earlier residual.
 PREFERENCE = 0.9
-#: Distance from its own sample-grid surface up to which a mesh is that surface: float32 rounding, mm at scale 1.
+#: The largest allowed distance of a mesh from the surface on its sample grid, in mm at scale 1. It covers the rounding
+#: to float32.
 GRID_MM = 2e-5
-#: Differences of residuals below this do not decide, in mm.
-INDIFFERENT_MM = 1e-7
+#: A later candidate must also have a residual that is smaller by more than this, in mm.
+MIN_DIFFERENCE_MM = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """How a block lies in its file.
+    """The orientation of a block in its file.
 
     Args:
-        quarters: Quarter turns about z, counter-clockwise seen from above.
-        mirrored: Whether it is its own mirror image (x reversed).
+        quarters: The number of quarter turns about z, counter-clockwise if seen from above.
+        mirrored: Whether the block is mirrored (x reversed).
     """
 
     quarters: int
     mirrored: bool = False
 
     def sides(self, size_mm: tuple[float, float, float]) -> tuple[float, float]:
-        """The block's own sides, from those of its box."""
+        """Return the sides of the block along its own x and y, given the size of its bounding box in the file."""
         x, y, _ = size_mm
         return (y, x) if self.quarters % 2 else (x, y)
 
     def to_block(self, points: Floats, size_mm: tuple[float, float, float]) -> tuple[Floats, Floats]:
-        """Coordinates x, y in the block's frame of points in the box frame.
+        """Transform points from the frame of the bounding box to the frame of the block.
 
         Args:
-            points: Shape (k, 2) or (k, 3).
-            size_mm: The box.
+            points: The points in mm, shape (k, 2) or (k, 3).
+            size_mm: The size of the bounding box.
+
+        Returns:
+            The x and the y of the points, each of shape (k,).
         """
         x, y = points[:, 0], points[:, 1]
         width, depth = size_mm[0], size_mm[1]
@@ -54,19 +59,19 @@ class Placement:
         return (self.sides(size_mm)[0] - turned[0], turned[1]) if self.mirrored else turned
 
 
-#: In order of preference: a mirror image only where no turn will do.
+#: All placements in order of preference. The mirrored placements come last.
 PLACEMENTS = tuple(Placement(quarters=q, mirrored=m) for m in (False, True) for q in range(4))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Residual:
-    """How far a relief lies from a candidate.
+    """The distance of a relief from a candidate.
 
     Attributes:
-        largest_mm: Largest distance.
-        rms_mm: Root mean square distance.
-        at_mm: x, y, z in the box frame of the largest.
-        above_mm: How much higher than it should the whole relief stands; taken off before the distances.
+        largest_mm: The largest distance.
+        rms_mm: The root mean square distance.
+        at_mm: The x, y and z of the largest distance in the frame of the bounding box.
+        above_mm: The height by which the whole relief is too high. It is subtracted before the distances are computed.
     """
 
     largest_mm: float
@@ -77,13 +82,13 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A block that a file may be.
+    """A block that a file may contain.
 
     Args:
         block: The block.
-        as_solid: Compare with the formula at the solid's datum, also where the block has a sample grid.
-        stretch: What the file's sides x, y, z are of the block's; other than 1 the comparison is made after
-            shrinking it back.
+        as_solid: Compare with the formula at the solid's datum, also if the block has a sample grid.
+        stretch: The sides x, y and z of the file, as multiples of the sides of the block. The file is divided by these
+            factors before the comparison.
     """
 
     block: Block
@@ -92,53 +97,54 @@ class Candidate:
 
     @property
     def on_grid(self) -> bool:
-        """Whether straight lines between samples are meant, and not the formula."""
+        """Whether the file is compared with straight lines between samples, and not with the formula."""
         return isinstance(self.block.sampling, SampleGrid) and not self.as_solid
 
     @property
     def datum_mm(self) -> float:
-        """Height z of the formula's zero, in mm."""
+        """The height z of the formula's zero, in mm."""
         return self.block.solid_datum_mm if self.as_solid else self.block.datum_mm
 
     @cached_property
     def _compare(self) -> Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]:
-        """From x, y and z above the datum: signed height above the surface, and its slope."""
+        """The function of x, y and z that returns the signed height above the surface and the slope of the surface."""
         if self.on_grid:
             return Facets(self.block)
         return _Formula(self.block.surface)
 
-    def heights(self, points: Floats, look: Look, placement: Placement) -> tuple[Floats, Floats]:
-        """How far points stand above the candidate (z less formula, the datum not taken off), and the slope there."""
-        x, y = placement.to_block(points, look.size_mm)
+    def heights(self, points: Floats, shape: BodyShape, placement: Placement) -> tuple[Floats, Floats]:
+        """Return z minus the formula at all points (the datum is not subtracted), and the slope of the surface."""
+        x, y = placement.to_block(points, shape.size_mm)
         fx, fy, fz = self.stretch
         return self._compare(x / fx, y / fy, points[:, 2] / fz)
 
-    def rank(self, points: Floats, look: Look, placement: Placement) -> float:
-        """The rms residual at some points, with the best height taken off."""
-        above, slope = self.heights(points, look, placement)
+    def rank(self, points: Floats, shape: BodyShape, placement: Placement) -> float:
+        """Return the rms residual at some points, after subtracting the median of the heights."""
+        above, slope = self.heights(points, shape, placement)
         off = (above - np.median(above)) / np.sqrt(1.0 + slope**2)
         return float(np.sqrt(np.mean(off**2)))
 
-    def measure(self, look: Look, placement: Placement, near_mm: float) -> Residual:
-        """The residual at all points.
+    def measure(self, shape: BodyShape, placement: Placement, near_mm: float) -> Residual:
+        """Compute the residual at all points.
 
         Args:
-            look: The shape.
-            placement: How it lies.
-            near_mm: A median height up to this is no offset but the surface's own error.
+            shape: The shape.
+            placement: The placement.
+            near_mm: The largest median height that does not count as an offset of the whole relief, in mm. A median up
+                to this height can come from the error of the surface itself.
         """
-        above, slope = self.heights(look.points, look, placement)
-        middle = float(np.median(above)) - self.datum_mm
-        offset = middle if abs(middle) > near_mm else 0.0
+        above, slope = self.heights(shape.points, shape, placement)
+        median = float(np.median(above)) - self.datum_mm
+        offset = median if abs(median) > near_mm else 0.0
         off = np.abs(above - self.datum_mm - offset) / np.sqrt(1.0 + slope**2)
         i = int(np.argmax(off))
-        x, y, z = look.points[i].tolist()
+        x, y, z = shape.points[i].tolist()
         rms = float(np.sqrt(np.mean(off**2)))
         return Residual(largest_mm=float(off[i]), rms_mm=rms, at_mm=(x, y, z), above_mm=offset)
 
 
 class _Formula:
-    """Height above a formula."""
+    """The height above a formula."""
 
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
@@ -149,10 +155,10 @@ class _Formula:
 
 
 class Facets:
-    """Height above the triangles between samples of a block with a sample grid.
+    """The height above the triangles between the samples of a block with a sample grid.
 
-    A cell of four samples may be cut along either diagonal; of a separable surface both give the same plane. The
-    nearer of the two counts.
+    A cell of four samples can be divided along either diagonal. For a separable surface both give the same plane. For
+    other surfaces the nearer of the two pairs of triangles is used.
     """
 
     def __init__(self, block: Block) -> None:
@@ -160,7 +166,13 @@ class Facets:
         self.z = block.surface.grid(self.x, self.y)
 
     def __call__(self, x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats]:
-        """Signed heights above the facets in mm, and their slopes, at places in mm; all of shape (n,)."""
+        """Return the signed heights above the facets in mm, and the slopes of the facets, each of shape (n,).
+
+        Args:
+            x: The x of the points in mm, shape (n,).
+            y: The y of the points in mm, shape (n,).
+            z: The z of the points in mm, shape (n,).
+        """
         i, s, dx = _cell(self.x, x)
         j, t, dy = _cell(self.y, y)
         z00, z10, z01, z11 = self.z[i, j], self.z[i + 1, j], self.z[i, j + 1], self.z[i + 1, j + 1]
@@ -170,17 +182,17 @@ class Facets:
             z00 + s * (z10 - z00) + t * (z01 - z00),
             z11 + (1.0 - s) * (z01 - z11) + (1.0 - t) * (z10 - z11),
         )
-        # Which diagonal is nearer depends on the datum: it is taken off by the median, as in the ranking.
+        # The nearer diagonal depends on the datum. The median stands for the datum here, as in the ranking.
         first, second = z - rising, z - falling
-        middle = np.median(first)
-        nearer = np.where(np.abs(first - middle) <= np.abs(second - middle), first, second)
+        datum = np.median(first)
+        nearer = np.where(np.abs(first - datum) <= np.abs(second - datum), first, second)
         slope_x = ((z10 - z00) * (1.0 - t) + (z11 - z01) * t) / dx
         slope_y = ((z01 - z00) * (1.0 - s) + (z11 - z10) * s) / dy
         return nearer, np.hypot(slope_x, slope_y)
 
 
 def _cell(lines: Floats, at: Floats) -> tuple[Ints, Floats, float]:
-    """Index of the cell, place within it (0 to 1) and its width, on equally spaced lines."""
+    """Return the indices of cells between equally spaced lines, the positions within them (0 to 1), and their width."""
     step = float(lines[1] - lines[0])
     index = np.clip((at / step).astype(np.int64), 0, len(lines) - 2)
     return index, np.clip(at / step - index, 0.0, 1.0), step
@@ -188,11 +200,11 @@ def _cell(lines: Floats, at: Floats) -> tuple[Ints, Floats, float]:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """The candidate that a relief is nearest to.
+    """The candidate that is nearest to a relief.
 
     Args:
         candidate: The candidate.
-        placement: How it lies.
+        placement: Its placement.
         rms_mm: The rms residual at the ranking points.
     """
 
@@ -201,24 +213,24 @@ class Match:
     rms_mm: float
 
 
-def nearest(look: Look, candidates: Callable[[Look, Placement], Iterable[Candidate]]) -> Match | None:
-    """The best match of a relief.
+def nearest(shape: BodyShape, candidates: Callable[[BodyShape, Placement], Iterable[Candidate]]) -> Match | None:
+    """Return the best match of a relief.
 
     Args:
-        look: The shape; it must have points.
-        candidates: For the shape and a placement (of which only the sides count: which of them is x) the candidates
-            in order of preference.
+        shape: The shape. It must have points.
+        candidates: A function that gets the shape and a placement, and returns the candidates in order of preference.
+            It is called for two placements only, because the candidates depend only on which side is x.
 
     Returns:
-        The match; None where there is no candidate.
+        The match; None if there is no candidate.
     """
-    some = np.random.default_rng(0).choice(len(look.points), min(len(look.points), RANKING_POINTS), replace=False)
-    points = look.points[some]
-    by_sides = [list(candidates(look, placement)) for placement in PLACEMENTS[:2]]
+    sample = np.random.default_rng(0).choice(len(shape.points), min(len(shape.points), RANKING_POINTS), replace=False)
+    points = shape.points[sample]
+    by_sides = [list(candidates(shape, placement)) for placement in PLACEMENTS[:2]]
     best: Match | None = None
     for placement in PLACEMENTS:
         for candidate in by_sides[placement.quarters % 2]:
-            rms = candidate.rank(points, look, placement)
-            if best is None or rms < PREFERENCE * best.rms_mm - INDIFFERENT_MM:
+            rms = candidate.rank(points, shape, placement)
+            if best is None or rms < PREFERENCE * best.rms_mm - MIN_DIFFERENCE_MM:
                 best = Match(candidate, placement, rms)
     return best

@@ -1,8 +1,9 @@
-"""What can be wrong with a closed triangle mesh, found from the triangles alone.
+"""Checks of a triangle mesh that need only the mesh: edges, winding, degenerate triangles, manifold, intersections.
 
-The order of the checks matters. manifold3d hangs on infinite coordinates and calls an inside-out or zero-thickness
-solid sound, so finite values (the readers), edges and volume come before it. pymeshlab sees what none of these do,
-triangles that cut each other, and is an extra: it stands behind one function.
+The order of the checks matters. manifold3d hangs on infinite coordinates, and it accepts solids that are inside out or
+have zero thickness. Therefore the readers refuse infinite coordinates, and edges and volume are checked before
+manifold3d is used. Only pymeshlab finds triangles that cut each other. It is an optional package, and only
+:func:`full_checks` imports it.
 """
 
 from __future__ import annotations
@@ -21,25 +22,25 @@ from tacbench_cad.util.errors import MissingToolError
 from tacbench_cad.util.processes import LostProcessError, isolated
 from tacbench_cad.util.types import Bools
 
-#: Triangles that cut each other are looked for where at most so many pairs have overlapping boxes ...
+#: pymeshlab does not test an untrusted mesh if more pairs of triangles than this have overlapping bounding boxes.
 MAX_PAIRS = 5e7
-#: ... and for so many seconds, and for so many more for each triangle.
+#: The time limit of pymeshlab for an untrusted mesh, in s, and the additional time for each triangle, in s.
 MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 12.0, 4e-5
-#: A triangle whose height is below this fraction of its longest side has no area to speak of.
+#: The largest height of a degenerate triangle, as a fraction of its longest side.
 DEGENERATE_FRACTION = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class Edges:
-    """How the edges of a mesh are used.
+    """The numbers of faulty edges of a mesh, and an example of each fault.
 
     Attributes:
-        open: Edges of one triangle only.
-        same_way: Edges of two triangles that both run along them the same way: one of the two is flipped.
-        crowded: Edges of three triangles or more.
-        open_at: The midpoint of an open edge; None without one.
-        same_way_at: The midpoint of an edge with inconsistent winding; None without one.
-        crowded_at: The midpoint of a crowded edge; None without one.
+        open: The number of edges that belong to only one triangle.
+        same_way: The number of edges along which both triangles run in the same direction. One of them is flipped.
+        crowded: The number of edges that belong to more than two triangles.
+        open_at: The midpoint of an open edge in mm; None if there is none.
+        same_way_at: The midpoint of an edge with inconsistent winding in mm; None if there is none.
+        crowded_at: The midpoint of an edge of more than two triangles in mm; None if there is none.
     """
 
     open: int = 0
@@ -50,17 +51,13 @@ class Edges:
     crowded_at: tuple[float, float, float] | None = None
 
     @property
-    def sound(self) -> bool:
-        """Whether every edge has exactly two triangles that run along it in opposite ways."""
+    def ok(self) -> bool:
+        """Whether every edge has exactly two triangles, and they run along it in opposite directions."""
         return not (self.open or self.same_way or self.crowded)
 
 
 def edges(mesh: Mesh) -> Edges:
-    """Look at every edge.
-
-    Args:
-        mesh: The mesh.
-    """
+    """Count the faulty edges of a mesh."""
     count = np.int64(len(mesh.vertices))
     tail = mesh.faces.astype(np.int64).ravel()
     head = np.roll(mesh.faces, -1, axis=1).astype(np.int64).ravel()
@@ -90,9 +87,9 @@ def edges(mesh: Mesh) -> Edges:
 
 
 def degenerate(mesh: Mesh) -> Bools:
-    """Which triangles have no area: two corners in one place, or all three on a line; shape (m,)."""
-    corners = mesh.triangle_points
-    sides = corners - np.roll(corners, 1, axis=1)
+    """Return which triangles have no area, because two corners coincide or all corners are on a line; shape (m,)."""
+    points = mesh.triangle_points
+    sides = points - np.roll(points, 1, axis=1)
     longest = np.einsum("ijk,ijk->ij", sides, sides).max(axis=1)
     normals = cross(sides[:, 1], sides[:, 2])
     doubled = np.sqrt(np.einsum("ij,ij->i", normals, normals))
@@ -100,14 +97,14 @@ def degenerate(mesh: Mesh) -> Bools:
 
 
 def oriented(mesh: Mesh) -> Mesh | None:
-    """A closed mesh of one body with all triangles wound alike, outwards.
+    """Orient all triangles of a closed mesh of one body outwards.
 
     Args:
-        mesh: A mesh of which every edge has two triangles, whichever way they run along it.
+        mesh: A mesh in which every edge has exactly two triangles. Their directions along the edge do not matter.
 
     Returns:
-        The mesh; None where it has several bodies (one may be the hollow of another), or no such winding (a Klein
-        bottle).
+        The mesh. None if it has several bodies, because one of them can be a hollow in another, or if a consistent
+        winding is impossible (for example in a Klein bottle).
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -117,7 +114,8 @@ def oriented(mesh: Mesh) -> Mesh | None:
     head = np.roll(mesh.faces, -1, axis=1).astype(np.int64).ravel()
     order = np.argsort(np.minimum(tail, head) * count + np.maximum(tail, head), kind="stable")
     first, second = order[0::2], order[1::2]
-    # Each triangle is there twice: as it is (i) and flipped (m + i). Neighbours are linked in the way that fits.
+    # The graph has two nodes for each triangle: unchanged (i) and flipped (m + i). It links the nodes of neighbours
+    # that have a consistent winding.
     m = len(mesh.faces)
     turned = np.where(tail[first] == tail[second], m, 0)
     a, b = first // 3, second // 3
@@ -132,10 +130,12 @@ def oriented(mesh: Mesh) -> Mesh | None:
 
 
 def solidity(mesh: Mesh) -> tuple[str, int]:
-    """What manifold3d says of a mesh with sound edges. Only for finite coordinates: it hangs on infinite ones.
+    """Check a mesh without faulty edges with manifold3d.
+
+    The coordinates must be finite, because manifold3d hangs on infinite coordinates.
 
     Returns:
-        ``NoError`` or the name of what it found, and the number of through holes (0 where it refuses the mesh).
+        ``NoError`` or the name of manifold3d's error, and the number of through holes (0 after an error).
     """
     body = mesh.as_manifold()
     status = str(body.status()).rpartition(".")[2]
@@ -143,7 +143,7 @@ def solidity(mesh: Mesh) -> tuple[str, int]:
 
 
 def bodies(mesh: Mesh) -> int:
-    """Number of pieces that share no vertex."""
+    """Return the number of pieces that share no vertex."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -153,26 +153,18 @@ def bodies(mesh: Mesh) -> int:
     return len(np.unique(label[mesh.faces[:, 0]]))
 
 
-def edge_checks(found: Edges) -> list[Check]:
-    """The report's lines on edges: closed, wound, two triangles an edge."""
+def edge_checks(edges: Edges) -> list[Check]:
+    """Return the checks of the edges: closed, consistent winding, and at most two triangles on each edge."""
 
     def at(place: tuple[float, float, float] | None) -> str:
-        return "" if place is None else " (one at x {:.4g}, y {:.4g}, z {:.4g} mm)".format(*place)
+        return "" if place is None else " (for example at x {:.4g}, y {:.4g}, z {:.4g} mm)".format(*place)
 
-    flipped, crowd = (
-        "inconsistent winding along {} edges{}: triangles are flipped",
-        "edges have more than two triangles",
-    )
+    flipped = "inconsistent winding along {} edges{}: triangles are flipped"
+    crowded = "not manifold: {} edges have more than two triangles{}"
     rows = (
-        ("closed", found.open, found.open_at, "no open edge", "{} open edges{}"),
-        ("winding", found.same_way, found.same_way_at, "consistent", flipped),
-        (
-            "edges",
-            found.crowded,
-            found.crowded_at,
-            "no edge has more than two triangles",
-            f"not manifold: {{}} {crowd}{{}}",
-        ),
+        ("closed", edges.open, edges.open_at, "no open edge", "{} open edges{}"),
+        ("winding", edges.same_way, edges.same_way_at, "consistent", flipped),
+        ("edges", edges.crowded, edges.crowded_at, "no edge has more than two triangles", crowded),
     )
     return [
         Check(name=name, ok=count == 0, detail=fault.format(count, at(place)) if count else good)
@@ -181,7 +173,7 @@ def edge_checks(found: Edges) -> list[Check]:
 
 
 def degenerate_check(mesh: Mesh) -> Check:
-    """The report's line on triangles without area."""
+    """Return the check of degenerate triangles."""
     flat = degenerate(mesh)
     count = int(flat.sum())
     if count == 0:
@@ -190,17 +182,17 @@ def degenerate_check(mesh: Mesh) -> Check:
     return Check(
         name="triangles",
         ok=False,
-        detail=f"{count} of {len(flat)} are degenerate (no area; one at x {x:.4g}, y {y:.4g}, z {z:.4g} mm)",
+        detail=f"{count} of {len(flat)} have no area (for example at x {x:.4g}, y {y:.4g}, z {z:.4g} mm)",
     )
 
 
 def full_checks(mesh: Mesh) -> list[Check]:
-    """What only pymeshlab finds: non-manifold edges and vertices, triangles that cut each other, boundary.
+    """Check a mesh with pymeshlab: non-manifold edges and vertices, boundary edges, triangles that cut each other.
 
-    pymeshlab is GPL-3 and part of the extra ``cad``; nothing else of the package uses it.
+    pymeshlab is licensed under GPL-3 and is part of the extra ``cad``. No other function of this package uses it.
 
     Args:
-        mesh: The mesh; its coordinates must be finite.
+        mesh: The mesh. Its coordinates must be finite.
 
     Raises:
         MissingToolError: pymeshlab is not installed.
@@ -229,25 +221,24 @@ def full_checks(mesh: Mesh) -> list[Check]:
 
 
 def foreign_full_checks(mesh: Mesh) -> list[Check]:
-    """The same for a mesh that anybody made, within limits of pairs and time; beyond them it is not tested.
+    """Same as :func:`full_checks`, but for an untrusted mesh, with limits of time and of overlapping triangles.
 
-    Args:
-        mesh: As of :func:`full_checks`, and its errors are the same.
+    The report says "not tested" if the mesh exceeds a limit.
     """
     pairs, factor = overlapping_pairs(mesh), limits_factor()
     seconds = factor * (MAX_SECONDS + MAX_SECONDS_PER_TRIANGLE * len(mesh.faces))
-    reason = f"the boxes of about {pairs:.1g} pairs of triangles overlap"
+    reason = f"the bounding boxes of about {pairs:.1g} pairs of triangles overlap"
     if pairs <= factor * MAX_PAIRS:
         try:
             checks: list[Check] = isolated(full_checks, mesh, seconds=seconds)
             return checks
         except LostProcessError as error:
-            reason = f"it would take pymeshlab longer than {error.seconds:.0f} s" if error.seconds else str(error)
+            reason = f"pymeshlab would need more than {error.seconds:.0f} s" if error.seconds else str(error)
     return [Check(name="self-intersection", ok=True, detail=f"not tested: {reason}")]
 
 
 def overlapping_pairs(mesh: Mesh) -> float:
-    """About how many pairs of triangles have overlapping boxes, counted for a sample of the triangles."""
+    """Estimate the number of pairs of triangles with overlapping bounding boxes from a sample of the triangles."""
     points = mesh.triangle_points
     low, high = points.min(axis=1), points.max(axis=1)
     count = len(points)
@@ -257,7 +248,7 @@ def overlapping_pairs(mesh: Mesh) -> float:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read an STL or a 3MF by the end of its name; see the two readers for what they refuse."""
+    """Read an STL or 3MF file; same errors as :func:`.read_stl` and :func:`.read_3mf`."""
     from tacbench_cad.formats import format_of
     from tacbench_cad.formats.stl import read_stl
     from tacbench_cad.formats.threemf import read_3mf

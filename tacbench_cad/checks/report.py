@@ -27,7 +27,7 @@ class Check:
 
 
 def volume_check(measured_mm3: float, expected_mm3: float, allowed_mm3: float, name: str = "volume") -> Check:
-    """Compare a volume with the closed form."""
+    """Return the check that compares a volume with the closed form."""
     off = measured_mm3 - expected_mm3
     inside_out = "" if measured_mm3 > 0.0 else "inside out: "
     detail = f"{inside_out}{measured_mm3:.6f} mm^3, {off:+.2e} from the closed form (allowed {allowed_mm3:.1e})"

@@ -1,4 +1,4 @@
-"""What can be wrong with a solid read from STEP, asked of the kernel, and points on its textured faces."""
+"""Checks of a solid from a STEP file by the CAD kernel (validity, volume, bounding box), and points on its faces."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tacbench_cad.util.types import Floats
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
-#: About so many points are taken on the faces of a top.
+#: The approximate number of points on the textured faces.
 POINTS = 80_000
-#: A face is a wall where its normal has a smaller vertical fraction than this.
+#: The largest vertical component of the unit normal of a wall.
 WALL_FRACTION = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """The kernel's default answers on a shape.
+    """The volume and the bounding box of a shape.
 
     Attributes:
-        volume_mm3: Volume; negative where the solid is inside out.
-        low_mm: Lower corner of the bounding box.
-        high_mm: Upper corner.
+        volume_mm3: The volume; negative if the solid is inside out.
+        low_mm: The lower corner of the bounding box.
+        high_mm: The upper corner of the bounding box.
     """
 
     volume_mm3: float
@@ -36,27 +36,27 @@ class Measured:
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
-        """Sides of the bounding box in mm."""
+        """The sides of the bounding box, in mm."""
         x, y, z = (self.high_mm - self.low_mm).tolist()
         return (x, y, z)
 
 
 def count(shape: TopoDS_Shape, kind: str) -> int:
-    """Number of different sub-shapes of a kind: ``SOLID``, ``SHELL``, ``FACE`` ..."""
+    """Return the number of different sub-shapes of a kind, such as ``SOLID``, ``SHELL`` or ``FACE``."""
     return len(kernel.distinct(shape, kind))
 
 
 def solid_checks(shape: TopoDS_Shape) -> list[Check]:
-    """One solid and nothing beside it, valid, closed."""
+    """Check that a shape is exactly one solid, valid and closed."""
     from OCP.BRep import BRep_Tool
     from OCP.BRepCheck import BRepCheck_Analyzer
 
     solids, loose = count(shape, "SOLID"), len(list(kernel.each(shape, "FACE", outside_of="SOLID")))
-    one = solids == 1 and loose == 0
-    detail = "one solid" if one else f"{solids} solids and {loose} faces outside of them, instead of one solid"
-    checks = [Check(name="one solid", ok=one, detail=detail)]
+    single = solids == 1 and loose == 0
+    detail = "one solid" if single else f"{solids} solids and {loose} faces outside of them, instead of one solid"
+    checks = [Check(name="one solid", ok=single, detail=detail)]
     valid = BRepCheck_Analyzer(shape).IsValid()
-    checks.append(Check(name="valid", ok=valid, detail="BRepCheck finds it valid" if valid else "BRepCheck: not valid"))
+    checks.append(Check(name="valid", ok=valid, detail=f"{'valid' if valid else 'not valid'} according to BRepCheck"))
     is_closed = [BRep_Tool.IsClosed_s(shell) for shell in kernel.each(shape, "SHELL")]
     closed = bool(is_closed) and all(is_closed)
     number_open = f"{is_closed.count(False)} of {len(is_closed)} shells are open"
@@ -64,9 +64,10 @@ def solid_checks(shape: TopoDS_Shape) -> list[Check]:
 
 
 def genus(shape: TopoDS_Shape) -> int:
-    """Through holes of one closed solid, by Euler and Poincare: ``V - E + F - (wires - F) = 2 (shells - genus)``.
+    """Count the through holes of a closed solid.
 
-    Edges without length (a cone's tip) are no edges here; a seam counts once.
+    The Euler-Poincare formula gives them: ``V - E + F - (wires - F) = 2 (shells - genus)``. Edges without length (the
+    tip of a cone) are not counted, and a seam is counted once.
     """
     from OCP.BRep import BRep_Tool
 
@@ -77,13 +78,13 @@ def genus(shape: TopoDS_Shape) -> int:
 
 
 def measure(shape: TopoDS_Shape) -> Measured:
-    """The default volume and bounding box: what a user of the kernel, CadQuery or build123d asks first."""
+    """Return the kernel's default volume and bounding box, which CadQuery and build123d also show."""
     low, high = kernel.box_mm(shape)
     return Measured(volume_mm3=kernel.volume_mm3(shape), low_mm=low, high_mm=high)
 
 
 def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
-    """The faces that are neither plane nor wall: the textured top, whichever way up."""
+    """Return the faces that are neither plane nor walls. These are the textured faces, also if they face down."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_SurfaceType
     from OCP.gp import gp_Pnt, gp_Vec
@@ -114,21 +115,22 @@ def _bounds(face: TopoDS_Face) -> tuple[float, float, float, float]:
 
 
 def lattice_side(patches: int, points: int = POINTS) -> int:
-    """Points along each side of a face, for so many faces to carry about so many points."""
+    """Return the number of points along each side of a face, so that all faces together have about ``points``."""
     return max(8, round(float(np.sqrt(points / max(patches, 1)))))
 
 
 def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
-    """Dense points on faces, their borders included.
+    """Compute dense points on faces and on their borders.
 
-    A face cut off within its parameter rectangle (a key) is asked point by point what belongs to it.
+    If a face does not fill its parameter rectangle (because of a key), each point is tested and left out if it is
+    outside of the face.
 
     Args:
         chosen: The faces.
-        points: About how many are wanted.
+        points: The approximate number of points.
 
     Returns:
-        Points, shape (k, 3), in mm.
+        The points in mm, shape (k, 3).
     """
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.BRepTopAdaptor import BRepTopAdaptor_FClass2d
@@ -136,7 +138,7 @@ def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
     from OCP.TopAbs import TopAbs_State
 
     side = lattice_side(len(chosen), points)
-    found: list[tuple[float, float, float]] = []
+    coordinates: list[tuple[float, float, float]] = []
     point = gp_Pnt()
     for face in chosen:
         surface = BRepAdaptor_Surface(face, True)
@@ -148,12 +150,12 @@ def points_on(chosen: list[TopoDS_Face], points: int = POINTS) -> Floats:
                 if classifier is not None and classifier.Perform(gp_Pnt2d(u, v)) == TopAbs_State.TopAbs_OUT:
                     continue
                 surface.D0(u, v, point)
-                found.append((point.X(), point.Y(), point.Z()))
-    return np.array(found, dtype=np.float64).reshape(-1, 3)
+                coordinates.append((point.X(), point.Y(), point.Z()))
+    return np.array(coordinates, dtype=np.float64).reshape(-1, 3)
 
 
 def is_rectangle(face: TopoDS_Face) -> bool:
-    """Whether a face fills its parameter rectangle: four edges, and a corner of the rectangle at every vertex."""
+    """Check whether a face fills its parameter rectangle: it has four edges, and each vertex is at a corner."""
     from OCP.BRep import BRep_Tool
 
     if count(face, "EDGE") != 4:
@@ -168,22 +170,22 @@ def is_rectangle(face: TopoDS_Face) -> bool:
 
 
 def level_faces(shape: TopoDS_Shape) -> list[tuple[float, float]]:
-    """Height and area of every plane face that is level."""
+    """Return the height in mm and the area in mm^2 of every horizontal plane face."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_SurfaceType
 
-    found = []
+    levels = []
     for face in kernel.distinct(shape, "FACE"):
         surface = BRepAdaptor_Surface(face, False)
         if surface.GetType() == GeomAbs_SurfaceType.GeomAbs_Plane:
             plane = surface.Plane()
             if abs(plane.Axis().Direction().Z()) > 1.0 - 1e-9:
-                found.append((plane.Location().Z(), kernel.area_mm2([face])))
-    return found
+                levels.append((plane.Location().Z(), kernel.area_mm2([face])))
+    return levels
 
 
 def vertices(shape: TopoDS_Shape) -> Floats:
-    """All vertices, each once; shape (n, 3), in mm."""
+    """Return all different vertices in mm, shape (n, 3)."""
     from OCP.BRep import BRep_Tool
 
     points = [BRep_Tool.Pnt_s(vertex) for vertex in kernel.distinct(shape, "VERTEX")]

@@ -1,8 +1,9 @@
-"""B-spline faces of a solid as arrays: points, volume share and box by products with sparse matrices.
+"""B-spline faces of a solid as arrays: points, contributions to the volume, and bounding boxes.
 
-The kernel's own default volume, box and point evaluation of a block of 156 patches take it about four seconds; these
-take less than one. The products are SciPy's sparse ones because they run in one thread: in the worker processes of
-``make`` a threaded BLAS spends a hundred times longer waiting for cores than multiplying.
+For a block of 156 patches, the kernel needs about four seconds to compute its default volume, bounding box and points.
+This module uses products with sparse matrices and needs less than one second. SciPy's sparse products run in a single
+thread. This is important in the worker processes of ``make``, where a BLAS with several threads spends a hundred times
+longer waiting for cores than multiplying.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from tacbench_cad.util.types import Floats
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face
 
-#: Points a knot span: exact for polynomials of degree 9; on our patches the rest is below 1e-9 of the volume.
+#: The number of Gauss points in each knot span. The integral of a polynomial up to degree 9 is then exact. For the
+#: patches of this package, the relative error of the volume is below 1e-9.
 GAUSS_POINTS = 5
-#: Samples along each side around a patch's highest and lowest sample, to find the true extreme.
+#: The number of samples along u and along v around the highest and the lowest sample of a patch. They give the extreme
+#: heights more accurately.
 FINE = 33
 
 
@@ -32,11 +35,11 @@ class SplineFace:
     """A non-rational B-spline surface over a rectangle of its parameters.
 
     Args:
-        poles: Shape (nu, nv, 3), in mm.
+        poles: The control points in mm, shape (nu, nv, 3).
         knots: The full knot vectors along u and v.
-        degrees: Degrees along u and v.
-        bounds: The face's parameter rectangle, ``((u low, u high), (v low, v high))``.
-        sign: 1 where the solid lies below the surface's own normal, -1 where the face is reversed.
+        degrees: The degrees along u and v.
+        bounds: The parameter rectangle of the face, ``((u low, u high), (v low, v high))``.
+        sign: 1 if the surface's own normal points out of the solid, -1 if the face is reversed.
     """
 
     poles: Floats
@@ -47,7 +50,7 @@ class SplineFace:
     _bases: dict[Any, Any] = field(default_factory=dict)
 
     def _basis(self, axis: int, at: Floats, order: int) -> Any:
-        """Basis functions (or their first derivatives) along one axis at parameters: sparse, shape (len(at), n)."""
+        """Return the basis functions (or their first derivatives) along an axis as a sparse matrix of (len(at), n)."""
         key = (self.knots[axis].tobytes(), self.degrees[axis], order, at.tobytes())
         if key not in self._bases:
             n = self.poles.shape[axis]
@@ -55,7 +58,7 @@ class SplineFace:
         return self._bases[key]
 
     def __call__(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
-        """Points, or partial derivatives, on the grid of ``u`` (n,) and ``v`` (m,); shape (n, m, 3)."""
+        """Return points or partial derivatives on the grid of ``u`` (n,) and ``v`` (m,), shape (n, m, 3)."""
         rows, columns, width = self.poles.shape
         half = self._basis(0, u, order[0]) @ self.poles.reshape(rows, columns * width)
         across = half.reshape(len(u), columns, width).swapaxes(0, 1).reshape(columns, len(u) * width)
@@ -63,20 +66,20 @@ class SplineFace:
         return np.asarray(whole.reshape(len(v), len(u), width).swapaxes(0, 1))
 
     def lattice(self, side: int) -> Floats:
-        """Points at ``side`` x ``side`` equally spaced parameters, the borders included; shape (k, 3)."""
+        """Return the points at ``side`` x ``side`` equally spaced parameters, with the borders, shape (k, 3)."""
         (u0, u1), (v0, v1) = self.bounds
         return self(np.linspace(u0, u1, side), np.linspace(v0, v1, side)).reshape(-1, 3)
 
     @property
     def is_wall(self) -> bool:
-        """Whether the surface stands upright, by its normals at three places."""
+        """Whether the surface is vertical. The normals are computed at 3 x 3 points."""
         (u0, u1), (v0, v1) = self.bounds
         u, v = u0 + np.array([0.19, 0.37, 0.71]) * (u1 - u0), v0 + np.array([0.13, 0.41, 0.83]) * (v1 - v0)
         normal = np.cross(self(u, v, (1, 0)), self(u, v, (0, 1))).reshape(-1, 3)
         return bool(np.all(np.abs(normal[:, 2]) <= WALL_FRACTION * np.linalg.norm(normal, axis=1)))
 
     def _gauss(self, axis: int) -> tuple[Floats, Floats]:
-        """Gauss-Legendre points and weights on every knot span."""
+        """Return the Gauss-Legendre points and weights of all knot spans along an axis."""
         low, high = self.bounds[axis]
         inner = np.unique(self.knots[axis])
         breaks = np.concatenate([[low], inner[(inner > low) & (inner < high)], [high]])
@@ -86,7 +89,7 @@ class SplineFace:
 
     @cached_property
     def volume_mm3(self) -> float:
-        """The face's share of the volume about the origin, ``1/3 integral of P . (P_u x P_v)``."""
+        """The contribution of the face to the volume about the origin, ``1/3 integral of P . (P_u x P_v)``."""
         (u, weight_u), (v, weight_v) = self._gauss(0), self._gauss(1)
         point, along_u, along_v = self(u, v), self(u, v, (1, 0)), self(u, v, (0, 1))
         triple = (
@@ -97,7 +100,10 @@ class SplineFace:
         return self.sign * float(weight_u @ triple @ weight_v) / 3.0
 
     def box(self) -> tuple[Floats, Floats]:
-        """Lowest and highest x, y and z: from the Gauss points and the borders, refined around the extremes of z."""
+        """Return the lowest and the highest x, y and z.
+
+        They are computed from the Gauss points and the borders, and more accurately around the extremes of z.
+        """
         grids = []
         for axis in (0, 1):
             low, high = self.bounds[axis]
@@ -115,11 +121,11 @@ class SplineFace:
 
 
 def spline_face(face: TopoDS_Face, bases: dict[Any, Any]) -> SplineFace | None:
-    """A face as arrays, or None where it is no plain B-spline; it must fill its parameter rectangle.
+    """Convert a face to arrays; return None if it is rational, periodic or not a B-spline.
 
     Args:
-        face: The face.
-        bases: Where basis functions are kept, shared by patches with the same knots.
+        face: The face. It must fill its parameter rectangle.
+        bases: A cache of basis functions, for all patches with the same knots.
     """
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.BRepTools import BRepTools

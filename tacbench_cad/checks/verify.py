@@ -31,13 +31,14 @@ if TYPE_CHECKING:
 
 __all__ = ["Check", "Report", "verify"]
 
-#: The kernel's default volume must come this near to the closed form, as a fraction of it.
+#: The largest allowed difference of the kernel's default volume from the closed form, as a fraction of the closed form.
 SOLID_VOLUME_FRACTION = 1e-4
-#: A volume summed patch by patch is right to rounding: twelve decimals a coordinate in the file.
+#: The same for a volume that is summed patch by patch. It is exact up to the rounding of the coordinates, which have
+#: twelve decimals in the file.
 SOLID_ROUNDING_FRACTION = 1e-9
-#: The kernel's default bounding box must come this near to the block, in mm.
+#: The largest allowed difference of the kernel's default bounding box from the size of the part, in mm.
 SOLID_BOX_MM = 1e-3
-#: Relative rounding of a float32 value.
+#: The relative rounding of a float32 value.
 _FLOAT32 = 2.0**-23
 
 
@@ -69,27 +70,27 @@ def verify(part: Part, path: Path, full: bool = False) -> Report:
 
 def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
     _, expected = part.mesh
-    found = meshcheck.edges(mesh)
+    edges = meshcheck.edges(mesh)
     checks = [
         Check(name="file", ok=True, detail="read back; all coordinates finite"),
-        *meshcheck.edge_checks(found),
+        *meshcheck.edge_checks(edges),
         meshcheck.degenerate_check(mesh),
         _mesh_volume(mesh, expected),
     ]
-    if found.sound:
+    if edges.ok:
         checks += _manifold(mesh, part.genus)
     checks.append(_mesh_box(part, mesh, expected))
     deviation = None
     if expected.certificate is not None:
-        found_relief, deviation = _mesh_relief(part, mesh, expected)
-        checks += found_relief
+        relief_checks, deviation = _mesh_relief(part, mesh, expected)
+        checks += relief_checks
     if full:
         checks += meshcheck.full_checks(mesh)
     return Report.of_mesh(path, mesh, checks, deviation, mesh.volume_mm3)
 
 
 def _mesh_volume(mesh: Mesh, expected: ExpectedGeometry) -> Check:
-    """Volume against the closed form; moving every point by a float32's rounding may change it by area x rounding."""
+    """Compare the volume with the closed form. Rounding the points to float32 can change it by area x rounding."""
     area = float(np.linalg.norm(mesh.doubled_normals, axis=1).sum()) / 2.0
     allowed = expected.volume_slack_mm3 + area * _FLOAT32 * float(np.abs(mesh.vertices).max())
     return volume_check(mesh.volume_mm3, expected.volume_mm3, allowed)
@@ -107,17 +108,19 @@ def _genus(holes: int, expected: int) -> Check:
 
 
 def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
-    """The box to a float32's rounding; the highest vertex of a block exactly at its height."""
+    """Check the box up to the rounding of float32. The highest vertex of a block must be exactly at its height."""
     low, high = mesh.bounds_mm
     check = _box(low, high, part.size_mm, 2.0 * _FLOAT32 * max(part.size_mm) + expected.size_slack_mm)
     top, height = float(high[2]), float(np.float32(part.size_mm[2]))
     if check.ok and part.block is not None and top != height:
-        return Check(name="box", ok=False, detail=f"the highest point is at {top!r} mm, not at exactly {height!r}")
+        return Check(
+            name="box", ok=False, detail=f"the highest point is at {top!r} mm instead of exactly {height!r} mm"
+        )
     return check
 
 
 def _solid_box(part: Part, measured: Measured, expected: ExpectedGeometry) -> Check:
-    """The box; the highest point of a block as near to its height as the solid is to the formula."""
+    """Check the box. The height of a block has the same tolerance as the solid's distance from the formula."""
     certificate = expected.certificate
     upper_mm = SOLID_BOX_MM if certificate is None else max(SOLID_BOX_MM, certificate.vertical_mm)
     return _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM, upper_mm)
@@ -126,19 +129,19 @@ def _solid_box(part: Part, measured: Measured, expected: ExpectedGeometry) -> Ch
 def _box(
     low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed: float, upper_mm: float | None = None
 ) -> Check:
-    """The box against the size; the upper face may have an allowance of its own."""
+    """Compare the box with the expected size. The highest point can have another tolerance, ``upper_mm``."""
     off = np.concatenate([low, high - np.array(size_mm)])
-    found = mm(*(high - low).tolist())
+    size = mm(*(high - low).tolist())
     limits = np.array([allowed] * 5 + [upper_mm or allowed])
     if bool(np.all(np.abs(off) <= limits)):
-        return Check(name="box", ok=True, detail=f"{found}, lower corner at the origin")
+        return Check(name="box", ok=True, detail=f"{size}, lower corner at the origin")
     i = int(np.argmax(np.abs(off) - limits))
     name = f"{'lower' if i < 3 else 'upper'} {'xyz'[i % 3]}"
-    return Check(name="box", ok=False, detail=f"{found}; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e})")
+    return Check(name="box", ok=False, detail=f"{size}; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e} mm)")
 
 
 def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[list[Check], float | None]:
-    """Distance from the formula; of a mesh on a sample grid also from the straight lines between the samples."""
+    """Check the distance from the formula and, with a sample grid, from the straight lines between the samples."""
     top = relief.upward(mesh, mesh.doubled_normals)
     points = relief.points_on(mesh, top)
     check, deviation = _relief(part, expected, points, rounding_mm=_FLOAT32 * max(part.size_mm))
@@ -150,22 +153,23 @@ def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[li
     i, allowed = int(np.argmax(off)), GRID_MM * max(1.0, block.scale)
     ok = bool(off[i] <= allowed)
     where = "" if ok else " at x {:.4g}, y {:.4g}, z {:.4g} mm".format(*points[i])
-    detail = f"{off[i]:.2g} mm from the lines between the {block.sampling.nx} x {block.sampling.ny} samples{where}"
+    samples = f"{block.sampling.nx} x {block.sampling.ny} samples"
+    detail = f"at most {off[i]:.2g} mm from the straight lines between the {samples}{where}"
     return [check, Check(name="samples", ok=ok, detail=detail)], deviation
 
 
 def _relief(part: Part, expected: ExpectedGeometry, points: Floats, rounding_mm: float) -> tuple[Check, float | None]:
-    """Distance of points from the formula against the certificate."""
+    """Compare the distance of points from the formula with the certificate."""
     assert part.block is not None and expected.certificate is not None and expected.datum_mm is not None
     if len(points) == 0:
-        return Check(name="relief", ok=False, detail="nothing faces upwards"), None
-    found = relief.distance(points, part.block.surface, expected.datum_mm)
+        return Check(name="relief", ok=False, detail="no face points upwards"), None
+    distance = relief.distance(points, part.block.surface, expected.datum_mm)
     allowed = expected.certificate.distance_mm
-    ok = found.largest_mm <= allowed + rounding_mm
-    x, y, z = found.at_mm
-    where = "" if ok else f" at x {x:.4g}, y {y:.4g}, z {z:.4g} mm"
-    detail = f"{found.largest_mm:.3g} mm from the formula at most{where}, {len(points)} points; proved {allowed:.3g} mm"
-    return Check(name="relief", ok=ok, detail=detail), found.largest_mm
+    ok = distance.largest_mm <= allowed + rounding_mm
+    x, y, z = distance.at_mm
+    where = "" if ok else f" (largest at x {x:.4g}, y {y:.4g}, z {z:.4g} mm)"
+    measured = f"at most {distance.largest_mm:.3g} mm from the formula at {len(points)} points{where}"
+    return Check(name="relief", ok=ok, detail=f"{measured}; proved limit {allowed:.3g} mm"), distance.largest_mm
 
 
 def _verify_solid(part: Part, path: Path, full: bool) -> Report:
@@ -175,9 +179,9 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
 
     shape = read_step(path)
     _, expected = part.solid
-    found = survey(shape)
-    measured = found.measured
-    fraction = SOLID_ROUNDING_FRACTION if found.exact else SOLID_VOLUME_FRACTION
+    result = survey(shape)
+    measured = result.measured
+    fraction = SOLID_ROUNDING_FRACTION if result.exact else SOLID_VOLUME_FRACTION
     allowed_mm3 = fraction * expected.volume_mm3 + expected.volume_slack_mm3
     checks = [
         Check(name="file", ok=True, detail="read back by the kernel"),
@@ -188,7 +192,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     ]
     deviation = None
     if expected.certificate is not None:
-        check, deviation = _relief(part, expected, found.points, rounding_mm=1e-6)
+        check, deviation = _relief(part, expected, result.points, rounding_mm=1e-6)
         checks.append(check)
     if full:
         checks += _kernel_defaults(part, expected, solidcheck.measure(shape))

@@ -1,4 +1,4 @@
-"""Files that are not what they should be: one clear message each, the right exit code, nothing lost."""
+"""Bad input files and folders: each gives one clear message and the right exit code, and no file is lost."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _zip(entries: dict[str, bytes]) -> bytes:
 
 
 def _threemf(change: Callable[[bytes], bytes]) -> bytes:
-    """A 3MF of ours with its model changed."""
+    """Return a 3MF file of this package with a changed model."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
@@ -149,7 +149,7 @@ def test_a_bad_file_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_check_reports_it_instead_of_failing(name: str, tmp_path: Path) -> None:
+def test_a_check_reports_a_bad_file_instead_of_failing(name: str, tmp_path: Path) -> None:
     form, content, _ = BAD[name]
     _need(form)
     path = tmp_path / f"a.{form}"
@@ -161,7 +161,7 @@ def test_check_reports_it_instead_of_failing(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["stl", "3mf", "step"])
-def test_no_file_and_a_folder_are_bad_input(form: str, tmp_path: Path) -> None:
+def test_a_missing_file_and_a_folder_are_refused(form: str, tmp_path: Path) -> None:
     _need(form)
     (tmp_path / f"folder.{form}").mkdir()
     for name, words in (("missing", "No such file"), ("folder", "is a folder")):
@@ -170,7 +170,7 @@ def test_no_file_and_a_folder_are_bad_input(form: str, tmp_path: Path) -> None:
         assert caught.value.exit_code == 2
 
 
-def test_unknown_ending_is_bad_input(tmp_path: Path) -> None:
+def test_an_unknown_file_ending_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.slt").write_bytes(_stl_bytes())
     with pytest.raises(InputError, match=r"\.stl"):
         format_of(tmp_path / "a.slt")
@@ -178,7 +178,7 @@ def test_unknown_ending_is_bad_input(tmp_path: Path) -> None:
         examine(tmp_path / "a.slt")
 
 
-def test_step_with_two_solids_is_found(tmp_path: Path) -> None:
+def test_a_step_file_with_two_solids_is_a_fault(tmp_path: Path) -> None:
     _need("step")
     from OCP.BRep import BRep_Builder
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
@@ -197,7 +197,7 @@ def test_step_with_two_solids_is_found(tmp_path: Path) -> None:
     assert "2 solids" in next(check.detail for check in report.faults if check.name == "one solid")
 
 
-def test_step_of_a_face_alone_is_found(tmp_path: Path) -> None:
+def test_a_step_file_with_only_a_face_is_a_fault(tmp_path: Path) -> None:
     _need("step")
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.gp import gp_Pln
@@ -208,28 +208,28 @@ def test_step_of_a_face_alone_is_found(tmp_path: Path) -> None:
     assert "one solid" in {check.name for check in examine(tmp_path / "a.step").faults}
 
 
-# --- files are whole or not there ---------------------------------------------------------------------------------
+# --- files are written completely or not at all -------------------------------------------------------------------
 
 
 def test_replacing_keeps_the_old_file_when_anything_goes_wrong(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
-    for wrong in (RuntimeError, KeyboardInterrupt, SystemExit):
-        with pytest.raises(wrong), replacing(path) as temporary:
+    for error in (RuntimeError, KeyboardInterrupt, SystemExit):
+        with pytest.raises(error), replacing(path) as temporary:
             temporary.write_text("half")
-            raise wrong
+            raise error
     assert path.read_text() == "old"
-    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
     with replacing(path) as temporary:
         assert temporary.suffix == ".txt"
         assert temporary.parent == tmp_path
         temporary.write_text("new")
         assert path.read_text() == "old"
     assert path.read_text() == "new"
-    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_replacing_refuses_what_cannot_be(tmp_path: Path) -> None:
+def test_replacing_refuses_a_path_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "a.stl").mkdir()
     with pytest.raises(InputError, match="is a folder"), replacing(tmp_path / "a.stl"):
         pass
@@ -256,7 +256,7 @@ def test_a_full_or_unwritable_folder_is_named(code: int, words: str, tmp_path: P
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 @pytest.mark.parametrize("form", ["stl", "3mf", "step"])
-def test_a_device_that_is_really_full(form: str, tmp_path: Path) -> None:
+def test_a_full_device_is_refused(form: str, tmp_path: Path) -> None:
     _need(form)
     part = block_part(Block.of(2))
     link = tmp_path / f"link.{form}"
@@ -267,28 +267,28 @@ def test_a_device_that_is_really_full(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_without_permission(tmp_path: Path) -> None:
+def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="not writable"), locked(tmp_path):
         pass
 
 
-def test_locked_makes_the_folder_and_leaves_nothing(tmp_path: Path) -> None:
+def test_locked_makes_the_folder_and_leaves_no_lock_file(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "b"
     with locked(folder):
         (folder / "kept").write_text("")
-    assert [one.name for one in folder.iterdir()] == ["kept"]
+    assert [entry.name for entry in folder.iterdir()] == ["kept"]
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="not a folder"), locked(tmp_path / "file"):
         pass
 
 
-def test_locked_takes_away_what_it_made_for_nothing(tmp_path: Path) -> None:
+def test_locked_removes_the_folders_that_it_made_if_they_stay_empty(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     for name in ("there", "there/a/b", "new/c"):
         with locked(tmp_path / name):
             pass
-    assert [one.name for one in tmp_path.rglob("*")] == ["there"]
+    assert [entry.name for entry in tmp_path.rglob("*")] == ["there"]
 
 
 _HOLD = """
@@ -301,7 +301,7 @@ with locked(Path(sys.argv[1])):
 """
 
 
-def test_a_second_process_is_refused_and_a_killed_one_is_forgotten(tmp_path: Path) -> None:
+def test_a_second_process_is_refused_and_the_lock_of_a_killed_process_ends(tmp_path: Path) -> None:
     holder = subprocess.Popen([sys.executable, "-c", _HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     try:
         assert holder.stdout is not None
@@ -311,7 +311,7 @@ def test_a_second_process_is_refused_and_a_killed_one_is_forgotten(tmp_path: Pat
         (tmp_path / f"{TEMPORARY_PREFIX}1-a.stl").write_text("half")
         holder.send_signal(signal.SIGKILL)
         holder.wait(timeout=10)
-        assert (tmp_path / LOCK_NAME).exists()  # the file outlives a killed process, the lock on it does not
+        assert (tmp_path / LOCK_NAME).exists()  # the killed process leaves the file, but no lock on it
         with locked(tmp_path):
             assert not (tmp_path / f"{TEMPORARY_PREFIX}1-a.stl").exists()
         assert list(tmp_path.iterdir()) == []
@@ -320,8 +320,8 @@ def test_a_second_process_is_refused_and_a_killed_one_is_forgotten(tmp_path: Pat
         holder.wait()
 
 
-def test_the_lock_is_one_even_while_it_is_handed_over(tmp_path: Path) -> None:
-    """Several processes take turns; never are two inside at once."""
+def test_only_one_process_at_a_time_holds_the_lock(tmp_path: Path) -> None:
+    """Three processes take the lock in turns, 40 times each."""
     script = """
 import os, sys, time
 from pathlib import Path
@@ -341,24 +341,24 @@ sys.exit(0 if done == 40 else 3)
 """
     arguments = [sys.executable, "-c", script, str(tmp_path / "out"), str(tmp_path / "inside")]
     running = [subprocess.Popen(arguments) for _ in range(3)]
-    assert [one.wait(timeout=60) for one in running] == [0, 0, 0]
+    assert [process.wait(timeout=60) for process in running] == [0, 0, 0]
 
 
-def test_sha256_is_the_standard_one(tmp_path: Path) -> None:
+def test_sha256_has_its_standard_value(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"abc")
     assert sha256(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
-def test_infinite_coordinates_end_quickly(tmp_path: Path) -> None:
-    """manifold3d hangs on them, so they must be found before."""
+def test_infinite_coordinates_are_refused_quickly(tmp_path: Path) -> None:
+    """manifold3d would hang on infinite coordinates, so they must be refused before it is used."""
     corners = box_mesh().triangle_points.copy()
     corners[0, 0, 0] = np.inf
-    begun = time.monotonic()
+    start = time.monotonic()
     report = examine(write_soup(tmp_path / "a.stl", corners))
     assert not report.ok
-    assert time.monotonic() - begun < 60.0  # a hang, not a speed, is what this is about
+    assert time.monotonic() - start < 60.0  # this detects a hang and does not measure the speed
 
 
-def test_all_our_errors_are_one_line() -> None:
+def test_error_messages_have_one_line() -> None:
     assert issubclass(CheckFailedError, TacbenchError)
     assert "\n" not in str(InputError("file", "a", "b"))

@@ -1,4 +1,4 @@
-"""``examine``: files of any origin are named, and so is each of their faults."""
+"""``examine``: it identifies files from any program and names each of their faults."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _part(number: int = 2, preset: str = "paper", **more: Any) -> Part:
 
 
 def _anonymous(mesh: Mesh, path: Path) -> Path:
-    """The mesh in a file that does not say what it is."""
+    """Write a mesh to a file that contains no part name."""
     return write_soup(path, mesh.triangle_points)
 
 
@@ -45,7 +45,7 @@ def _faults(report: Report) -> set[str]:
 
 
 def _turn(mesh: Mesh, quarters: int, upside_down: bool = False) -> Mesh:
-    """Turned about z, and if asked then by half a turn about x, and moved away from the origin."""
+    """Turn a mesh about z by quarter turns, optionally by 180 degrees about x, and move it away from the origin."""
     c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
     about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     about_x = np.diag([1.0, -1.0, -1.0]) if upside_down else np.eye(3)
@@ -53,7 +53,7 @@ def _turn(mesh: Mesh, quarters: int, upside_down: bool = False) -> Mesh:
 
 
 @pytest.mark.parametrize("number", range(1, 7))
-def test_names_each_texture_without_being_told(number: int, tmp_path: Path) -> None:
+def test_each_texture_is_identified(number: int, tmp_path: Path) -> None:
     report = examine(_anonymous(_part(number).mesh[0], tmp_path / "a.stl"), full=False)
     assert report.ok, report.faults
     assert f"texture-{number}, preset paper, scale 1:" in _line(report, "relief").detail
@@ -62,7 +62,7 @@ def test_names_each_texture_without_being_told(number: int, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("scale", [0.33, *(pytest.param(scale, marks=pytest.mark.long) for scale in (0.5, 2.0))])
-def test_names_preset_and_scale(scale: float, tmp_path: Path) -> None:
+def test_preset_and_scale_are_identified(scale: float, tmp_path: Path) -> None:
     part = block_part(Block.of(3, "released", scale=scale))
     report = examine(_anonymous(part.mesh[0], tmp_path / "a.stl"), full=False)
     assert report.ok, report.faults
@@ -71,7 +71,7 @@ def test_names_preset_and_scale(scale: float, tmp_path: Path) -> None:
     assert report.deviation_mm < 5e-6
 
 
-def test_tells_formula_from_sample_grid(tmp_path: Path) -> None:
+def test_a_surface_on_a_sample_grid_is_identified(tmp_path: Path) -> None:
     part = block_part(Block.of(4, sampling="grid"))
     report = examine(_anonymous(part.mesh[0], tmp_path / "a.stl"), full=False)
     assert report.ok, report.faults
@@ -129,7 +129,7 @@ def _thicker(mesh: Mesh) -> Mesh:
 
 
 def _dent_wall(mesh: Mesh) -> Mesh:
-    """A vertical edge of a wall moved inwards: still closed, and the relief hardly differs."""
+    """Move a vertical edge of a wall inwards. The mesh stays closed, and its relief hardly changes."""
 
     def move(vertices: np.ndarray) -> np.ndarray:
         wall = np.nonzero((vertices[:, 0] == 0.0) & (vertices[:, 1] > 10.0) & (vertices[:, 1] < 20.0))[0]
@@ -147,10 +147,10 @@ def _dent_wall(mesh: Mesh) -> Mesh:
         (_flip, "winding", "inconsistent winding along 3 edges"),
         (lambda mesh: Mesh(mesh.vertices, mesh.faces[:, ::-1].copy()), "volume", "inside out"),
         (_raise_vertex, "relief", "wrong relief"),
-        (_thicker, "size", "z by +0.3 mm"),
-        (_thicker, "relief", "stands 0.3 mm too high"),
+        (_thicker, "size", "differs in z by +0.3 mm"),
+        (_thicker, "relief", "the relief is 0.3 mm too high"),
         (lambda mesh: changed(mesh, lambda v: v * 1.01), "size", "1.01 times as large as expected"),
-        (lambda mesh: changed(mesh, lambda v: v * [1.0, 1.02, 1.0]), "size", "y by +0.6 mm"),
+        (lambda mesh: changed(mesh, lambda v: v * [1.0, 1.02, 1.0]), "size", "differs in y by +0.6 mm"),
         (lambda mesh: changed(mesh, lambda v: v * 25.4), "size", "25.4 times as large as expected"),
     ],
 )
@@ -167,7 +167,7 @@ def test_faults_in_the_mesh_do_not_hide_the_relief(tmp_path: Path) -> None:
     assert _line(report, "relief").ok
 
 
-def test_a_scaled_file_shows_without_being_told(tmp_path: Path) -> None:
+def test_a_slightly_scaled_file_has_a_wrong_size(tmp_path: Path) -> None:
     mesh = changed(_part().mesh[0], lambda vertices: vertices * 1.01)
     report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
     assert _faults(report) == {"size"}
@@ -183,36 +183,36 @@ def test_a_file_in_metres_is_a_fault(tmp_path: Path) -> None:
     assert report.size_mm[2] < 0.01
 
 
-def test_a_dented_wall_is_found(tmp_path: Path) -> None:
+def test_a_dented_wall_is_a_fault(tmp_path: Path) -> None:
     report = examine(_anonymous(_dent_wall(_part().mesh[0]), tmp_path / "a.stl"), full=False)
     assert _faults(report) & {"sides", "relief"}
 
 
-def test_another_texture_than_asked_for_is_named(tmp_path: Path) -> None:
+def test_a_texture_other_than_the_expected_texture_is_named(tmp_path: Path) -> None:
     report = examine(_anonymous(_part(3).mesh[0], tmp_path / "a.stl"), texture="2", full=False)
     assert _faults(report) == {"relief"}
-    assert "the nearest known is texture-3, preset paper, scale 1" in _line(report, "relief").detail
+    assert "the nearest known block is texture-3, preset paper, scale 1" in _line(report, "relief").detail
 
 
-def test_a_file_of_ours_is_held_to_its_own_name(tmp_path: Path) -> None:
-    """The same bytes pass under the right name and fail under another's."""
+def test_a_file_of_this_package_must_agree_with_its_name(tmp_path: Path) -> None:
+    """The same mesh passes with the right name in the file, and fails with any other name."""
     part = block_part(Block.of(2, size_mm=(40.0, 35.0), height_mm=8.0, key_mm=2.5, sampling=Tolerance(mm=0.05)))
     FORMATS["stl"].write(part, tmp_path / "a.stl")
     assert examine(tmp_path / "a.stl", full=False).ok
     data = (tmp_path / "a.stl").read_bytes()
-    for other, fault in (
+    for name, fault in (
         ("texture-3_paper_x1_40x35x8_key2.5_tol0.05", "relief"),
         ("texture-2_paper_x1_40x35x8.5_key2.5_tol0.05", "size"),
         ("texture-2_paper_x1_40x35x8_key3_tol0.05", "key"),
         ("texture-2_paper_x1_40x35x8_tol0.05", "key"),
         ("texture-2_paper_x1_40x35x8_key2.5", "relief"),
     ):
-        (tmp_path / "b.stl").write_bytes(f"tacbench-cad {other}".encode().ljust(80, b"\0") + data[80:])
-        assert fault in _faults(examine(tmp_path / "b.stl", full=False)), other
+        (tmp_path / "b.stl").write_bytes(f"tacbench-cad {name}".encode().ljust(80, b"\0") + data[80:])
+        assert fault in _faults(examine(tmp_path / "b.stl", full=False)), name
 
 
 @pytest.mark.parametrize("form", ["stl", "3mf", "step"])
-def test_key_label_and_height_of_ours_are_no_faults(form: str, tmp_path: Path) -> None:
+def test_a_key_a_label_and_another_height_are_no_faults(form: str, tmp_path: Path) -> None:
     if FORMATS[form].why_missing() is not None:
         pytest.skip(f"no {form} here")
     part = block_part(Block.of(1, height_mm=8.0, key_mm=3.0, copy=7))
@@ -224,7 +224,7 @@ def test_key_label_and_height_of_ours_are_no_faults(form: str, tmp_path: Path) -
     assert "0.4 mm" in _line(report, "label").detail
 
 
-def test_name_and_claim_are_inverse() -> None:
+def test_the_name_of_a_block_gives_the_same_block() -> None:
     for block in (
         Block.of(4),
         Block.of(2, "released", scale=0.35),
@@ -254,29 +254,28 @@ def test_the_published_files_match_to_single_precision(number: int, given: str, 
 
 
 @pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6))])
-def test_the_published_files_have_no_fault_but_their_walls(number: int, tmp_path: Path) -> None:
-    sound = write_soup(tmp_path / "sound.stl", published(number, flipped_walls=False))
-    assert examine(sound, full=False).ok
+def test_the_published_files_have_no_fault_except_the_winding_of_their_walls(number: int, tmp_path: Path) -> None:
+    repaired = write_soup(tmp_path / "repaired.stl", published(number, flipped_walls=False))
+    assert examine(repaired, full=False).ok
 
 
-def test_a_part_without_relief_is_said_to_have_none(tmp_path: Path) -> None:
+def test_a_part_without_relief_has_no_texture(tmp_path: Path) -> None:
     path = tmp_path / "a.stl"
     FORMATS["stl"].write(mesh_part(box_mesh((30.0, 40.0, 5.0)), name="holder_x1"), path)
     report = examine(path, full=False)
     assert report.ok, report.faults
     assert "none: a part of 30 x 40 x 5 mm" in _line(report, "texture").detail
-    asked = examine(path, texture="1", full=False)
-    assert not asked.ok
+    assert not examine(path, texture="1", full=False).ok
 
 
-def test_several_bodies_are_named(tmp_path: Path) -> None:
+def test_several_bodies_without_names_are_a_fault(tmp_path: Path) -> None:
     both = np.concatenate([box_mesh().triangle_points, box_mesh(at=(10.0, 0.0, 0.0)).triangle_points])
     report = examine(write_soup(tmp_path / "a.stl", both), full=False)
     assert "2 separate bodies" in _line(report, "bodies").detail
     assert not report.ok
 
 
-def test_each_body_of_a_plate_is_examined_under_its_name(tmp_path: Path) -> None:
+def test_each_body_of_a_plate_is_checked_under_its_name(tmp_path: Path) -> None:
     pytest.importorskip("lib3mf")
     parts = [block_part(Block.of(number, copy=1)) for number in (1, 2)]
     foot = mesh_part(box_mesh((20.0, 30.0, 5.0)), name="foot")
@@ -284,11 +283,11 @@ def test_each_body_of_a_plate_is_examined_under_its_name(tmp_path: Path) -> None
     write_plate(placed, "plate", tmp_path / "a.3mf")
     report = examine(tmp_path / "a.3mf", full=False)
     assert report.ok, report.faults
-    assert _line(report, "bodies").detail == "3, 2 of them with a relief; each is examined by itself"
+    assert _line(report, "bodies").detail == "3, 2 of them with a relief; each is checked separately"
     assert "0 through holes" in _line(report, "manifold").detail
     for part in parts:
         assert part.name.split("_")[0] in _line(report, f"{part.name}: relief").detail
-    # What is asked of the file is asked of its blocks.
+    # An expected texture applies to all blocks of the file.
     assert _faults(examine(tmp_path / "a.3mf", texture="2", full=False)) == {f"{parts[0].name}: relief"}
     wrong = [(replace(parts[0], name=parts[1].name), (0.0, 0.0)), (foot, (30.0, 0.0))]
     write_plate(wrong, "plate", tmp_path / "b.3mf")
@@ -306,7 +305,7 @@ def test_unknown_texture_or_preset_is_refused(tmp_path: Path) -> None:
         examine(path, preset="papier")
 
 
-def test_texture_from_a_file(tmp_path: Path) -> None:
+def test_the_expected_texture_can_come_from_a_file(tmp_path: Path) -> None:
     from tacbench_cad.spec.textures import read_texture
 
     toml = tmp_path / "hex.toml"
@@ -318,7 +317,7 @@ def test_texture_from_a_file(tmp_path: Path) -> None:
     report = examine(tmp_path / "a.stl", texture=str(toml), full=False)
     assert report.ok, report.faults
     assert "hex, preset paper" in _line(report, "relief").detail
-    assert not examine(tmp_path / "a.stl", full=False).ok  # unknown to the catalogue
+    assert not examine(tmp_path / "a.stl", full=False).ok  # without the file, the texture is unknown
 
 
 def test_scale_is_read_from_the_sides() -> None:
@@ -330,13 +329,13 @@ def test_scale_is_read_from_the_sides() -> None:
     assert scale_of(block, (x * 1.5, y * 1.4)) == 1.0
 
 
-def test_full_check_runs_by_default(tmp_path: Path) -> None:
+def test_the_full_check_runs_by_default(tmp_path: Path) -> None:
     pytest.importorskip("pymeshlab")
     report = examine(_anonymous(_part(1).mesh[0], tmp_path / "a.stl"))
     assert "pymeshlab" in _line(report, "self-intersection").detail
 
 
-def test_step_of_ours_and_of_others(tmp_path: Path) -> None:
+def test_a_step_file_from_the_kernel_is_identified(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
     from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
@@ -346,9 +345,9 @@ def test_step_of_ours_and_of_others(tmp_path: Path) -> None:
     turn, move = gp_Trsf(), gp_Trsf()
     turn.SetRotation(gp_Ax1(gp_Pnt(0.0, 0.0, 0.0), gp_Dir(0.0, 0.0, 1.0)), np.pi / 2)
     move.SetTranslation(gp_Vec(4.0, 5.0, 6.0))
-    moved = BRepBuilderAPI_Transform(shape, move.Multiplied(turn), True).Shape()
+    transformed = BRepBuilderAPI_Transform(shape, move.Multiplied(turn), True).Shape()
     writer = STEPControl_Writer()
-    writer.Transfer(moved, STEPControl_StepModelType.STEPControl_AsIs)
+    writer.Transfer(transformed, STEPControl_StepModelType.STEPControl_AsIs)
     writer.Write(str(tmp_path / "a.step"))
     report = examine(tmp_path / "a.step")
     assert report.ok, report.faults

@@ -1,4 +1,4 @@
-"""``verify``: sound files pass, and every fault put into one is found and named."""
+"""``verify``: correct files pass, and every fault that a test adds to a file is reported."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _part(number: int = 2, preset: str = "paper") -> Part:
 
 
 def _write_as(part: Part, mesh: Mesh, path: Path) -> Path:
-    """A file for a part that holds another mesh."""
+    """Write a file for a part, but with another mesh."""
     write_stl(dataclasses.replace(part, make_mesh=lambda: (mesh, part.mesh[1])), path)
     return path
 
@@ -62,7 +62,7 @@ def test_a_report_is_printed_with_every_check() -> None:
     ],
     ids=lambda block: block.name,
 )
-def test_our_own_files_pass(block: Block, form: str, tmp_path: Path) -> None:
+def test_files_of_this_package_pass(block: Block, form: str, tmp_path: Path) -> None:
     part = block_part(block)
     path = tmp_path / f"a.{form}"
     FORMATS[form].write(part, path)
@@ -95,7 +95,7 @@ def _repeat_triangle(mesh: Mesh) -> Mesh:
 
 
 def _flat_triangle(mesh: Mesh) -> Mesh:
-    """One edge gets a triangle of no area on each side: still closed and wound."""
+    """Add a vertex on an edge and a triangle without area. The mesh stays closed, with a consistent winding."""
     a, b, c = mesh.faces[0].tolist()
     middle = ((mesh.vertices[a] + mesh.vertices[b]) / 2.0).astype(np.float32).astype(np.float64)
     n = len(mesh.vertices)
@@ -117,7 +117,7 @@ def _too_high(mesh: Mesh) -> Mesh:
 
 
 def _just_below(mesh: Mesh) -> Mesh:
-    """The highest vertex misses the height by little, as after clipping: a resin slicer would drop a layer."""
+    """Cut the highest vertices a little below the height of the block. A resin slicer would leave out a layer."""
     return changed(mesh, lambda vertices: np.minimum(vertices, [np.inf, np.inf, 6.9999]))
 
 
@@ -139,7 +139,7 @@ def _another_texture(_: Mesh) -> Mesh:
 
 
 @pytest.mark.parametrize(
-    ("fault", "named"),
+    ("fault", "name"),
     [
         (_drop_triangle, "closed"),
         (_flip_triangle, "winding"),
@@ -155,23 +155,23 @@ def _another_texture(_: Mesh) -> Mesh:
         (_another_texture, "relief"),
     ],
 )
-def test_every_fault_is_found(fault: Callable[[Mesh], Mesh], named: str, tmp_path: Path) -> None:
+def test_every_fault_is_reported(fault: Callable[[Mesh], Mesh], name: str, tmp_path: Path) -> None:
     part = _part()
     report = verify(part, _write_as(part, fault(part.mesh[0]), tmp_path / "a.stl"))
     assert not report.ok
-    assert named in _faults(report)
+    assert name in _faults(report)
 
 
-def test_a_moved_sample_is_found_where_the_grid_itself_is_coarse(tmp_path: Path) -> None:
+def test_a_moved_sample_of_a_coarse_grid_is_reported(tmp_path: Path) -> None:
     part = block_part(Block.of(4, "released", sampling=SampleGrid(nx=100, ny=101)))
     certificate = part.mesh[1].certificate
     assert certificate is not None
-    assert certificate.distance_mm > 0.05  # so the distance from the formula alone would not show it
+    assert certificate.distance_mm > 0.05  # the check of this distance cannot detect the moved sample
     report = verify(part, _write_as(part, _move_top_vertex(part.mesh[0]), tmp_path / "a.stl"))
     assert "samples" in _faults(report)
 
 
-def test_zero_thickness_is_found(tmp_path: Path) -> None:
+def test_zero_thickness_is_reported(tmp_path: Path) -> None:
     flat = changed(box_mesh(), lambda vertices: vertices * [1.0, 1.0, 0.0])
     part = mesh_part(box_mesh())
     report = verify(part, _write_as(part, flat, tmp_path / "a.stl"))
@@ -179,7 +179,7 @@ def test_zero_thickness_is_found(tmp_path: Path) -> None:
 
 
 def _ring(segments: int = 12) -> Mesh:
-    """A square ring: one through hole."""
+    """Return a ring with a square cross-section. It has one through hole."""
     angle = 2.0 * np.pi * np.arange(segments) / segments
     loops = [(2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 0.0)]
     points = [(2.0 + r * np.cos(a), 2.0 + r * np.sin(a), z) for r, z in loops for a in angle]
@@ -203,12 +203,12 @@ def test_through_holes_are_counted(count: int, tmp_path: Path) -> None:
 
 
 def test_full_finds_triangles_that_cut_each_other(tmp_path: Path) -> None:
-    """One closed, well wound body that passes through itself: only pymeshlab sees it."""
+    """Only pymeshlab finds that a closed body with a consistent winding cuts itself."""
     pytest.importorskip("pymeshlab")
     ring = _ring()
 
     def push(vertices: np.ndarray) -> np.ndarray:
-        vertices[0] = [1.2, 2.0, 0.5]  # the outer wall's corner through the inner wall
+        vertices[0] = [1.2, 2.0, 0.5]  # moves a vertex of the outer wall through the inner wall
         return vertices
 
     mesh = changed(ring, push)
@@ -227,9 +227,9 @@ def test_full_passes_a_block(tmp_path: Path) -> None:
     assert {"two-manifold", "vertices", "boundary", "self-intersection"} <= {check.name for check in report.checks}
 
 
-def test_edges_are_told_apart() -> None:
+def test_open_flipped_and_crowded_edges_are_distinguished() -> None:
     mesh = box_mesh()
-    assert meshcheck.edges(mesh).sound
+    assert meshcheck.edges(mesh).ok
     dropped = meshcheck.edges(_drop_triangle(mesh))
     assert (dropped.open, dropped.same_way, dropped.crowded) == (3, 0, 0)
     flipped = meshcheck.edges(_flip_triangle(mesh))
@@ -251,18 +251,17 @@ def test_report_is_plain_json_without_the_folder(tmp_path: Path) -> None:
     assert failed.faults == failed.checks
 
 
-def test_a_solid_with_another_texture_or_height_is_found(tmp_path: Path) -> None:
+def test_a_solid_with_another_texture_or_height_is_a_fault(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     part = block_part(Block.of(1))
-    for other, named in (
+    for block, name in (
         (Block.of(5), "relief"),
         (Block.of(1, height_mm=7.1), "box"),
         (Block.of(1, scale=1.01), "box"),
     ):
-        wrong = block_part(other)
-        FORMATS["step"].write(wrong, tmp_path / "a.step")
+        FORMATS["step"].write(block_part(block), tmp_path / "a.step")
         report = verify(part, tmp_path / "a.step")
-        assert named in _faults(report)
+        assert name in _faults(report)
         assert "volume" in _faults(report)
 
 
@@ -272,17 +271,17 @@ def test_patch_sums_agree_with_the_kernel(block: Block, tmp_path: Path) -> None:
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.checks.survey import survey
 
-    shape, body = block_part(block).solid
-    found, theirs = survey(shape), solidcheck.measure(shape)
-    assert found.exact == (block.key_mm is None)
-    assert found.measured.volume_mm3 == pytest.approx(theirs.volume_mm3, rel=1e-6)
-    assert found.measured.volume_mm3 == pytest.approx(body.volume_mm3, abs=body.volume_slack_mm3)
-    np.testing.assert_allclose(found.measured.low_mm, theirs.low_mm, atol=1e-5)
-    np.testing.assert_allclose(found.measured.high_mm, theirs.high_mm, atol=2e-4)
-    assert len(found.points) > 10_000
+    shape, expected = block_part(block).solid
+    result, default = survey(shape), solidcheck.measure(shape)
+    assert result.exact == (block.key_mm is None)
+    assert result.measured.volume_mm3 == pytest.approx(default.volume_mm3, rel=1e-6)
+    assert result.measured.volume_mm3 == pytest.approx(expected.volume_mm3, abs=expected.volume_slack_mm3)
+    np.testing.assert_allclose(result.measured.low_mm, default.low_mm, atol=1e-5)
+    np.testing.assert_allclose(result.measured.high_mm, default.high_mm, atol=2e-4)
+    assert len(result.points) > 10_000
 
 
-def test_survey_of_plane_and_of_round_shapes() -> None:
+def test_survey_measures_a_box_and_a_cylinder() -> None:
     pytest.importorskip("OCP")
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCylinder
     from OCP.gp import gp_Pnt
@@ -296,9 +295,9 @@ def test_survey_of_plane_and_of_round_shapes() -> None:
     np.testing.assert_allclose(box.measured.size_mm, [2.0, 3.0, 4.0])
     inside_out = survey(BRepPrimAPI_MakeBox(2.0, 3.0, 4.0).Shape().Reversed())
     assert inside_out.measured.volume_mm3 == pytest.approx(-24.0, rel=1e-12)
-    tube = survey(BRepPrimAPI_MakeCylinder(2.0, 5.0).Shape())
-    assert not tube.exact
-    assert tube.measured.volume_mm3 == pytest.approx(20.0 * np.pi, rel=1e-9)
+    cylinder = survey(BRepPrimAPI_MakeCylinder(2.0, 5.0).Shape())
+    assert not cylinder.exact
+    assert cylinder.measured.volume_mm3 == pytest.approx(20.0 * np.pi, rel=1e-9)
 
 
 def test_through_holes_of_solids_are_counted() -> None:
@@ -320,7 +319,7 @@ def test_through_holes_of_solids_are_counted() -> None:
     assert solidcheck.genus(shape) == 3
 
 
-def test_full_adds_the_kernels_defaults_to_a_solid(tmp_path: Path) -> None:
+def test_full_adds_the_kernels_default_volume_and_box(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     part = block_part(Block.of(1))
     FORMATS["step"].write(part, tmp_path / "a.step")
@@ -332,7 +331,7 @@ def test_full_adds_the_kernels_defaults_to_a_solid(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("preset", ["paper", "released"])
 @pytest.mark.parametrize("number", range(1, 7))
-def test_the_whole_set_passes_in_full(number: int, preset: str, tmp_path: Path) -> None:
+def test_the_whole_set_passes_the_full_check(number: int, preset: str, tmp_path: Path) -> None:
     part = _part(number, preset)
     for form in FORMATS.values():
         if form.shape == "solid" and part.make_solid is None:

@@ -1,7 +1,7 @@
-"""A file's shape as an examiner sees it: where it lies, which way up it is, and dense points of its relief.
+"""The shape of a body in a file: its position, its size, whether it is upside down, and dense points of its relief.
 
-Nothing here trusts the winding: published block files exist whose side walls are wound inconsistently, and their
-relief shall be compared all the same.
+The functions do not depend on the winding of the triangles, because the side walls of published block files have an
+inconsistent winding.
 """
 
 from __future__ import annotations
@@ -19,28 +19,30 @@ from tacbench_cad.util.types import Floats, Indices
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
-#: Points nearer than this to a plane lie on it, in mm.
+#: The largest distance of a point from a plane on which it lies, in mm.
 PLANE_MM = 1e-3
-#: A plane that holds this fraction of the box's footprint is an underside.
+#: The smallest area of an underside, as a fraction of the footprint of the bounding box.
 UNDERSIDE_FRACTION = 0.3
-#: With more than this fraction of level area above the underside, the shape is a fixture and no block.
+#: The smallest fraction of the footprint that the relief of a block covers. It is also the largest fraction of level
+#: area in the relief; a body with more level area is a fixture.
 LEVEL_FRACTION = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
-    """A shape in its own box frame, right way up: lower corner at the origin, underside at z = 0.
+class BodyShape:
+    """A shape in the frame of its bounding box: the lower corner is at the origin, and the underside is at z = 0.
 
     Attributes:
-        origin_mm: Where the box's lower corner lay in the file.
-        size_mm: Sides of the box.
-        upside_down: Whether it lay with the relief below (then it is turned about x here).
-        points: Dense points of the relief, shape (k, 3); none where there is no relief.
-        is_block: Whether it has a level underside and a relief over most of its footprint.
-        outline: Points of the underside's plane, shape (n, 2).
+        origin_mm: The lower corner of the bounding box in the file, in mm.
+        size_mm: The sides of the bounding box, in mm.
+        upside_down: Whether the relief faces down in the file. The shape is then turned by 180 degrees about x.
+        points: Dense points of the relief in mm, shape (k, 3); no rows if there is no relief.
+        is_block: Whether the body has a level underside, and a relief over most of its footprint.
+        outline: The x and y of the points in the plane of the underside, in mm, shape (n, 2).
         engraved: Whether the underside has pockets of the label's depth.
-        off_sides_mm: Where walls stand away from the box's sides: points x, y, shape (n, 2).
-        is_solid: Whether it came from a CAD kernel: it then follows the formula, and not a sample grid.
+        off_sides_mm: The x and y of points of walls that are not on the sides of the box, shape (n, 2).
+        is_solid: Whether the shape is a solid. A solid is compared with the formula, also if its block has a sample
+            grid.
     """
 
     origin_mm: tuple[float, float, float]
@@ -55,11 +57,11 @@ class Look:
 
     @property
     def cut_corners(self) -> list[tuple[int, int, float]]:
-        """Corners that the underside lacks: ``(0 or 1 along x, 0 or 1 along y, leg in mm)``.
+        """The cut corners of the underside: ``(0 or 1 along x, 0 or 1 along y, leg in mm)``.
 
-        The leg is the length missing along the side; where the two differ, their mean.
+        The leg is the missing length of a side; if the two sides differ, it is the mean of both lengths.
         """
-        found = []
+        corners = []
         x, y = self.outline[:, 0], self.outline[:, 1]
         for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)):
             corner_x, corner_y = i * self.size_mm[0], j * self.size_mm[1]
@@ -67,12 +69,12 @@ class Look:
                 continue
             along_x = np.min(np.abs(x - corner_x)[np.abs(y - corner_y) <= PLANE_MM], initial=np.inf)
             along_y = np.min(np.abs(y - corner_y)[np.abs(x - corner_x) <= PLANE_MM], initial=np.inf)
-            found.append((i, j, float(along_x + along_y) / 2.0))
-        return found
+            corners.append((i, j, float(along_x + along_y) / 2.0))
+        return corners
 
 
-def look_at_mesh(mesh: Mesh) -> Look:
-    """See a triangle mesh; its coordinates must be finite."""
+def mesh_shape(mesh: Mesh) -> BodyShape:
+    """Return the shape of a triangle mesh with finite coordinates."""
     low, high = mesh.bounds_mm
     size = high - low
     normals = np.abs(mesh.doubled_normals)
@@ -91,8 +93,8 @@ def look_at_mesh(mesh: Mesh) -> Look:
     level = rest & (np.ptp(height, axis=1) <= PLANE_MM * 1e-3)
     area, level_area = float(normals[rest, 2].sum()), float(normals[level, 2].sum())
     covered = area / 2.0 / footprint > LEVEL_FRACTION and level_area <= LEVEL_FRACTION * area
-    place = _Upright(low, size, upside_down)
-    return Look(
+    place = _BoxFrame(low, size, upside_down)
+    return BodyShape(
         origin_mm=_triple(low),
         size_mm=_triple(size),
         upside_down=upside_down,
@@ -110,21 +112,21 @@ def _triple(values: Floats) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-class _Upright:
-    """Moves file coordinates into the box frame; what lay upside down is turned by half a turn about x."""
+class _BoxFrame:
+    """The transformation from the file to the frame of the box; it turns an upside-down body by 180 degrees about x."""
 
     def __init__(self, low: Floats, size: Floats, upside_down: bool) -> None:
         self.low, self.size, self.upside_down = low, size, upside_down
 
     def __call__(self, points: Floats) -> Floats:
-        moved = points - self.low
+        transformed = points - self.low
         if self.upside_down:
-            moved = moved * [1.0, -1.0, -1.0] + [0.0, self.size[1], self.size[2]]
-        return np.asarray(moved, dtype=np.float64)
+            transformed = transformed * [1.0, -1.0, -1.0] + [0.0, self.size[1], self.size[2]]
+        return np.asarray(transformed, dtype=np.float64)
 
 
 def _off_sides(vertices: Floats, walls: Indices, size: Floats) -> Floats:
-    """Corners of walls that stand neither on a side of the box nor on the cut of a key nor in the label."""
+    """Return the x and y of points of walls that are not on a side of the box, except walls of the label."""
     corners = vertices[walls]
     deep = corners[:, :, 2].max(axis=1) <= LABEL_DEPTH_MM + PLANE_MM
     points = vertices[np.unique(walls[~deep])][:, :2]
@@ -132,26 +134,26 @@ def _off_sides(vertices: Floats, walls: Indices, size: Floats) -> Floats:
     return np.asarray(points[gap > PLANE_MM])
 
 
-def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
-    """See a kernel's shape.
+def solid_shape(solid: TopoDS_Shape, low: Floats, high: Floats) -> BodyShape:
+    """Return the shape of an Open CASCADE solid.
 
     Args:
-        shape: The shape, in mm.
-        low: Lower corner of its bounding box.
-        high: Upper corner.
+        solid: The solid, in mm.
+        low: The lower corner of its bounding box, in mm.
+        high: The upper corner of its bounding box, in mm.
     """
     from tacbench_cad.checks import solidcheck
 
     size = high - low
     footprint = max(float(size[0] * size[1]), 1e-300)
-    levels = solidcheck.level_faces(shape)
+    levels = solidcheck.level_faces(solid)
     near = 5.0 * PLANE_MM
     planes = (float(low[2]), float(high[2]))
     fractions = [sum(area for z, area in levels if abs(z - plane) <= near) / footprint for plane in planes]
     upside_down = fractions[1] >= UNDERSIDE_FRACTION > fractions[0]
-    place = _Upright(low, size, upside_down)
-    vertices, points = place(solidcheck.vertices(shape)), place(solidcheck.points_on(solidcheck.curved(shape)))
-    return Look(
+    place = _BoxFrame(low, size, upside_down)
+    vertices, points = place(solidcheck.vertices(solid)), place(solidcheck.points_on(solidcheck.curved(solid)))
+    return BodyShape(
         origin_mm=_triple(low),
         size_mm=_triple(size),
         upside_down=upside_down,
@@ -165,6 +167,9 @@ def look_at_solid(shape: TopoDS_Shape, low: Floats, high: Floats) -> Look:
 
 
 def _covered(points: Floats, size: Floats) -> float:
-    """Fraction of a 20 x 20 raster of the footprint that has a point; the kernel's own areas take it seconds."""
+    """Return the fraction of 20 x 20 cells of the footprint that contain a point.
+
+    The kernel would need seconds to compute the area of the faces.
+    """
     cells = np.clip((points[:, :2] / size[:2] * 20.0).astype(np.int64), 0, 19)
     return len(np.unique(cells[:, 0] * 20 + cells[:, 1])) / 400.0
