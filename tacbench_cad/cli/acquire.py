@@ -31,7 +31,7 @@ _VIRTUAL = "With --virtual"
 @options.option(
     "--speed", options.NUMBER, "Speed of the virtual rig; 1 is real time. Default: 50.", options.VIRTUAL_RIG
 )
-@options.out("DIR", "Folder of the runs. Required with --virtual. Default: the folder that the study file names.")
+@options.out("DIR", "Folder of the runs. You can leave it out if the study file names a folder.")
 @options.option(
     "--init", options.file("FILE.toml"), "Write a study file in which every key is explained, and stop.", options.OUTPUT
 )
@@ -46,13 +46,13 @@ def command(
 ) -> None:
     """Press blocks on a rig, real or simulated.
 
-    For each press the sensor moves to a position, approaches the block, presses until the force is reached, records,
-    and lifts. There is one run folder for each block. If a study has several blocks, the command says which block comes
-    next and asks for its label. While it runs, last.png in the output folder is the newest frame.
+    For each press, the sensor moves to a position and presses the block until the force is reached. It records a frame
+    and lifts. Each block gets its own run folder. If a study has several blocks, the command says which block comes
+    next and asks for its label. While it runs, the newest frame is in last.png in the output folder.
 
-    You can interrupt a run at any time. The same command resumes it at the first missing press. If the block, the
-    protocol, the rig or the sensor settings have changed since then, the command names the change and refuses to
-    resume. When you press Ctrl-C or a device fails, the sensor is lifted if the stage still answers.
+    You can interrupt a run at any time with Ctrl-C. The same command resumes it at the first missing press. If the
+    block, the protocol, the rig or the sensor settings have changed since then, the command names the change and
+    refuses to resume. After Ctrl-C or a fault of a device, the sensor is lifted if the stage still answers.
 
     Exit codes: 0 done, 1 all presses were made but a run has faults, 2 wrong input, 3 a device failed and the run was
     stopped safely, 130 interrupted.
@@ -98,7 +98,7 @@ def command(
         chosen = read_study(study)
     folder = out or chosen.out
     if folder is None:
-        raise InputError("out", None, "is missing: name the folder of the runs")
+        raise InputError("--out DIR", None, "is missing; name the folder of the runs")
     with located("" if study is None else f"{study}: ", fields="["):
         results = acquire_study(
             chosen.study,

@@ -1,4 +1,4 @@
-"""``tacbench check-gcode``: check what a slicer's G-code will print of a texture."""
+"""``tacbench check-gcode``: check how accurately a slicer's G-code prints a texture."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def _frame_of(option: str, text: str) -> Frame:
 @options.option(
     "--frame",
     options.Value("X,Y[,DEG]", _frame_of),
-    "Lower left corner of the block on the bed in mm, and optionally its rotation (90, 180 or 270 degrees). "
-    "Default: from the outer walls of the low layers.",
+    "Position of the block on the bed: its lower left corner in mm, and its rotation if it is turned by 90, 180 or 270 "
+    "degrees. Default: computed from the outer walls of the low layers.",
     options.INPUT,
 )
 @options.option(
     "--filament", options.MM, "Diameter of the filament. Default: from the file, otherwise 1.75.", options.INPUT
 )
-@options.out("FILE", "Picture: .png, .svg or .pdf. Default: NAME_as-sliced.png in this folder.")
+@options.out("FILE", "Picture: .png, .svg or .pdf. Default: NAME_as-sliced.png in the working folder.")
 @options.flag("--no-picture", "Write no picture.", options.OUTPUT)
 @options.json
 def command(
@@ -65,20 +65,20 @@ def command(
     no_picture: bool,
     json: bool,
 ) -> None:
-    """Check what a slicer's G-code will print of a texture.
+    """Check how accurately a slicer's G-code prints a texture.
 
     The command computes the top surface that the G-code prints and compares it with the formula. It reads G-code of
     PrusaSlicer, Cura, Bambu Studio and OrcaSlicer. It ignores purge lines, skirt, brim and supports.
 
     The table has these errors:
     - the height error (rms) where the slope is below 1
-    - the height error of an ideal staircase with the same layers
+    - the same error of an ideal staircase: the same layers, printed perfectly
     - the sideways error on steeper walls
     - the number of peaks that are more than one layer too low
     - the number of valleys that are more than one layer too high
 
-    The outermost 0.5 mm of the block are ignored. If you name several files, they are shown next to each other, for
-    example to compare layer heights, nozzles or slicer settings.
+    The outermost 0.5 mm of the block are ignored. If you name several files, each file gets a column. You can then
+    compare layer heights, nozzles or slicer settings.
 
     Examples:
       tacbench check-gcode texture-2.gcode --texture 2
@@ -96,7 +96,7 @@ def command(
         print_json({"files": [result.as_dict() for result in results]})
     else:
         names = [f">{result.sliced.path.name}" for result in results]
-        title = f"{block.name} as sliced (lengths in µm unless said otherwise)"
+        title = f"{block.name} as sliced (lengths in µm unless another unit is given)"
         print_table(title, ("", *names), [(head, *map(cell, results)) for head, cell in _ROWS])
     for result in results:
         for warning in result.warnings:

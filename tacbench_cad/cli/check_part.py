@@ -25,16 +25,20 @@ if TYPE_CHECKING:
 def command(files: tuple[Path, ...], texture: str | None, preset: str | None, scale: float | None, json: bool) -> None:
     """Check an STL, 3MF or STEP file against the formula.
 
-    The file may come from any program. The command checks that the mesh is closed, that all triangles face outwards,
-    that the size is right, and how far the relief lies from its formula. Each fault is printed, and the exit code is
-    then 1.
+    The file may come from any program. The command checks:
+    - that the mesh is closed
+    - that all triangles face outwards
+    - that the size is right
+    - that the relief is close enough to its formula
+
+    Each fault is printed, and the exit code is then 1.
 
     The origin may be anywhere, and the block may be turned by 90, 180 or 270 degrees. A block that lies upside down is
-    reported. Without --texture and --preset, the command finds the nearest texture and preset and prints the distance
-    from them. With --preset released, it compares with the sampled surface that the authors published.
+    reported as a fault. Without --texture and --preset, the command finds the nearest texture and preset and prints the
+    distance from them. With --preset released, it compares with the sampled surface that the authors published.
 
-    If a 3MF or STEP file has several bodies (a plate or an assembly), each body is checked under its own name.
-    --texture and --preset then apply to every body that has a relief.
+    If a 3MF or STEP file has several bodies (a plate or an assembly), the command checks each body under its own name.
+    It then uses --texture and --preset for every body that has a relief.
 
     Examples:
       tacbench check-part stl_out/*.stl

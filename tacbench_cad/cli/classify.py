@@ -21,8 +21,8 @@ SWEPT = ("resolution", "components", "copies", "forces")
 @options.option(
     "--protocol",
     options.text("NAME", "leak-free", "paper", "as-published"),
-    "leak-free holds out whole groups. paper follows the text of the paper. as-published repeats the computation that "
-    "gave the printed accuracies.",
+    "leak-free holds out whole groups. paper follows the text of the paper. as-published repeats the computation of "
+    "the accuracies in the paper.",
     options.METHOD,
     default="leak-free",
 )
@@ -62,18 +62,20 @@ SWEPT = ("resolution", "components", "copies", "forces")
 @options.option(
     "--train-on",
     options.words("LIST"),
-    "Combinations to train on, one after the other, for example bambu-p1p_pla-minus. Only for paper and as-published. "
-    "Default: the three of the paper if your data have them, otherwise all.",
+    "Combinations of printer and filament to train on, one after the other, for example bambu-p1p_pla-minus. Only for "
+    "paper and as-published. Default: the three of the paper if your data have them, otherwise all.",
     options.ADVANCED,
 )
 @options.option(
     "--sweep",
     options.text("SWEEP", *(f"{name}=" for name in SWEPT)),
-    "Draw the accuracy as a function of resolution, components, copies (in training) or forces. NAME=LOW:HIGH takes 10 "
-    "values, NAME=LOW:HIGH:N takes N values, NAME=A,B,C takes these values.",
+    "Draw the accuracy as a function of resolution, components, copies (in training) or forces. Write NAME=LOW:HIGH "
+    "for 10 values, NAME=LOW:HIGH:N for N values, or NAME=A,B,C.",
     options.ADVANCED,
 )
-@options.option("--folds", options.COUNT, "Folds of presses and of positions.", options.ADVANCED, default="5")
+@options.option(
+    "--folds", options.COUNT, "Number of folds of the levels press and position.", options.ADVANCED, default="5"
+)
 @options.option(
     "--resolution",
     options.Value("FRACTION", options.number_of),
@@ -84,8 +86,8 @@ SWEPT = ("resolution", "components", "copies", "forces")
 @options.option(
     "--components",
     options.or_none(options.COUNT),
-    "Number of principal components, or none. Default: 25, or a quarter of the samples if there are fewer than 100; "
-    "none for your own estimator; 45 for the network of as-published.",
+    "Number of principal components, or none. Default: 25. There are three exceptions: a quarter of the samples if "
+    "there are fewer than 100, none for your own estimator, and 45 for the network of as-published.",
     options.ADVANCED,
 )
 @options.option(
@@ -139,19 +141,20 @@ def command(
 
     A classifier is trained on some presses and tested on others. The protocol says how the presses are divided.
 
-    leak-free (default) holds out whole groups: presses, positions, a force, a copy, a printer and filament, a session.
-    Scaling, principal components and added copies are computed inside each training fold. A hold-out level that the
-    data cannot support is named and left out.
+    The protocol leak-free (default) holds out whole groups: presses, positions, a force, a copy, a printer and
+    filament, or a session. Scaling, principal components and added copies are computed from the training data of each
+    fold only. If the data are not sufficient for a hold-out level, it is named and left out.
 
-    paper follows the text of the paper. The output says what makes its test accuracy too high.
+    The protocol paper follows the text of the paper. Its test accuracy is too high, and the output explains why.
 
-    as-published repeats the computation of the authors' notebooks and shows the table of the paper next to your result.
-    It trains on copy 1 of one combination of printer and filament at one force level, on images of the edges. It tests
-    on all copies, including copy 1. One more column shows the result without copy 1, which was in training.
+    The protocol as-published repeats the computation of the authors' notebooks. The output has the table of the paper
+    next to your result. The classifier is trained on copy 1 of one combination of printer and filament at one force
+    level. An edge filter (Sobel) is applied to all images. The classifier is tested on all copies, including copy 1.
+    One more column shows the result without copy 1, which was in training.
 
-    The output folder gets classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF). With --sweep it
-    also gets sweep.csv and a curve. Each finished trial is stored in the folder, so the same command resumes after an
-    interruption.
+    The command writes classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF) into the output folder,
+    and with --sweep also sweep.csv and a curve. It stores each finished trial there, so the same command resumes after
+    an interruption.
 
     Examples:
       tacbench classify runs

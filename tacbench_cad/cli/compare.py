@@ -22,12 +22,12 @@ from tacbench_cad.util.text import counted
 @options.option(
     "--estimator",
     options.words("LIST", "forest", "network"),
-    "One estimator for both, or one for A and one for B: forest,network. Default: the first estimator of A.",
+    "One estimator for both, or one for A and one for B, such as forest,network. Default: the first estimator of A.",
     options.METHOD,
     dest="estimators",
 )
 @options.flag("--unpaired", "Runs with the same name are different prints, for example of another lab.", options.METHOD)
-@options.option("--trials", options.COUNT, "Trials, if A or B has runs.", options.METHOD, default="5")
+@options.option("--trials", options.COUNT, "Number of trials, if A or B has runs.", options.METHOD, default="5")
 @options.out("DIR", "Folder of the table, the figure and the classifications.", default="comparison")
 @options.json
 @options.jobs
@@ -45,11 +45,14 @@ def command(
 ) -> None:
     """Compare the results of two sensors or two estimators.
 
-    A and B are studies of the same textures. Each is a folder that "tacbench classify" wrote with the protocol
-    leak-free, or a folder of runs. Runs are first classified with the default options.
+    A and B are studies of the same textures. Each of them is a folder that "tacbench classify" wrote with the protocol
+    leak-free, or a folder of runs. The command first classifies runs with the default options.
 
-    For each hold-out level you get the accuracy, the recall of each texture, and the differences with 95 % intervals
-    over prints. You also get the smallest difference that a study of this size would detect with a probability of 80 %.
+    For each hold-out level, the table has:
+    - the accuracy and the recall of each texture, for A and for B
+    - the differences, with 95 % confidence intervals computed over prints
+
+    You also get the smallest difference that a study of this size would detect with a probability of 80 %.
 
     If both sensors pressed the same prints (run folders with the same names), the prints are compared in pairs. Use
     --unpaired if the names are the same but the prints are not. You can also compare two estimators for the same

@@ -14,9 +14,10 @@ from tacbench_cad.cli.common import note, print_json, print_lines, print_next, p
 def command(repair: bool, json: bool) -> None:
     """Check what is installed, and repair it.
 
-    For each fault you get the command that repairs it, and the exit code is 1. One known fault is that the packages
-    cadquery-ocp and cadquery-ocp-novtk overwrite each other's files. Another one is that a system library of the CAD
-    kernel is missing.
+    For each fault you get the command that repairs it, and the exit code is 1. The command finds these faults:
+    - cadquery-ocp and cadquery-ocp-novtk overwrite each other's files.
+    - A system library of the CAD kernel is missing.
+    - An installed package cannot be imported.
 
     A missing optional package is not a fault. The commands that need it tell you how to install it.
 

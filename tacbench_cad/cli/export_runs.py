@@ -36,7 +36,7 @@ def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
     options.OUTPUT,
     required=True,
 )
-@options.out("DIR", "A new folder. tactile-data can leave it out: it then writes into the run folders.")
+@options.out("DIR", "A new folder. Without it, tactile-data writes into the run folders; all other formats need it.")
 @options.option(
     "--bbox",
     _whole_numbers(",", 4, "X0,Y0,X1,Y1, whole numbers separated by commas"),
@@ -49,7 +49,7 @@ def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
     "For tactile-data: size of the images. Default: 128x128.",
     options.FRAMES,
 )
-@options.flag("--colour", "For tactile-data: keep the colours. Default: grey (BT.601).", options.FRAMES)
+@options.flag("--colour", "For tactile-data: keep the colours. Default: grey by ITU-R BT.601.", options.FRAMES)
 def command(
     runs: tuple[Path, ...],
     to: str,
@@ -66,12 +66,11 @@ def command(
     - zarr, npz: arrays
     - tactile-data: the files that tactile_learning reads for each run
 
-    Except for tactile-data, a format has the frames of all presses of all runs, and the columns of targets.csv. If it
-    stores image files, they are copied without change. Unknown values stay unknown. Simulated data are marked in every
-    file.
+    All formats except tactile-data contain the frames of all presses of all runs, and the columns of targets.csv. Image
+    files are copied without change. Unknown values stay unknown. Simulated data are marked in every file.
 
-    The images of tactile-data are cut to a square, converted to grey, and resized to 128 x 128 pixels, because the
-    models of that toolchain take such images.
+    The format tactile-data is for the toolchain of the Python package tactile_learning. Its models take square grey
+    images of 128 x 128 pixels, so the command crops, converts and resizes the images.
 
     Each frame is compared with its checksum. A folder is written completely or not at all.
 
@@ -87,7 +86,7 @@ def command(
         _export_tactile_data(runs, out, bbox, size or (128, 128), colour)
         return
     if out is None:
-        raise InputError("out", None, f"is missing: --to {to} needs a folder for the result")
+        raise InputError("--out DIR", None, f"is missing; --to {to} needs a new folder for the result")
     for option, value in (("bbox", bbox), ("size", size), ("colour", colour)):
         if value:
             raise InputError(option, None, f"is only for --to {TACTILE_DATA}; {to} does not change the frames")

@@ -32,8 +32,9 @@ def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: 
     the coordinate frame, the scale, the units, a proved upper limit of the error against the formula, recommended
     contact settings, and what was tested.
 
-    A folder is written completely or not at all. A folder that has the same texture gets the new files. A folder that
-    has another texture is refused.
+    A folder is written completely or not at all. If the folder exists already:
+    - If it has the same texture, the new files are added or replace old ones.
+    - If it has another texture, the command refuses.
 
     Examples:
       tacbench export-simulator --to mjcf --out sim

@@ -14,19 +14,19 @@ from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_n
     "--force-level", options.COUNT, "Force level to compare. Default: the lowest, as in the paper.", options.METHOD
 )
 @options.json
-@options.option("--jobs", options.JOBS, "Number of processes.", options.PROCESSES, default="1")
+@options.jobs
 def command(runs: tuple[Path, ...], force_level: int | None, jobs: int, json: bool) -> None:
     """Compare your printer with the published printers.
 
-    Do repeated presses vary as little on your prints as on the published prints? The command answers this question. The
-    table of the paper has the variance over the repeats on one print. The command computes the same variance from your
-    runs, as "tacbench variance --protocol as-published" does. For each texture it shows:
+    The command compares how much repeated presses vary on your prints and on the published prints. The table of the
+    paper has the variance over the repeats on one print. The command computes the same variance from your runs, as
+    "tacbench variance --protocol as-published" does. For each texture it shows:
     - this variance, and its confidence interval, computed over prints
     - the variance that noise alone causes
     - whether your variance is smaller or larger than each published figure
 
-    If the data cannot show a difference, the table says so. Below the table you find a verdict for each published
-    printer, and what you cannot conclude from it.
+    If the data cannot show a difference, the table says so. Below the table there is a verdict for each published
+    printer, and a list of the limits of these verdicts.
 
     Examples:
       tacbench grade runs/

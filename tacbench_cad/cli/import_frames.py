@@ -50,32 +50,36 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
 @options.option(
     "--columns",
     options.Value("NAME=COLUMN,...", _pairs_of, completing.of_lists(*(f"{name}=" for name in COLUMNS))),
-    "What the columns of the table are: label, print, printer, filament, position, force (N), repeat, session, image, "
-    "time, video, index, measured_force, x, y, z. Usual column names are recognised.",
+    "Meaning of the columns of the table, for example label=material. You need it only for unusual column names. The "
+    "meanings are label, print, printer, filament, position, force (N), repeat, session, image, time, video, index, "
+    "measured_force, x, y and z.",
     options.INPUT,
 )
 @options.option(
     "--names",
     options.file("FILE.toml"),
-    "File that translates the words of your data to printers, filaments and labels.",
+    "File that translates the words in your data into printers, filaments and labels.",
     options.INPUT,
 )
 @options.option(
-    "--kind", options.choice(*KINDS), f"{', '.join(KINDS[:-1])} or {KINDS[-1]}. Default: recognised.", options.INPUT
+    "--kind",
+    options.choice(*KINDS),
+    f"Kind of data: {', '.join(KINDS[:-1])} or {KINDS[-1]}. Default: found from the files.",
+    options.INPUT,
 )
 @options.out("DIR", "Folder of the runs.", required=True)
 @options.json
 @options.option(
     "--force-levels",
     options.Value("P30=1,...", _levels_of),
-    "Authors' arrays: force level of each name in the file names.",
+    "Authors' arrays: force level for each word such as P30 in the file names.",
     options.ADVANCED,
     default="P30=1,P40=2,P50=3",
 )
 @options.option(
     "--first-axis",
     options.choice("x", "y"),
-    "Authors' arrays: axis of the first index of the 5 x 5 positions.",
+    "Authors' arrays: axis of the block along the first index of the 5 x 5 positions.",
     options.ADVANCED,
     default="y",
 )
@@ -100,7 +104,7 @@ def command(
 ) -> None:
     """Make run folders from frames that you already have.
 
-    Afterwards every analysis can read them. The command imports:
+    All analyses can read these run folders. The command imports:
     - images with a table (CSV)
     - images in one folder for each class
     - the folder of a TacTip toolchain
@@ -109,8 +113,8 @@ def command(
     - a Hugging Face data set that was saved to disk
     - the arrays of the paper's authors
 
-    Each print becomes one run. If the prints are unknown, each label becomes one run. Information that your data do not
-    have stays empty, and an analysis that needs it says so.
+    Each print becomes one run. If the prints are unknown, each label becomes one run. Values that are not in your data
+    stay empty. An analysis that needs such a value says so.
 
     At the end, the command lists the frames that it could not import, with the reasons. The exit code is then 1. If you
     interrupt the command, type it again to resume.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     options.PARTS,
 )
 @options.option(
-    "--copies", options.COUNT, "Make N files of each block. The label has the number of the copy.", options.PARTS
+    "--copies", options.COUNT, "Make N files of each block, labelled with the number of the copy.", options.PARTS
 )
 @options.flag("--assembly", "Also write holder, blocks and jig together as one file.", options.PARTS)
 @options.option(
@@ -60,8 +60,8 @@ def command(verify: str, json: bool, **request: Any) -> None:
 
     Use the preset paper for new work. Use --preset released if you want to compare with the prints of the authors.
 
-    If a package is missing that a part or a format needs, the command leaves it out, and names the package and the
-    command that installs it. A part or format that you ask for by --parts or --formats is not left out: it is an error.
+    If a part or a format needs a package that is not installed, this part or format is left out, and the command prints
+    how to install the package. If you asked for the part or format by --parts or --formats, this is an error.
 
     Examples:
       tacbench make

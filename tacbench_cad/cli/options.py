@@ -22,6 +22,7 @@ from tacbench_cad.cli.completing import (
     of_words,
 )
 from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.text import decimal_hint
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -114,7 +115,7 @@ def number_of(option: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(option, text, "must be a number") from None
+        raise InputError(option, text, f"must be a number{decimal_hint(text)}") from None
 
 
 def whole_of(option: str, text: str) -> int:
@@ -178,7 +179,7 @@ def coordinates(names: str) -> Value:
         except ValueError:
             numbers = ()
         if len(numbers) != names.count(",") + 1:
-            raise InputError(option, text, f"must be {names}, numbers separated by commas")
+            raise InputError(option, text, f"must be {names}: numbers such as 1.5, separated by commas")
         return numbers
 
     return Value(names, read)
@@ -365,7 +366,13 @@ roi = option(
     FRAMES,
 )
 marker_settings = together(
-    option("--marker-sigma", NUMBER, "Width of a marker divided by 2.8, in pixels. Default: estimated.", ADVANCED),
+    option(
+        "--marker-sigma",
+        NUMBER,
+        "Scale of the filter that finds the markers, in pixels: the width of a marker divided by 2.8. Default: "
+        "estimated.",
+        ADVANCED,
+    ),
     option("--marker-threshold", NUMBER, "Minimum contrast of a marker, in counts. Default: estimated.", ADVANCED),
 )
 #: The options for what is used of each frame.
@@ -390,7 +397,7 @@ part = together(
     scale,
     option("--size", coordinates("X,Y"), "Sides in mm. Changes the number of periods.", SIZE, dest="size_mm"),
     option("--height", MM, "Height of the highest point in mm. Changes the base.", SIZE, dest="height_mm"),
-    option("--mm-per-unit", coordinates("X,Y,Z"), "Lengths of one unit of u, v and z of the formula.", SIZE),
+    option("--mm-per-unit", coordinates("X,Y,Z"), "Length of one unit of u, v and z of the formula, in mm.", SIZE),
     option(
         "--tolerance",
         Value("MM", _tolerance_of),

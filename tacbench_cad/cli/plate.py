@@ -58,8 +58,11 @@ def command(
     - the layout as CSV and as PNG
     - a print record that you fill in when you print
 
-    The copies of a texture are spread over the bed, so that an effect of the place is not mistaken for an effect of the
-    texture. You can use the layouts in the study file of "tacbench acquire": there, the key layouts = ["plate01.csv"]
+    The copies of a texture are spread over the bed. So an effect of the position on the bed is not mistaken for an
+    effect of the texture. The column imbalance has the distance from the middle of the copies of a texture to the
+    middle of all blocks, for the texture with the largest distance.
+
+    You can use the layouts in the study file of "tacbench acquire". The key layouts then lists the layout files and
     replaces the keys textures and prints.
 
     If you run the command again, it replaces the plates but keeps the print records that exist. If the folder contains
@@ -110,7 +113,7 @@ def command(
         rows = zip(plates, written, pictures, strict=True)
         print_json({"printer": machine.name, "filament": material, "plates": [_row(*row) for row in rows]})
     else:
-        heads = (">plate", ">blocks", ">copies off the middle (mm)", "labels")
+        heads = (">plate", ">blocks", ">imbalance (mm)", "labels")
         print_table(f"{machine.name}, {material}", heads, map(_cells, plates))
         print_next("acquire", "--init", "study.toml")
 

@@ -62,7 +62,7 @@ def command(
 
     You can upload the data set to Zenodo or another repository. The command itself uploads nothing. The data set is an
     RO-Crate with:
-    - the runs, with each frame compared with its checksum
+    - the runs, after each frame was compared with its checksum
     - the files of the blocks, if the runs contain the formulas of the blocks
     - the report
     - metadata for DataCite and Zenodo
@@ -70,7 +70,7 @@ def command(
     - the checksums of all files (SHA256SUMS)
 
     You write the authors, the title, the licence and the affiliations into a form. If a required field is empty, the
-    command refuses and names the field.
+    command stops and names the field.
 
     Examples:
       tacbench publish --init about.toml
@@ -87,11 +87,11 @@ def command(
         print_next("publish", *(next_paths(runs) or ["RUNS"]), "--about", init, *given, "-o", "data-set", err=True)
         return
     if not runs:
-        raise InputError("runs", None, "is missing: name run folders, or folders that contain run folders")
+        raise InputError("RUNS", None, "is missing; name run folders, or folders that contain run folders")
     if about is None:
-        raise InputError("about", None, "is missing: write the form with tacbench publish --init FILE.toml")
+        raise InputError("--about FILE.toml", None, "is missing; write the form with --init FILE.toml and fill it in")
     if out is None:
-        raise InputError("out", None, "is missing: name a new folder or a ZIP file")
+        raise InputError("--out DIR", None, "is missing; name a new folder or a ZIP file")
     publication = read_publication(about)
     with ProgressLine() as progress:
         make_report = partial(_make_report, runs, not no_classify, jobs, progress)

@@ -43,13 +43,16 @@ def command(
 ) -> None:
     """Write a report of a study as one web page.
 
-    The first screen has five sentences and a figure. They say what was pressed, how good the data are, how well the
-    blocks were printed, which textures can be distinguished on prints that were not in training, and what you can do
-    next. Below are a frame of each texture and a table that you can quote.
+    The first screen has a figure and answers five questions:
+    - What was pressed?
+    - How good are the data?
+    - How well were the blocks printed?
+    - Which textures can be distinguished on prints that were not in training?
+    - What can you do next?
 
-    Further sections open when you click on them, and are open in print: design, data quality, variance, classification
-    at each hold-out level, a methods paragraph with every parameter, citations, and the print records. Simulated data
-    are marked.
+    Below are a frame of each texture and a table that you can quote. Further sections open when you click on them:
+    design, data quality, variance, classification at each hold-out level, a methods paragraph with every parameter,
+    citations, and the print records. If you print the page on paper, all sections are open. Simulated data are marked.
 
     The page needs no other file. The folder next to it (report_files) has each figure as PNG and PDF, each table as
     CSV, and all numbers as report.json. Finished trials of a classification are stored there too, so the same command

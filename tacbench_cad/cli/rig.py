@@ -1,4 +1,4 @@
-"""``tacbench rig``: find devices, align the block, calibrate the load cell."""
+"""``tacbench rig``: find devices, calibrate the load cell, align the block."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 @options.group("rig")
 def command() -> None:
-    """Find devices, align the block, calibrate the load cell.
+    """Find devices, calibrate the load cell, align the block.
 
-    Only align moves the stage. It homes the stage, makes the steps that you type, and travels to the last two markers
-    by itself.
+    Use the commands in this order. Only align moves the stage. It homes the stage, makes the steps that you type, and
+    travels to the last two markers by itself.
 
     Examples:
       tacbench rig probe             # names of ports and cameras
-      tacbench rig align study.toml  # find the block's origin with the jig
       tacbench rig calibrate-force --masses 0,50,100,200 -o gauge.json
+      tacbench rig align study.toml  # find the block's origin with the jig
     """
 
 
@@ -43,11 +43,11 @@ def command() -> None:
 def probe(ask: tuple[str, ...], json: bool) -> None:
     """List serial ports and cameras.
 
-    The list has the names that stay the same when you plug a device in again. Write these names into the study file.
+    Write the listed names into the study file. They stay the same when you unplug a device and plug it in again.
 
-    A port is only opened if you name it with --ask. Many boards restart when their port is opened, and the stage then
-    loses its position. The command never sends anything that moves the stage. It opens each camera for a moment to read
-    its image size.
+    The command opens a port only if you name it with --ask. Many boards restart when their port is opened, and the
+    stage then loses its position. The command never sends anything that moves the stage. It opens each camera for a
+    moment to read its image size.
 
     Examples:
       tacbench rig probe
@@ -84,20 +84,20 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
 
 
 @options.command("align", command)
-@options.argument("study_file", options.file("FILE.toml"), "Study file with its rig.")
+@options.argument("study_file", options.file("FILE.toml"), "Study file that describes the rig.")
 @options.option(
     "--tolerance-mm",
     options.MM,
-    "Largest distance of a marker from its place in the fit. Default: 0.3.",
+    "Largest allowed distance between a marker and its fitted position. Default: 0.3.",
     options.ACCURACY,
 )
 def align(study_file: Path, tolerance_mm: float | None) -> None:
     """Find the origin of the block with the printed jig.
 
-    You move a pointer to two markers of the jig by typing steps (x 1.5, y -0.2, z -1). The stage travels to two more
-    markers by itself, and you correct its position. Then you move the sensor down to the highest point of the block.
-    The command fits the position and the rotation of the block, and prints the fit. If a marker is too far from its
-    place in the fit, nothing is stored.
+    You move a pointer to two markers of the jig by typing steps, for example x 1.5, y -0.2 or z -1. The stage travels
+    to two more markers by itself, and you correct its position. Then you move the sensor down to the highest point of
+    the block. The command fits the position and the rotation of the block, and prints the fit. If a marker is too far
+    from its fitted position, nothing is stored.
 
     The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
     file.
@@ -195,7 +195,7 @@ def calibrate_force(
     For each mass, you put the mass on the load cell, wait until it rests, and press Enter. The command fits a straight
     line and prints the residuals.
 
-    To use the calibration, write the name of its file into the study file: the key calibration in the table gauge.
+    To use the calibration, open the study file. In the table gauge, set the key calibration to the name of the file.
 
     Examples:
       tacbench rig calibrate-force --masses 0,50,100,200 -o gauge.json

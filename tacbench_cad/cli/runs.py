@@ -33,12 +33,12 @@ def command() -> None:
 def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -> None:
     """Find the region of interest and store it with the runs.
 
-    The region of interest is the part of each frame that shows the sensor. With --roi, it is stored in each run folder
-    (roi.json). After that, variance, classify, report and check-runs use only the pixels inside the region. --roi none
-    removes the stored region.
+    The region of interest is the part of each frame that shows the sensor. With --roi, the command stores the region in
+    each run folder (roi.json). After that, variance, classify, report and check-runs use only the pixels inside the
+    region. --roi none removes the stored region.
 
     --roi auto finds a dome or a gel in frames without contact. It stores the region only if the result is certain.
-    Without --roi, the command shows the result of auto and stores nothing.
+    Without --roi, the command shows the region that auto finds and stores nothing.
 
     Examples:
       tacbench runs roi runs/ -o pictures
@@ -95,7 +95,7 @@ def markers(
 
     The command shows the markers that variance and classify use with --features markers. For each run it draws the
     press with the largest force:
-    - green: markers that were followed
+    - green: markers that were found
     - red: predicted places of markers that were not found
     - blue: spots that are not markers of the sensor
     - yellow: displacement of each marker since the frame without contact

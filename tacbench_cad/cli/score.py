@@ -15,12 +15,13 @@ from tacbench_cad.cli.common import note, print_json, print_lines, print_simulat
 def command(predictions: Path, split: Path, json: bool) -> None:
     """Score your own predictions for the test data.
 
-    The table has a header and one row for each press that a fold tests. It has these columns: fold, run, force_level,
-    repeat and position with the values of the split file, and predicted with the name of a texture, for example
-    texture-4. Other columns are ignored.
+    The split file has several folds. Each fold divides the presses into training and test data. Your table has a header
+    and one row for each test press of each fold. Its columns are:
+    - fold, run, force_level, repeat, position: the values of the split file
+    - predicted: the name of a texture, for example texture-4
 
-    A prediction that is missing, that appears twice, or that belongs to no test press is reported, and the exit code is
-    then 1. The confidence intervals of the accuracies are computed over prints.
+    Other columns are ignored. If a prediction is missing, appears twice, or belongs to no test press, the command
+    reports it, and the exit code is 1. The confidence intervals of the accuracies are computed over prints.
 
     Examples:
       tacbench score predictions.csv splits/split_copy.json

@@ -24,7 +24,7 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
     options.words("TEXTURES", *options.TEXTURES, suffix=".toml"),
     "1 to 6, all, or TOML files; for example 1,4.",
 )
-@options.flag("--press", "Add the block's outline, the press positions and the contact circles.", options.PICTURE)
+@options.flag("--press", "Add the block's outline, the press positions and the contact areas.", options.PICTURE)
 @options.option(
     "--drawing",
     options.choice(*_DRAWN, metavar="[PART]"),
@@ -37,9 +37,8 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
 def command(textures: tuple[str, ...], press: bool, drawing: str | None, out: Path | None, **request: Any) -> None:
     """Draw a picture of a texture or a drawing of a part.
 
-    A picture shows the surface of the texture in colour. With --drawing, you get a drawing with dimensions. Add the
-    options that you pass to "tacbench make", and the drawing has the dimensions of the files that "tacbench make"
-    writes.
+    A picture shows the surface of the texture in colour. With --drawing, you get a drawing with dimensions. If you use
+    the same options as for "tacbench make", the drawing has the dimensions of the files that it writes.
 
     Examples:
       tacbench show 4

@@ -49,7 +49,7 @@ LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
     default="clean",
 )
 @options.flag("--colour", "Make colour frames. They take three times the space.", options.FRAMES)
-@options.out("DIR", "Folder of the runs. Required for quick and paper. A study file can name it instead.")
+@options.out("DIR", "Folder of the runs. You can leave it out if your own study file names a folder.")
 @options.json
 @options.jobs
 @options.dask
@@ -59,17 +59,17 @@ def command(
 ) -> None:
     """Simulate a whole study, without a rig.
 
-    A simulated TacTip presses virtual prints. The run folders are like those of a real rig. The runs, the frames and
-    the print records say that they are simulated.
+    A simulated TacTip presses virtual prints. The run folders have the same structure as those of a real rig. The runs,
+    the frames and the print records say that they are simulated.
 
-    Before it starts, the command prints the number of frames and the space that they need. It refuses to start if the
-    disk does not have enough space. You can interrupt it at any time. The same command resumes at the first missing
-    press.
+    Before it starts, the command prints the number of frames and the disk space that they need. If there is not enough
+    space, it does not start. You can interrupt it at any time. The same command resumes at the first missing press.
 
     The study quick has 2 combinations of printer and filament, 2 copies, 6 textures, 3 forces and 9 positions. This is
-    the smallest study that every analysis accepts. The study paper has the 8,100 frames of the paper (9 combinations of
-    printer and filament, 6 textures, 3 forces). It has 4,500 more frames of the 3 combinations that the paper selected
-    (copies 2 to 6, middle force).
+    the smallest study that every analysis accepts.
+
+    The study paper has the 8,100 frames of the paper: 9 combinations of printer and filament, 6 textures and 3 forces.
+    In addition, it has 4,500 frames of the 3 combinations that the paper selected: copies 2 to 6 at the middle force.
 
     Examples:
       tacbench simulate --out runs
@@ -91,7 +91,7 @@ def command(
     chosen = study_of(study)
     folder = out or chosen.out
     if folder is None:
-        raise InputError("out", None, "is missing: name a folder for the runs")
+        raise InputError("--out DIR", None, "is missing; name the folder of the runs")
     infos = run_infos(chosen.study, how)
     with contextlib.ExitStack() as stack:
         cluster = None

@@ -24,15 +24,15 @@ from tacbench_cad.util.text import counted
 def command(
     runs: tuple[Path, ...], hold_out: tuple[str, ...] | None, folds: int, seed: int, out: Path, json: bool
 ) -> None:
-    """Divide the presses into training and test data.
+    """List which presses are training data and which are test data.
 
     Use this command if you classify with your own program. It writes one split file (JSON) for each hold-out level:
-    split_press.json, split_position.json, split_force.json, split_copy.json, split_printer-filament.json, and
-    split_session.json if the sessions are known. A split file says which presses train and which presses test.
-    "tacbench score" then scores your predictions.
+    split_press.json, split_position.json, split_force.json, split_copy.json and split_printer-filament.json. If the
+    sessions are known, it also writes split_session.json. A split file lists the training presses and the test presses
+    of each fold. "tacbench score" then scores your predictions.
 
-    Each split file has a protocol id and checksums. Two sensors that pressed the same prints in the same way get the
-    same protocol id, so you can compare them without exchanging code or images.
+    Each split file has a protocol id and checksums. If two sensors pressed the same prints in the same way, they get
+    the same protocol id. You can then compare them without exchanging code or images.
 
     Examples:
       tacbench split runs/

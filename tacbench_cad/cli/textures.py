@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import next_block, print_json, print_next, print_table
+from tacbench_cad.cli.common import next_block, print_json, print_lines, print_next, print_table
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 @options.option("--nozzle", options.MM, "Diameter of the nozzle.", options.PRINTER, default="0.4")
 @options.json
 def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float, json: bool) -> None:
-    """List the textures and what a nozzle can print of them.
+    """List the textures and the waves that a nozzle can print.
 
     For each texture the table has the equation, its lowest and highest value, the height of the relief, the thickness
-    of the base, and the width of the finest ridge. The finest ridge is half of the shortest wavelength. A nozzle that
-    is wider than a ridge cannot print this ridge. The column "waves printable" counts the waves whose ridges are at
-    least as wide as the nozzle.
+    of the base, and the width of the finest ridge. The finest ridge is half as wide as the shortest wavelength.
+
+    The column "waves printable" counts the waves whose ridges are at least as wide as the nozzle. The layer height and
+    the slicer also matter: "tacbench check-gcode" judges the sliced file.
 
     Examples:
       tacbench textures
@@ -59,6 +60,7 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
             for row in rows
         ],
     )
+    print_lines('waves printable: by the width of the nozzle only; "tacbench check-gcode" judges the sliced file')
     print_next("make", *next_block(textures, preset, scale))
 
 

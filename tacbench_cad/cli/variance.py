@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     "--protocol",
     options.text("NAME", "paper", "as-published"),
     "paper: variance over prints and repeats, as the text of the paper says. as-published: variance over the repeats "
-    "on one print, which the figures in the paper show.",
+    "on one print, as the authors computed the figures in the paper.",
     options.METHOD,
     default="paper",
 )
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 )
 @options.flag(
     "--register",
-    "Separate differences in placement from differences in printing. Reads every image three times.",
+    "Separate differences in placement from differences in printing. This reads every image three times.",
     options.METHOD,
 )
 @options.look
-@options.flag("--colour", "Use the colours. Default: grey (BT.601).", options.FRAMES)
+@options.flag("--colour", "Use the colours. Default: grey by ITU-R BT.601.", options.FRAMES)
 @options.out("DIR", "Folder for tables (CSV) and figures (PNG, PDF).")
 @options.json
 @options.jobs
@@ -82,16 +82,16 @@ def command(
     - the 95 % confidence interval, computed over prints
     - the variance without the noise floor (with ddof 1)
 
-    The noise is measured on the stationary frames in contact. If there are none, it comes from the repeats on one print
-    and is only an upper bound.
+    The noise is measured on the stationary frames in contact. If there are none, it is estimated from the repeats on
+    one print and is only an upper bound.
 
-    After this table follow the variance components with ISO 5725 limits, and permutation tests between printers. A
-    frame that cannot be used is named and left out, and the exit code is then 1.
+    Two more tables follow: the variance components with ISO 5725 limits, and permutation tests between printers. If a
+    frame cannot be used, it is named and left out, and the exit code is 1.
 
-    The printed figures of the paper were not computed as its text says: the authors' saved notebooks show another way.
-    Use --protocol as-published to compute your figures in the same way: the variance over the repeats on one print
-    (divided by n), averaged over prints, positions and pixels. The images are grey, at 40 % of their size, and from one
-    force level. The published figures are shown next to yours.
+    The text of the paper describes the variance above. Its figures show another variance, as the authors' saved
+    notebooks prove: the variance over the repeats on one print (divided by n), averaged over prints, positions and
+    pixels. With --protocol as-published, you get this variance, with the published figures next to yours. It is
+    computed at one force level, from grey images at 40 % of their size.
 
     Examples:
       tacbench variance runs -o results

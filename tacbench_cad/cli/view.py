@@ -23,8 +23,9 @@ def command(parts: tuple[tuple[str, ...], ...], out: Path, **request: Any) -> No
     """Write a web page that shows the parts in 3D.
 
     On the page you can rotate, cut and measure the parts. It shows:
-    - texture, block, holder and jig, and how they fit together
-    - the press positions and the contact circles
+    - the relief of each texture, coloured by height
+    - block, holder and jig, and how they fit together
+    - the press positions and the contact areas
     - the distance of a block's mesh from the formula, in colours
 
     The page is one file and loads nothing from the internet, so you can send it to a colleague.

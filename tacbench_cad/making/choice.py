@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
+from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, file_hint, read_texture
 from tacbench_cad.util.errors import InputError, nearest
 
 
@@ -37,7 +37,7 @@ def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple
             file = read_texture(Path(word))
             chosen.append((file.texture, file.block))
         else:
-            hint = nearest(word, [texture.name for texture in six])
+            hint = file_hint(word) or nearest(word, [texture.name for texture in six])
             raise InputError("texture", word, f"{hint}; a number from 1 to 6, a TOML file and all are also allowed")
     if not chosen:
         raise InputError("texture", "", "give at least one texture: 1 to 6, a TOML file or all")

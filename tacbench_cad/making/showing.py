@@ -13,7 +13,7 @@ from tacbench_cad.making.plan import Source
 from tacbench_cad.making.request import PARTS, Request, plan
 from tacbench_cad.render.viewing.page import write_page
 from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing
-from tacbench_cad.spec.textures import catalogue
+from tacbench_cad.spec.textures import catalogue, file_hint
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest
 from tacbench_cad.util.processes import why_not_importable
 from tacbench_cad.util.text import report_rows
@@ -40,7 +40,8 @@ def request_of(words: Sequence[str], options: Request) -> Request:
             textures.append(word)
         else:
             names = [*PARTS, *(texture.name for texture in six)]
-            raise InputError("parts", word, f"{nearest(word, names)}; 1 to 6 and TOML files are also allowed")
+            hint = file_hint(word) or nearest(word, names)
+            raise InputError("parts", word, f"{hint}; 1 to 6 and TOML files are also allowed")
     if not words:
         return replace(options, textures=("all",), parts=None)
     if textures:

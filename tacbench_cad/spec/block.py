@@ -169,7 +169,7 @@ class Block:
                 self.nominal_height_mm,
                 f"the relief of {self.relief_mm:.4g} mm leaves a base of {self.base_mm:.4g} mm, {missing:.4g} mm less "
                 f"than the {least:g} mm needed{' below the label' if self.label else ''}; "
-                f"a height of {need:g} mm would do",
+                f"use a height of at least {need:g} mm",
             )
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.text import decimal_hint
 
 #: The clearance between a block and its pocket on each side, in mm.
 FITS: dict[str, float] = {"press": 0.05, "slip": 0.15, "loose": 0.30}
@@ -26,7 +27,8 @@ def clearance_mm(fit: str | float) -> float:
     try:
         value = float(fit)
     except (TypeError, ValueError):
-        raise InputError("fit", fit, f"{nearest(str(fit), FITS)}, or a number of mm per side") from None
+        allowed = f"{nearest(str(fit), FITS)}, or a number of mm per side{decimal_hint(str(fit))}"
+        raise InputError("fit", fit, allowed) from None
     least, most = CLEARANCE_RANGE_MM
     if isinstance(fit, bool) or not (math.isfinite(value) and least <= value <= most):
         raise InputError("fit", fit, f"must be press, slip, loose, or from {least:g} to {most:g} mm per side")

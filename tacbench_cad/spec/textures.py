@@ -156,6 +156,12 @@ def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
     )
 
 
+def file_hint(word: str, folder: Path = Path()) -> str:
+    """Return ``did you mean the file "hex.toml"?`` for the word ``hex`` if the folder has this file, else nothing."""
+    name = f"{word}.toml"
+    return f'did you mean the file "{name}"?' if (folder / name).is_file() else ""
+
+
 def texture(name: str | int, preset: str = "paper") -> Texture:
     """Return one of the six textures by its number or name.
 
@@ -170,7 +176,8 @@ def texture(name: str | int, preset: str = "paper") -> Texture:
     for texture in catalogue(preset):
         if word in (str(texture.number), texture.name):
             return texture
-    raise InputError("texture", str(name), "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all")
+    allowed = "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all"
+    raise InputError("texture", str(name), file_hint(str(name)) or allowed)
 
 
 @dataclass(frozen=True, kw_only=True)

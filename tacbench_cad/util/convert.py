@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_a
 
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.text import decimal_hint
 
 if TYPE_CHECKING:
     from cattrs import Converter
@@ -306,7 +307,7 @@ def _whole(value: Any, _: Any) -> int:
 
 def _number(value: Any, _: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not -1e300 <= value <= 1e300:
-        raise _FaultError(value, "must be a finite number")
+        raise _FaultError(value, f"must be a finite number{decimal_hint(value) if isinstance(value, str) else ''}")
     return float(value)
 
 

@@ -34,6 +34,11 @@ def short_name(name: str) -> str:
     return name if short == name else f"{short}_{hashlib.sha256(name.encode()).hexdigest()[:6]}"
 
 
+def decimal_hint(text: str) -> str:
+    """Return ``; write 1.5`` for the text ``1,5``, as the end of an error message; an empty text for all others."""
+    return f"; write {text.strip().replace(',', '.')}" if re.fullmatch(r"\s*[-+]?\d*,\d+\s*", text) else ""
+
+
 def counted(number: int, what: str) -> str:
     """Write a number of things: ``1 run``, ``2,400 presses``.
 

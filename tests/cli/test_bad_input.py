@@ -50,6 +50,8 @@ def refusal(capsys: Capture, *argv: str) -> str:
         (["--scale", "inf"], ["scale", "inf", "from 0.01 to 100"]),
         (["--scale", "1e9"], ["scale", "1000000000.0", "from 0.01 to 100"]),
         (["--scale", "two"], ["scale", "two", "number"]),
+        (["--scale", "1,5"], ["scale", "'1,5'", "must be a number; write 1.5"]),
+        (["--key", "3,5"], ["key", "'3,5'", "must be a number; write 3.5"]),
         (["--size", "0,30"], ["size x", "0.0", "mm"]),
         (["--size", "-3,30"], ["size x", "-3.0"]),
         (["--size", "nan,30"], ["size x", "nan"]),
@@ -59,7 +61,7 @@ def refusal(capsys: Capture, *argv: str) -> str:
         (["--size", "a,b"], ["size", "a,b", "numbers"]),
         (["--height", "inf"], ["height", "inf"]),
         (["--height", "-7"], ["height", "-7"]),
-        (["--height", "2.5"], ["height", "2.5", "relief of 4.718", "a height of 5.52 mm would do"]),
+        (["--height", "2.5"], ["height", "2.5", "relief of 4.718", "use a height of at least 5.52 mm"]),
         (["--mm-per-unit", "1,1"], ["mm per unit", "X,Y,Z"]),
         (["--mm-per-unit", "1,0,1"], ["mm per unit y", "0.0"]),
         (["--mm-per-unit", "1,1,nan"], ["mm per unit z", "nan"]),
@@ -98,6 +100,28 @@ def test_an_option_with_a_wrong_value(options: list[str], needles: list[str], ou
 
 
 @pytest.mark.parametrize(
+    "command", [["make", *LIGHT, "--texture"], ["view"], ["show"], ["check-part", "a.stl", "--texture"]]
+)
+def test_a_texture_without_the_ending_of_its_file_names_the_file(
+    command: list[str], tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cross60.toml").write_text("")
+    (tmp_path / "a.stl").write_text("")
+    line = refusal(capsys, *command, "cross60")
+    assert "'cross60': did you mean the file \"cross60.toml\"?" in line
+
+
+@pytest.mark.parametrize(
+    "command", [["acquire", "--virtual"], ["simulate"], ["export-runs", "runs", "--to", "npz"], ["publish", "runs"]]
+)
+def test_a_missing_output_folder_names_its_option(command: list[str], tmp_path: Path, capsys: Capture) -> None:
+    about = tmp_path / "about.toml"
+    words = [*command, *(["--about", str(about)] if command[0] == "publish" else [])]
+    assert "error: --out DIR: is missing; " in refusal(capsys, *words)
+
+
+@pytest.mark.parametrize(
     ("options", "needles"),
     [
         (["--formats", "stp"], ["formats", "stp", 'did you mean "step"']),
@@ -107,6 +131,7 @@ def test_an_option_with_a_wrong_value(options: list[str], needles: list[str], ou
         (["--parts", "blocks", "--slots", "2"], ["slots", "2", "--parts does not contain"]),
         (["--parts", "holder", "--fit", "tight"], ["fit", "tight", "slip"]),
         (["--parts", "holder", "--fit", "-1"], ["fit", "-1"]),
+        (["--parts", "holder", "--fit", "0,2"], ["fit", "'0,2'", "a number of mm per side; write 0.2"]),
         (["--parts", "holder", "--rim", "nan"], ["rim", "nan"]),
         (["--parts", "holder", "--slots", "0"], ["slots", "0"]),
         (["--parts", "holder", "--nozzle", "inf"], ["nozzle", "inf"]),

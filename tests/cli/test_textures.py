@@ -63,3 +63,4 @@ def test_the_table_has_one_line_for_each_texture(capsys: Capture) -> None:
     for number in range(1, 7):
         assert f"texture-{number}" in out
     assert "sin u + sin(v + pi/2)" in out
+    assert out.splitlines()[-2].endswith('"tacbench check-gcode" judges the sliced file')

@@ -89,7 +89,7 @@ def test_the_height_changes_only_the_base() -> None:
 
 
 def test_the_message_about_a_thin_base_names_a_sufficient_height() -> None:
-    with pytest.raises(InputError, match=r"1\.518 mm less than the 0\.8 mm.*a height of 5\.52 mm would do"):
+    with pytest.raises(InputError, match=r"1\.518 mm less than the 0\.8 mm.*use a height of at least 5\.52 mm"):
         Block.of(4, height_mm=4.0)
     assert Block.of(4, height_mm=5.52).base_mm >= MIN_BASE_MM
     with pytest.raises(InputError, match="below the label"):

@@ -122,6 +122,7 @@ def changed(**values: Any) -> dict[str, Any]:
     ("document", "message"),
     [
         (changed(protocol={"depth_mm": "x"}), "f: [protocol] depth_mm = 'x': must be a finite number"),
+        (changed(protocol={"depth_mm": "1,5"}), "f: [protocol] depth_mm = '1,5': must be a finite number; write 1.5"),
         (changed(protocol={"depth_mm": True}), "f: [protocol] depth_mm = True: must be a finite number"),
         (changed(protocol={"depth_mm": math.nan}), "f: [protocol] depth_mm = nan: must be a finite number"),
         (changed(protocol={"depth_mm": 11}), "f: [protocol] depth_mm = 11: must be from 0 to 10"),

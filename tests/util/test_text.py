@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tacbench_cad.util.text import counted, interval
+from tacbench_cad.util.text import counted, decimal_hint, interval
 
 
 @pytest.mark.parametrize(
@@ -37,6 +37,21 @@ def test_number_with_noun(number: int, what: str, text: str) -> None:
 )
 def test_interval_of_values(low: float | None, high: float | None, text: str) -> None:
     assert interval(low, high) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("1,5", "; write 1.5"),
+        (" -0,25 ", "; write -0.25"),
+        (",5", "; write .5"),
+        ("1,5,2", ""),
+        ("1, 5", ""),
+        ("a,5", ""),
+    ],
+)
+def test_a_number_with_a_decimal_comma_is_written_with_a_point(text: str, hint: str) -> None:
+    assert decimal_hint(text) == hint
 
 
 def test_an_interval_of_a_difference_has_signs() -> None:

@@ -170,9 +170,9 @@ def _finished(rig: RigSettings, place: Place) -> bool:
         gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
         sensor=run.info.sensor,
     )
-    advice = "restore them or name another folder"
+    advice = "restore these settings, or choose another output folder"
     if not run.rows:
-        advice = "it contains no press, so delete it or name another folder"
+        advice = "the run contains no press yet, so delete its folder, or choose another output folder"
     run.info.require_same(now, str(place.folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
     count = run.info.plan.protocol.stationary_frames

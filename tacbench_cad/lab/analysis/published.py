@@ -1,4 +1,4 @@
-"""The paper's figures with which the analyses compare theirs, each with its place in PAPER.md.
+"""The figures of the paper with which the analyses compare their results, each with its source in the paper.
 
 The figures are not corrected. If the paper's text leaves a point open, the comment of the constant says so.
 """
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 #: The printer and the filament of a row, with names as in :mod:`tacbench_cad.lab.study.names`.
 Combination = tuple[str, str]
 
-#: The variance of textures 1 to 6 in counts^2, mean over pixels and positions. Source: PAPER.md, "The tables to
-#: reproduce", first table. According to the authors' notebooks it is the repeatability of single prints, not the
-#: variance between prints. It is the variance over the two repeats of each print (ddof 0), then the mean over prints,
-#: positions and pixels, at one force. The images were converted to grey as floating-point numbers and reduced to 40 %.
+#: The variance of textures 1 to 6 in counts^2, mean over pixels and positions. Source: the variance table of the paper.
+#: According to the authors' notebooks it is the repeatability of single prints, not the variance between prints. It is
+#: the variance over the two repeats of each print (ddof 0), then the mean over prints, positions and pixels, at one
+#: force. The images were converted to grey as floating-point numbers and reduced to 40 %.
 #: This is known for Bambu PLA- only. Its saved output from copies 1 to 4 is 2.80017674, 2.64039746, 3.61887302,
 #: 3.6796849, 3.63699284, 3.51960279; the printed row is cut to two decimals. The notebook stored row numbers in 8 bits,
 #: so from texture 2 on its frames do not show the named texture. ``tacbench variance --protocol as-published`` computes
@@ -53,8 +53,7 @@ REPEATS = 2
 #: The number of positions of the 5 x 5 grid.
 POSITIONS = 25
 
-#: "Stationary sensor: 'average pixel variation' 2.6". Source: PAPER.md, above the first table and weakness 2. The paper
-#: gives no unit.
+#: The "average pixel variation" of the stationary sensor. Source: the text of the paper, which gives no unit.
 FLOOR = 2.6
 #: :data:`FLOOR` in counts^2, if it is a variance and if it is a standard deviation.
 PAPER_FLOORS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FLOOR**2}
@@ -79,9 +78,8 @@ class Accuracy:
     unseen: float
 
 
-#: Source: PAPER.md, "Classification (train %, test %, unseen prints %)". The caption of a confusion matrix says 53 %
-#: for the Bambu forest, the table 63.98 %. For the Ender-3 V3 SE classifiers the text names PLA-, the variance table
-#: PLA+.
+#: Source: the classification table of the paper. The caption of a confusion matrix says 53 % for the Bambu forest, the
+#: table 63.98 %. For the Ender-3 V3 SE classifiers the text names PLA-, the variance table PLA+.
 CLASSIFICATION: tuple[Accuracy, ...] = (
     Accuracy(model="forest", train_on=("ender-3-v3-se", "pla-plus"), train=100.0, test=99.53, unseen=31.4),
     Accuracy(model="network", train_on=("ender-3-v3-se", "pla-plus"), train=99.7, test=99.3, unseen=33.21),

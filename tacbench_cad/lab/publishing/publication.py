@@ -36,9 +36,9 @@ class Author(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require_filled(self, "[authors] ")
+        _require_filled(self)
         if self.orcid is not None and not (_ORCID.fullmatch(self.orcid) and _check_digit(self.orcid) == self.orcid[-1]):
-            raise InputError("[authors] orcid", self.orcid, "must be an ORCID, for example 0000-0002-1825-0097")
+            raise InputError("orcid", self.orcid, "must be an ORCID, for example 0000-0002-1825-0097")
 
     @property
     def name(self) -> str:
@@ -121,13 +121,13 @@ def write_form(path: Path) -> None:
     write_text(path, FORM_FILE.read_text("utf-8"))
 
 
-def _require_filled(value: Any, where: str = "") -> None:
+def _require_filled(value: Any) -> None:
     for attribute in fields(value):
         content = getattr(value, attribute.name)
         if attribute.default is not MISSING:  # an optional key
             continue
         if not content or (isinstance(content, str) and not content.strip()):
-            raise InputError(f"{where}{attribute.name}", None, "is empty; fill it in, because only you know its value")
+            raise InputError(attribute.name, None, "is empty; fill it in, because only you know its value")
 
 
 def _check_digit(orcid: str) -> str:

@@ -197,7 +197,7 @@ class Teaching:
             raise
 
     def _teach(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
-        self.say("Put the jig on, and mount a pointer in place of the sensor, on the same axis. Commands:\n" + HELP)
+        self.say("Put the jig on. Replace the sensor by a pointer on the same axis. Commands:\n" + HELP)
         markers = corner_markers(protocol.grid)
         taught: list[Point] = []
         for number, x, y in markers:
@@ -209,7 +209,7 @@ class Teaching:
             self._lift(LIFT_MM)
         fit = fit_frame([(x, y) for _, x, y in markers], taught)
         for (number, _, _), distance in zip(markers, fit.distances_mm, strict=True):
-            self.say(f"marker {number}: {distance:.3f} mm away from its place in the fitted frame")
+            self.say(f"marker {number}: {distance:.3f} mm away from its fitted position")
         fit.require_within(tolerance_mm)
         self.lift_off()
         self._wait_for_ok("Remove the jig and the pointer, and mount the sensor. Then type ok.")

@@ -125,11 +125,11 @@ def test_other_settings_are_refused_before_a_device_is_opened(tmp_path: Path) ->
 
 def test_a_run_without_a_press_may_be_deleted_when_settings_change(tmp_path: Path) -> None:
     run(FakeRig(), study_of(short(), 1), tmp_path, Script())
-    with pytest.raises(InputError, match="restore them or name another folder"):
+    with pytest.raises(InputError, match="restore these settings, or choose another output folder"):
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
     table = tmp_path / printed(1).name / "targets.csv"
     table.write_bytes(table.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(InputError, match=r"is now 0\.3; it contains no press, so delete it or name another folder"):
+    with pytest.raises(InputError, match=r"is now 0\.3; the run contains no press yet, so delete its folder"):
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
 
 

@@ -274,6 +274,14 @@ def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pyte
         assert out.count(sentence) == 2
 
 
+def test_the_number_of_processes_changes_no_digit(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    documents = []
+    for jobs in (["--jobs", "1"], ["--jobs", "2"]):
+        assert main(["grade", str(study), *jobs, "--json"]) == 0
+        documents.append(capsys.readouterr().out)
+    assert documents[0] == documents[1]
+
+
 def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", str(study), "--force-level", "1", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -245,7 +245,7 @@ def test_a_person_teaches_the_frame(turns: int) -> None:
     assert found.frame.quarter_turns == turns
     assert found.frame.origin_mm == pytest.approx(frame.origin_mm, abs=1e-4)
     assert stage.here[2] == 0.0, "lifted in the end"
-    assert sum("away from its place in the fitted frame" in line for line in person.said) == 4
+    assert sum("away from its fitted position" in line for line in person.said) == 4
     assert sum("must be x, y or z" in line for line in person.said) == 5, "what is no step is answered"
 
 

@@ -172,8 +172,8 @@ def test_the_form_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
         ('licence = "CC-BY-4.0"\n', "", "licence"),
         ('licence = "CC-BY-4.0"', 'licence = "all rights reserved"', "SPDX"),
         ("year = 2026", "year = 26", "1900 or later"),
-        ('affiliation = "An Institute"', 'affiliation = ""', "affiliation"),
-        ("0000-0002-1825-0097", "0000-0002-1825-0098", "ORCID"),
+        ('affiliation = "An Institute"', 'affiliation = ""', r"about.toml: \[\[authors\]\] 2: affiliation: is empty"),
+        ("0000-0002-1825-0097", "0000-0002-1825-0098", r"\[\[authors\]\] 1: orcid = '.*98': must be an ORCID"),
         ("10.1000/182", "see the paper", "must be a DOI"),
         ("title", "titel", "titel"),
     ],
@@ -221,9 +221,9 @@ def test_the_command_takes_files_and_report_that_are_there(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--about", "x.toml", "-o", "y"], "runs: is missing"),
-        (["runs", "-o", "y"], "tacbench publish --init FILE.toml"),
-        (["runs", "--about", "x.toml"], "out: is missing"),
+        (["--about", "x.toml", "-o", "y"], "RUNS: is missing"),
+        (["runs", "-o", "y"], "write the form with --init FILE.toml"),
+        (["runs", "--about", "x.toml"], "--out DIR: is missing"),
     ],
 )
 def test_what_the_command_lacks_is_named(words: list[str], message: str, capsys: Capture) -> None:

@@ -113,6 +113,12 @@ def test_a_mistake_is_named(tmp_path: Path, text: str, needles: list[str]) -> No
         assert needle in message, message
 
 
+def test_a_texture_without_the_ending_of_its_file_names_the_file(tmp_path: Path) -> None:
+    (tmp_path / "cross60.toml").write_text("")
+    with pytest.raises(InputError, match=r"texture = 'cross60': did you mean the file \"cross60\.toml\"\?"):
+        _read(tmp_path, BLOCK.replace("texture = 4", 'texture = "cross60"'))
+
+
 def test_the_plan_presses_every_place_at_every_force_twice() -> None:
     presses = plan_presses(Protocol(), (1, 2, 3), "any")
     assert [p.number for p in presses] == list(range(1, 151))

@@ -210,20 +210,21 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
         where = f"line {line}: fold {row['fold']}, {named(key)}"
         place = (row["fold"], index.get(key, -1))
         if row["fold"] not in folds:
-            faults.append(Fault("unknown", f"{where}: the split has no such fold"))
+            faults.append(Fault("unknown", f"{where}: this fold is not in the split file"))
         elif key not in index:
-            faults.append(Fault("unknown", f"{where}: the split has no such press"))
+            faults.append(Fault("unknown", f"{where}: this press is not in the split file"))
         elif place not in predicted:
-            faults.append(Fault("unknown", f"{where}: this fold does not test it"))
+            faults.append(Fault("unknown", f"{where}: this press is not a test press of this fold"))
         elif place in lines:
-            faults.append(Fault("doubled", f"{where}: is already in line {lines[place]}"))
+            faults.append(Fault("doubled", f"{where}: this press already has a prediction in line {lines[place]}"))
         else:
             lines[place], predicted[place] = line, row["predicted"]
             if row["predicted"] not in split.textures:
                 allowed = ", ".join(split.textures)
                 faults.append(
                     Fault(
-                        "unknown", f"{where}: predicted {row['predicted']!r} is not a texture of the split ({allowed})"
+                        "unknown",
+                        f"{where}: predicted = {row['predicted']!r} is not a texture of the split file ({allowed})",
                     )
                 )
     for fold, i in (place for place in predicted if place not in lines):

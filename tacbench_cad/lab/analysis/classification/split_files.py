@@ -238,12 +238,13 @@ def read_split(path: Path) -> Split:
     try:
         plain["presses"] = [dict(zip(PRESS_COLUMNS, press, strict=True)) for press in document["presses"]]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: presses", None, f"must have {len(PRESS_COLUMNS)} values each: {error}") from None
+        allowed = f"each press must have {len(PRESS_COLUMNS)} values ({', '.join(PRESS_COLUMNS)}): {error}"
+        raise InputError(f"{path}: presses", None, allowed) from None
     split = from_plain(Split, plain, f"{path}: ")
     for name in ("design_sha256", "data_sha256"):
         if document.get(name) != getattr(split, name):
-            what = "does not match the contents of the file: the file was changed; write it again with tacbench split"
-            raise InputError(f"{path}: {name}", document.get(name), what)
+            allowed = 'does not match the contents of the file, which was changed; write it with "tacbench split" again'
+            raise InputError(f"{path}: {name}", document.get(name), allowed)
     return split
 
 

@@ -121,10 +121,13 @@ def no_number(rows: Rows) -> None:
                 ("missing", "fold copy 1, texture-2_copy01 force level 1 repeat 1 position 4: has no prediction"),
             ],
         ),
-        (other_fold, [("unknown", "this fold does not test it"), ("missing", "position 1: has no prediction")]),
-        (no_fold, [("unknown", "the split has no such fold"), ("missing", "position 1: has no prediction")]),
-        (no_press, [("unknown", "the split has no such press"), ("missing", "position 1: has no prediction")]),
-        (no_texture, [("unknown", "predicted 'texture-9' is not a texture of the split (texture-1, texture-2)")]),
+        (other_fold, [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")]),
+        (no_fold, [("unknown", "this fold is not in the split"), ("missing", "position 1: has no prediction")]),
+        (no_press, [("unknown", "this press is not in the split"), ("missing", "position 1: has no prediction")]),
+        (
+            no_texture,
+            [("unknown", "predicted = 'texture-9' is not a texture of the split file (texture-1, texture-2)")],
+        ),
         (no_number, [("unknown", "must be whole numbers"), ("missing", "position 1: has no prediction")]),
     ],
 )
