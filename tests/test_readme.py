@@ -39,10 +39,10 @@ def test_a_texture_needs_five_lines() -> None:
 
 def test_the_texture_file_makes_checked_stl_and_step(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
-    file = tmp_path / "ridges.toml"
+    file = tmp_path / "towers.toml"
     file.write_text(blocks(README, "toml")[0], encoding="utf-8")
     assert main(["make", "--texture", str(file), "--parts", "blocks", "--out", str(tmp_path / "made")]) == 0
-    files = sorted((tmp_path / "made").glob("ridges*"))
+    files = sorted((tmp_path / "made").glob("towers*"))
     assert {path.suffix for path in files} == {".stl", ".3mf", ".step"}
     assert main(["check-part", *map(str, files), "--texture", str(file)]) == 0
 

@@ -47,7 +47,7 @@ def command(
     """Press blocks on a rig, real or simulated.
 
     For each press, the sensor moves to a position and presses the block until the force is reached. It records a frame
-    and lifts. Each block gets its own run folder. If a study has several blocks, the command says which block comes
+    and is lifted. Each block gets its own run folder. If a study has several blocks, the command says which block comes
     next and asks for its label. While it runs, the newest frame is in last.png in the output folder.
 
     You can interrupt a run at any time with Ctrl-C. The same command resumes it at the first missing press. If the

@@ -79,7 +79,7 @@ SWEPT = ("resolution", "components", "copies", "forces")
 @options.option(
     "--resolution",
     options.Value("FRACTION", options.number_of),
-    "Factor by which images are made smaller.",
+    "Size to which the images are reduced, as a fraction of their own size.",
     options.ADVANCED,
     default="0.4",
 )

@@ -343,7 +343,8 @@ textures = option(
 key = option(
     "--key",
     Value("[MM]", _key_of),
-    "Chamfer the corner at (X, 0). Without a value: by 3 mm.",
+    "Cut off the corner with the largest x and the smallest y, so that the block fits into the holder in only one "
+    "orientation. Without a value: by 3 mm.",
     PARTS,
     dest="key_mm",
     alone="default",
@@ -396,7 +397,9 @@ part = together(
     flag("--label", "Engrave texture, preset and scale in the underside.", PARTS),
     scale,
     option("--size", coordinates("X,Y"), "Sides in mm. Changes the number of periods.", SIZE, dest="size_mm"),
-    option("--height", MM, "Height of the highest point in mm. Changes the base.", SIZE, dest="height_mm"),
+    option(
+        "--height", MM, "Height of the highest point in mm. Changes the thickness of the base.", SIZE, dest="height_mm"
+    ),
     option("--mm-per-unit", coordinates("X,Y,Z"), "Length of one unit of u, v and z of the formula, in mm.", SIZE),
     option(
         "--tolerance",

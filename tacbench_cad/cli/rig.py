@@ -83,76 +83,6 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     print_next("acquire", "--init", "study.toml")
 
 
-@options.command("align", command)
-@options.argument("study_file", options.file("FILE.toml"), "Study file that describes the rig.")
-@options.option(
-    "--tolerance-mm",
-    options.MM,
-    "Largest allowed distance between a marker and its fitted position. Default: 0.3.",
-    options.ACCURACY,
-)
-def align(study_file: Path, tolerance_mm: float | None) -> None:
-    """Find the origin of the block with the printed jig.
-
-    You move a pointer to two markers of the jig by typing steps, for example x 1.5, y -0.2 or z -1. The stage travels
-    to two more markers by itself, and you correct its position. Then you move the sensor down to the highest point of
-    the block. The command fits the position and the rotation of the block, and prints the fit. If a marker is too far
-    from its fitted position, nothing is stored.
-
-    The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
-    file.
-
-    Examples:
-      tacbench rig align study.toml
-      tacbench rig align study.toml --tolerance-mm 0.2
-    """
-    from dataclasses import replace
-
-    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, store_frame
-    from tacbench_cad.lab.rig.errors import OutOfRangeError
-    from tacbench_cad.lab.rig.reach import require_reach
-    from tacbench_cad.lab.study.file import read_study
-    from tacbench_cad.lab.study.presses import block_order
-    from tacbench_cad.lab.study.spec import SensorSettings
-    from tacbench_cad.virtual_rig.devices import open_rig
-
-    if tolerance_mm is not None and not 0.0 < tolerance_mm <= 5.0:
-        raise InputError("tolerance mm", tolerance_mm, "must be above 0 and at most 5 mm")
-    study = read_study(study_file, teaching=True)
-    # The sensor is not needed: its camera or port stays free, and may not even be plugged in yet.
-    settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
-    stage, protocol = settings.stage, study.study.protocol
-    printed = block_order(study.study)[0].printed
-    with located(f"{study_file}: ", fields="["), open_rig(settings, printed, stage.frame) as opened:
-        gauge = opened.gauge
-        if gauge is not None:
-            gauge.tare()
-        teaching = Teaching(
-            stage=opened.stage,
-            limits_mm=stage.limits_mm,
-            ask=ask_line,
-            say=click.echo,
-            travel_mm_s=stage.travel_mm_s,
-            approach_mm_s=stage.approach_mm_s,
-            force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
-        )
-        fit = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
-    origin, turns = fit.frame.origin_mm, fit.frame.quarter_turns
-    aligned = replace(stage, origin_mm=origin, quarter_turns=turns)
-    try:
-        require_reach(protocol, settings.holder, aligned.frames, stage.limits_mm)
-    except InputError as error:
-        raise OutOfRangeError(f"{error}; nothing is stored") from None
-    store_frame(study_file, fit.frame)
-    x, y, z = fit.frame.origin_mm
-    click.echo(
-        f"stored in {study_file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {fit.frame.quarter_turns} quarter turns\n"
-        f"largest error of a marker {fit.worst_mm:.3f} mm, remaining rotation {fit.turn_deg:+z.2f} degrees, "
-        f"stretch {fit.stretch:.4f}"
-    )
-    print_next("acquire", study_file)
-
-
 def _column_of(option: str, text: str) -> tuple[int, int]:
     parts = text.split("/")
     if len(parts) != 2:
@@ -226,6 +156,76 @@ def calibrate_force(
     if garbled:
         note(f"note: {garbled} garbled lines were skipped")
     print_next("rig", "align", "FILE.toml")
+
+
+@options.command("align", command)
+@options.argument("study_file", options.file("FILE.toml"), "Study file that describes the rig.")
+@options.option(
+    "--tolerance-mm",
+    options.MM,
+    "Largest allowed distance between a marker and its fitted position. Default: 0.3.",
+    options.ACCURACY,
+)
+def align(study_file: Path, tolerance_mm: float | None) -> None:
+    """Find the origin of the block with the printed jig.
+
+    You move a pointer to two markers of the jig by typing steps, for example x 1.5, y -0.2 or z -1. The stage travels
+    to two more markers by itself, and you correct its position. Then you move the sensor down to the highest point of
+    the block. The command fits the position and the rotation of the block, and prints the fit. If a marker is too far
+    from its fitted position, nothing is stored.
+
+    The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
+    file.
+
+    Examples:
+      tacbench rig align study.toml
+      tacbench rig align study.toml --tolerance-mm 0.2
+    """
+    from dataclasses import replace
+
+    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, store_frame
+    from tacbench_cad.lab.rig.errors import OutOfRangeError
+    from tacbench_cad.lab.rig.reach import require_reach
+    from tacbench_cad.lab.study.file import read_study
+    from tacbench_cad.lab.study.presses import block_order
+    from tacbench_cad.lab.study.spec import SensorSettings
+    from tacbench_cad.virtual_rig.devices import open_rig
+
+    if tolerance_mm is not None and not 0.0 < tolerance_mm <= 5.0:
+        raise InputError("tolerance mm", tolerance_mm, "must be above 0 and at most 5 mm")
+    study = read_study(study_file, teaching=True)
+    # The sensor is not needed: its camera or port stays free, and may not even be plugged in yet.
+    settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
+    stage, protocol = settings.stage, study.study.protocol
+    printed = block_order(study.study)[0].printed
+    with located(f"{study_file}: ", fields="["), open_rig(settings, printed, stage.frame) as opened:
+        gauge = opened.gauge
+        if gauge is not None:
+            gauge.tare()
+        teaching = Teaching(
+            stage=opened.stage,
+            limits_mm=stage.limits_mm,
+            ask=ask_line,
+            say=click.echo,
+            travel_mm_s=stage.travel_mm_s,
+            approach_mm_s=stage.approach_mm_s,
+            force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
+        )
+        fit = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
+    origin, turns = fit.frame.origin_mm, fit.frame.quarter_turns
+    aligned = replace(stage, origin_mm=origin, quarter_turns=turns)
+    try:
+        require_reach(protocol, settings.holder, aligned.frames, stage.limits_mm)
+    except InputError as error:
+        raise OutOfRangeError(f"{error}; nothing is stored") from None
+    store_frame(study_file, fit.frame)
+    x, y, z = fit.frame.origin_mm
+    click.echo(
+        f"stored in {study_file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {fit.frame.quarter_turns} quarter turns\n"
+        f"largest error of a marker {fit.worst_mm:.3f} mm, remaining rotation {fit.turn_deg:+z.2f} degrees, "
+        f"stretch {fit.stretch:.4f}"
+    )
+    print_next("acquire", study_file)
 
 
 def _weighed(cell: LoadCell, mass_g: float) -> CalibrationPoint:

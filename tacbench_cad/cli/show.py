@@ -38,7 +38,7 @@ def command(textures: tuple[str, ...], press: bool, drawing: str | None, out: Pa
     """Draw a picture of a texture or a drawing of a part.
 
     A picture shows the surface of the texture in colour. With --drawing, you get a drawing with dimensions. If you use
-    the same options as for "tacbench make", the drawing has the dimensions of the files that it writes.
+    the same options as for "tacbench make", the drawing has the same dimensions as the files of that command.
 
     Examples:
       tacbench show 4

@@ -88,8 +88,8 @@ def command(
     Two more tables follow: the variance components with ISO 5725 limits, and permutation tests between printers. If a
     frame cannot be used, it is named and left out, and the exit code is 1.
 
-    The text of the paper describes the variance above. Its figures show another variance, as the authors' saved
-    notebooks prove: the variance over the repeats on one print (divided by n), averaged over prints, positions and
+    The text of the paper describes the variance above. But the table in the paper has another variance, as the authors'
+    saved notebooks show: the variance over the repeats on one print (divided by n), averaged over prints, positions and
     pixels. With --protocol as-published, you get this variance, with the published figures next to yours. It is
     computed at one force level, from grey images at 40 % of their size.
 

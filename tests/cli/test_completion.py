@@ -42,7 +42,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("words", "expected"),
     [
         (["check-"], ["check-part", "check-gcode", "check-runs"]),
-        (["rig", ""], ["probe", "align", "calibrate-force"]),
+        (["rig", ""], ["probe", "calibrate-force", "align"]),
         (["make", "--tex"], ["--texture"]),
         (["make", "--texture", ""], ["1", "2", "3", "4", "5", "6", "all"]),
         (["make", "--texture", "1,4,"], ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]),

@@ -20,7 +20,7 @@ class Sensor(Device, Protocol):
     Attributes:
         name: The sensor, for people and for ``run.json``.
         units: The unit of the values: ``counts`` for an image.
-        shape: The shape of every frame.
+        shape: The shape of every frame: ``(height, width)`` or ``(height, width, 3)`` for an image.
         simulated: The simulated part, or an empty text.
         settings: ``{"requested": {...}, "actual": {...}}``, plain values.
     """
