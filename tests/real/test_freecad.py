@@ -1,0 +1,305 @@
+"""FreeCAD: our workbench in it (objects, recompute, documents, export), and our STEP files opened, cut and measured."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.checkout import ROOT
+from helpers.outsiders import PATIENCE_S, Written, part_named
+
+pytest.importorskip("OCP", reason="solids need the extra cad")
+
+from housing import Holder, Jig
+from tacbench_cad.checks.check import check
+from tacbench_cad.formats.stl import read_stl
+from tacbench_cad.geometry.brep import solid_block
+from tacbench_cad.spec.block import Block
+
+pytestmark = pytest.mark.real
+
+Script = Callable[..., Any]
+
+#: Runs before each script: the workbench uses this Python, and the script answers with one JSON value.
+HEAD = """
+import json, os, sys
+import FreeCAD, Part
+FreeCAD.ParamGet("User parameter:BaseApp/Preferences/Mod/Tacbench").SetString("Python", os.environ["OUR_PYTHON"])
+def reply(value):
+    with open(os.environ["ANSWER"], "w") as file:
+        json.dump(value, file)
+"""
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of FreeCAD's user with a link to the workbench."""
+    folder = tmp_path_factory.mktemp("freecad")
+    (folder / "Mod").mkdir()
+    (folder / "Mod" / "tacbench-cad").symlink_to(ROOT)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def freecad(home: Path) -> Script:
+    """A caller of FreeCAD without its window, which gives what a script replies."""
+    program = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
+    if program is None:
+        pytest.skip("FreeCAD is not installed: apt-get install freecad")
+
+    def run(script: str, python: str = sys.executable, **variables: str) -> Any:
+        (home / "script.py").write_text(HEAD + script, encoding="utf-8")
+        answer = home / "answer.json"
+        answer.unlink(missing_ok=True)
+        ours = {"FREECAD_USER_HOME": str(home), "OUR_PYTHON": python, "ANSWER": str(answer), "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(
+            [program, str(home / "script.py")],
+            cwd=home,
+            env=os.environ | ours | variables,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+        assert answer.exists(), done.stdout[-2000:] + done.stderr[-2000:]
+        return json.loads(answer.read_text(encoding="utf-8"))
+
+    return run
+
+
+OBJECTS = """
+from freecad.tacbench import make_block, make_holder, make_jig
+document = FreeCAD.newDocument()
+block = make_block(document, Texture="texture-2", Key=3)
+holder = make_holder(document, block, Slots=2)
+jig = make_jig(document, holder)
+def state():
+    document.recompute()
+    return [
+        {
+            "ok": part.isValid(),
+            "says": part.getStatusString(),
+            "name": part.PartName,
+            "kind": part.Shape.ShapeType,
+            "sound": part.Shape.isValid(),
+            "volume": part.Shape.Volume,
+            "formula": part.FormulaVolume.Value,
+            "at": list(part.Placement.Base),
+        }
+        for part in (block, holder, jig)
+    ]
+"""
+
+
+def test_objects_follow_their_properties_and_links(freecad: Script) -> None:
+    """Each object is one valid solid; a change of the block reaches holder and jig, and they stay in place."""
+    before, after, moved = freecad(
+        OBJECTS
+        + """
+states = [state()]
+block.Texture, block.SizeX, block.Height, holder.Fit = "texture-1", 30, 8, "loose"
+states.append(state())
+block.Placement.Base = FreeCAD.Vector(5, 6, 7)
+states.append(state())
+reply(states)
+"""
+    )
+    for states, own, fit in (
+        (before, Block.of(2, key_mm=3.0), "slip"),
+        (after, Block.of(1, key_mm=3.0, size_mm=(30.0, 30.0), height_mm=8.0), "loose"),
+    ):
+        holder = Holder(block=own, slots=2, fit=fit)
+        expected = [
+            (own.solid_name, own.volume_mm3(own.solid_datum_mm)),
+            (holder.name, holder.volume_mm3),
+            (Jig(holder=holder).name, Jig(holder=holder).volume_mm3),
+        ]
+        assert [(part["ok"], part["kind"], part["sound"]) for part in states] == [(True, "Solid", True)] * 3
+        assert [part["name"] for part in states] == [name for name, _ in expected]
+        for part, (_, volume) in zip(states, expected, strict=True):
+            assert part["formula"] == pytest.approx(volume, rel=1e-12)
+            assert part["volume"] == pytest.approx(volume, rel=1e-5)
+        slot = holder.block_placements()[0].origin_mm
+        assert [part["at"] for part in states] == [
+            pytest.approx([0.0, 0.0, 0.0]),
+            *[pytest.approx([-value for value in slot])] * 2,
+        ]
+    assert moved[0]["at"] == [5.0, 6.0, 7.0]
+    assert moved[1]["at"] == pytest.approx([value - shift for value, shift in zip((5.0, 6.0, 7.0), slot, strict=True)])
+    assert moved[2]["at"] == moved[1]["at"]
+
+
+#: A bad value, and the line by which FreeCAD marks the object.
+BAD_VALUES = {
+    "block.Scale = 500": "scale = 500.0: must be from 0.01 to 100",
+    "block.Key = 20": "key = 20.0: must be above 0 and at most 7.767 mm, a third of the shorter side",
+    "block.TextureFile = 'none.toml'": "texture = 'none.toml': cannot be read: No such file or directory",
+    "holder.Floor = 0.1": "floor = 0.1: ",
+    "holder.Block = None": "Holder: Block is empty. Choose the texture block of the holder.",
+}
+
+
+def test_a_bad_value_marks_the_object_with_one_line(freecad: Script) -> None:
+    bad, good = freecad(
+        OBJECTS
+        + f"""
+state()
+bad = []
+for change in {list(BAD_VALUES)!r}:
+    kept = block.Scale, block.Key, block.TextureFile, holder.Floor, holder.Block
+    exec(change)
+    bad.append(state())
+    block.Scale, block.Key, block.TextureFile, holder.Floor, holder.Block = kept
+reply([bad, state()])
+"""
+    )
+    for states, message in zip(bad, BAD_VALUES.values(), strict=True):
+        (marked,) = (part for part in states if not part["ok"])
+        assert marked["says"].startswith(message)
+        assert "\n" not in marked["says"]
+        assert marked["kind"] == "Solid", "the last good shape stays"
+    assert all(part["ok"] for part in good)
+
+
+def test_an_unchanged_part_is_not_made_again(freecad: Script) -> None:
+    """Shapes are kept by their inputs: going back to earlier values asks the worker for nothing."""
+    asked = freecad(
+        OBJECTS
+        + """
+from freecad.tacbench import shapes
+state()
+requests, ask = [], shapes.ask
+shapes.ask = lambda request: requests.append(list(request)) or ask(request)
+block.Scale = 1.5
+state()
+block.Scale = 1.0
+jig.Marks = "default"
+state()
+block.touch()
+state()
+reply(requests)
+"""
+    )
+    assert len(asked) == 3
+
+
+def test_a_document_keeps_its_objects(freecad: Script, tmp_path: Path) -> None:
+    """Saved, opened by another FreeCAD, changed there, and written by FreeCAD itself as STEP and STL."""
+    saved = tmp_path / "set.FCStd"
+    freecad(OBJECTS + f"\nstate()\ndocument.saveAs({str(saved)!r})\nreply(None)")
+    opened, changed = freecad(
+        OBJECTS.split("def state")[1].join(("\ndef state", ""))
+        + f"""
+document = FreeCAD.open({str(saved)!r})
+block, holder, jig = document.TextureBlock, document.Holder, document.Jig
+opened = [part.Shape.Volume for part in (block, holder, jig)]
+holder.Slots = 1
+states = state()
+import Mesh
+Part.export([block, holder, jig], {str(tmp_path / "set.step")!r})
+Mesh.export([holder], {str(tmp_path / "holder.stl")!r})
+reply([opened, states])
+"""
+    )
+    block = Block.of(2, key_mm=3.0)
+    holder, pair = Holder(block=block), Holder(block=block, slots=2)
+    volume = block.volume_mm3(block.solid_datum_mm)
+    assert opened == pytest.approx([volume, pair.volume_mm3, Jig(holder=pair).volume_mm3], rel=1e-5)
+    volumes = [volume, holder.volume_mm3, Jig(holder=holder).volume_mm3]
+    assert [part["volume"] for part in changed] == pytest.approx(volumes, rel=1e-5)
+    read = freecad(f"shape = Part.read({str(tmp_path / 'set.step')!r})\nreply([s.Volume for s in shape.Solids])")
+    assert sorted(read) == pytest.approx(sorted(volumes), rel=1e-5)
+    assert read_stl(tmp_path / "holder.stl").volume_mm3 == pytest.approx(holder.volume_mm3, rel=1e-3)
+
+
+def test_the_macro_writes_files_that_are_ours(freecad: Script, home: Path) -> None:
+    """The macro runs as it is; its files pass the checks of ``tacbench check`` as files of the program do."""
+    macro = (ROOT / "freecad" / "print_set.FCMacro").read_text(encoding="utf-8")
+    folder = Path(freecad(macro + "\nreply(str(FOLDER))"))
+    block = Block.of(2, key_mm=3.0)
+    for name, volume in (
+        (block.name, block.volume_mm3(block.datum_mm)),
+        (Holder(block=block).name, Holder(block=block).volume_mm3),
+    ):
+        assert read_stl(folder / f"{name}.stl").volume_mm3 == pytest.approx(volume, rel=1e-3)
+        assert (folder / f"{name}.step").is_file()
+    report = check(folder / f"{block.name}.stl")
+    assert report.ok
+    assert report.deviation_mm is not None
+    assert report.deviation_mm < 0.01
+
+
+def test_tacbench_is_found_on_the_path(freecad: Script, tmp_path: Path) -> None:
+    """Without a preference, the script ``tacbench`` of an environment leads to its Python, through a link as well."""
+    (tmp_path / "bin").mkdir()
+    own = tmp_path / "environment" / "bin"
+    own.mkdir(parents=True)
+    (own / "python").symlink_to(sys.executable)
+    (own / "tacbench").write_text("#!/bin/sh\n", encoding="utf-8")
+    (own / "tacbench").chmod(0o755)
+    (tmp_path / "bin" / "tacbench").symlink_to(own / "tacbench")
+    path = f"{tmp_path / 'bin'}{os.pathsep}/usr/bin{os.pathsep}/bin"
+    python = freecad(
+        "from freecad.tacbench import shapes\nreply(shapes.python_of_tacbench())", "", PATH=path, HOME=str(tmp_path)
+    )
+    assert python == str(own / "python")
+
+
+@pytest.mark.parametrize(
+    ("python", "message"),
+    [
+        ("", "tacbench is not on the PATH."),
+        ("/nowhere/python", "the program /nowhere/python of the preferences does not exist."),
+        ("/usr/bin/python3", "No module named"),
+    ],
+)
+def test_a_missing_tacbench_is_named(freecad: Script, tmp_path: Path, python: str, message: str) -> None:
+    """One line says what is missing and what to do, and the document stays empty."""
+    says, objects = freecad(
+        """
+from freecad.tacbench import make_block
+document = FreeCAD.newDocument()
+try:
+    make_block(document)
+except RuntimeError as error:
+    reply([str(error), len(document.Objects)])
+""",
+        python,
+        PATH="/usr/bin:/bin",
+        PYTHONPATH="",
+    )
+    assert message in says
+    assert 'Install tacbench-cad with the extra "cad"' in says
+    assert "\n" not in says
+    assert objects == 0
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-4", "paper-6", "released-5", "keyed-4"])
+def test_a_step_is_opened_cut_and_measured(freecad: Script, written: Written, name: str) -> None:
+    """The volume of the whole and of the lower half in x, from our STEP file, by FreeCAD's kernel."""
+    block = part_named(name).block
+    assert block is not None
+    whole, half, valid = freecad(
+        f"""
+shape = Part.read({str(written(name, "step"))!r})
+(solid,) = shape.Solids
+knife = Part.makeBox({block.size_mm[0] / 2 + 1}, 1000, 1000, FreeCAD.Vector(-1, -500, -500))
+part = solid.common(knife)
+reply([solid.Volume, part.Volume, solid.isValid() and part.isValid() and len(part.Solids) == 1])
+"""
+    )
+    x, y = block.size_mm
+    below = block.surface.integral((0.0, x / 2), (0.0, y)) + block.solid_datum_mm * x / 2 * y
+    assert valid
+    assert whole == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=1e-5)
+    if block.engraving is None:
+        assert half == pytest.approx(below, rel=1e-5)
+    assert solid_block(block)[1].vertical_mm <= block.step_tolerance_mm
