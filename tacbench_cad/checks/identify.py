@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 #: The largest residual of a relief that is similar to the candidate, as a fraction of the standard deviation of the
 #: relief's heights.
-MAX_SIMILAR = 0.5
+MAX_SIMILAR_FRACTION = 0.5
 #: The same fraction, up to which the candidate and its placement are certain.
-MAX_CERTAIN = 0.1
+MAX_CERTAIN_FRACTION = 0.1
 #: The largest number of bodies in a file.
 MAX_BODIES = 300
 #: The allowance for rounding by the solid and by the kernel, in addition to the tolerance, in mm.
@@ -197,7 +197,7 @@ def _full(mesh: Mesh, full: bool | None) -> list[Check]:
     if full is None and importlib.util.find_spec("pymeshlab") is None:
         detail = 'not checked, because pymeshlab is not installed: pip install "tacbench-cad[cad]"'
         return [Check(name="self-intersection", ok=True, detail=detail)]
-    return meshcheck.foreign_full_checks(mesh)
+    return meshcheck.untrusted_full_checks(mesh)
 
 
 def _examine_solid(path: Path, expected: Expectation) -> Report:
@@ -299,7 +299,7 @@ def _allowed(candidate: Candidate) -> float:
 
 def _placement(shape: BodyShape, match: Match) -> Check:
     corner = "at the origin" if max(map(abs, shape.origin_mm)) <= SIDE_MM else _at(shape.origin_mm)
-    certain = _relative_residual(shape, match) <= MAX_CERTAIN
+    certain = _relative_residual(shape, match) <= MAX_CERTAIN_FRACTION
     quarters = match.placement.quarters if certain else 0
     turned = f", turned by {90 * quarters} degrees about z" if quarters else ""
     faults = []
@@ -322,7 +322,7 @@ def _relative_residual(shape: BodyShape, match: Match) -> float:
 def _is_unknown(shape: BodyShape, match: Match) -> bool:
     """Check whether the part is an unknown block: its relief is not similar, or it is similar but the size differs."""
     residual = _relative_residual(shape, match)
-    return residual > MAX_SIMILAR or (residual > MAX_CERTAIN and not _size(shape, match).ok)
+    return residual > MAX_SIMILAR_FRACTION or (residual > MAX_CERTAIN_FRACTION and not _size(shape, match).ok)
 
 
 def _at(place: tuple[float, float, float]) -> str:
@@ -348,7 +348,7 @@ def _size(shape: BodyShape, match: Match) -> Check:
             f"{axis} by {value:+.4g} mm" for axis, value in zip("xyz", off, strict=True) if abs(value) > SIDE_MM
         ]
         how = "differs in " + ", ".join(differences)
-    return Check(name="size", ok=False, detail=f"wrong size: {text} instead of {mm(*sides)} ({how})")
+    return Check(name="size", ok=False, detail=f"{text} instead of {mm(*sides)} ({how})")
 
 
 def _corner(shape: BodyShape, match: Match, expected: Expectation) -> list[Check]:
@@ -395,7 +395,7 @@ def _relief(shape: BodyShape, match: Match, residual: Residual, expected: Expect
     """Check the distance of the relief from the candidate."""
     candidate = match.candidate
     distance = f"at most {residual.largest_mm:.3g} mm, {residual.rms_mm:.3g} mm rms (allowed {allowed:.3g} mm)"
-    similar = _relative_residual(shape, match) <= MAX_SIMILAR
+    similar = _relative_residual(shape, match) <= MAX_SIMILAR_FRACTION
     notes = []
     if residual.above_mm and similar:
         height = f"{abs(residual.above_mm):.3g} mm too {'high' if residual.above_mm > 0.0 else 'low'}"
@@ -407,7 +407,7 @@ def _relief(shape: BodyShape, match: Match, residual: Residual, expected: Expect
     if not similar:
         notes.append("; the relief is not similar to this texture")
     detail = (
-        f"wrong relief: the distance from {_name(candidate)} is {distance}; "
+        f"the distance from {_name(candidate)} is {distance}; "
         f"it is largest {_at(residual.at_mm)} from the lower corner of the bounding box"
     )
     return Check(name="relief", ok=False, detail="".join([detail, *notes, _other(shape, match, expected)]))

@@ -130,8 +130,8 @@ class Candidate:
         Args:
             shape: The shape.
             placement: The placement.
-            near_mm: The largest median height that does not count as an offset of the whole relief, in mm. A median up
-                to this height can come from the error of the surface itself.
+            near_mm: The largest height offset of the whole relief that is not corrected, in mm. Such a small offset can
+                come from the error of the surface itself.
         """
         above, slope = self.heights(shape.points, shape, placement)
         median = float(np.median(above)) - self.datum_mm

@@ -220,7 +220,7 @@ def full_checks(mesh: Mesh) -> list[Check]:
     ]
 
 
-def foreign_full_checks(mesh: Mesh) -> list[Check]:
+def untrusted_full_checks(mesh: Mesh) -> list[Check]:
     """Same as :func:`full_checks`, but for an untrusted mesh, with limits of time and of overlapping triangles.
 
     The report says "not tested" if the mesh exceeds a limit.

@@ -82,7 +82,7 @@ class Report:
 
     def __str__(self) -> str:
         """Return the name of the file, whether it passed, and a line for each check."""
-        lines = [(check.name, ("" if check.ok else "WRONG: ") + check.detail) for check in self.checks]
+        lines = [(check.name, ("" if check.ok else "FAULT: ") + check.detail) for check in self.checks]
         return report(f"{self.path.name}: {'passed' if self.ok else 'failed'}", lines)
 
     def as_dict(self) -> dict[str, Any]:

@@ -132,7 +132,7 @@ BAD: dict[str, tuple[str, Callable[[], bytes], str]] = {
 
 def _need(form: str) -> None:
     if FORMATS[form].why_missing() is not None:
-        pytest.skip(f"no {form} here")
+        pytest.skip(f"the packages for {form} files are not installed")
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -254,7 +254,7 @@ def test_a_full_or_unwritable_folder_is_named(code: int, words: str, tmp_path: P
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 @pytest.mark.parametrize("form", ["stl", "3mf", "step"])
 def test_a_full_device_is_refused(form: str, tmp_path: Path) -> None:
     _need(form)
@@ -266,7 +266,7 @@ def test_a_full_device_is_refused(form: str, tmp_path: Path) -> None:
     assert not (tmp_path / f"a.{form}").exists()
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root can write to every folder")
 def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="not writable"), locked(tmp_path):

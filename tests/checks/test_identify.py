@@ -146,7 +146,7 @@ def _dent_wall(mesh: Mesh) -> Mesh:
         (lambda mesh: Mesh(mesh.vertices, mesh.faces[1:]), "closed", "3 open edges"),
         (_flip, "winding", "inconsistent winding along 3 edges"),
         (lambda mesh: Mesh(mesh.vertices, mesh.faces[:, ::-1].copy()), "volume", "inside out"),
-        (_raise_vertex, "relief", "wrong relief"),
+        (_raise_vertex, "relief", "the distance from texture-2, preset paper, scale 1 is at most 0.0"),
         (_thicker, "size", "differs in z by +0.3 mm"),
         (_thicker, "relief", "the relief is 0.3 mm too high"),
         (lambda mesh: changed(mesh, lambda v: v * 1.01), "size", "1.01 times as large as expected"),
@@ -214,7 +214,7 @@ def test_a_file_of_this_package_must_agree_with_its_name(tmp_path: Path) -> None
 @pytest.mark.parametrize("form", ["stl", "3mf", "step"])
 def test_a_key_a_label_and_another_height_are_no_faults(form: str, tmp_path: Path) -> None:
     if FORMATS[form].why_missing() is not None:
-        pytest.skip(f"no {form} here")
+        pytest.skip(f"the packages for {form} files are not installed")
     part = block_part(Block.of(1, height_mm=8.0, key_mm=3.0, copy=7))
     path = tmp_path / f"a.{form}"
     FORMATS[form].write(part, path)

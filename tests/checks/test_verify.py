@@ -43,7 +43,7 @@ def _faults(report: Report) -> set[str]:
 def test_a_report_is_printed_with_every_check() -> None:
     checks = (Check(name="file", ok=True, detail="read back"), Check(name="edges", ok=False, detail="3 open"))
     report = Report(path=Path("folder/block.stl"), checks=checks)
-    assert str(report).splitlines() == ["block.stl: failed", "  file   read back", "  edges  WRONG: 3 open"]
+    assert str(report).splitlines() == ["block.stl: failed", "  file   read back", "  edges  FAULT: 3 open"]
     assert str(Report(path=Path("block.stl"), checks=checks[:1])).startswith("block.stl: passed\n")
 
 
