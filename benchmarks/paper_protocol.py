@@ -55,7 +55,7 @@ class Study:
         self.selected = sorted(np.argsort(-counts, kind="stable")[:SELECTED].tolist())
 
 
-def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], seed: int = 1) -> None:
+def synthetic(folder: Path, selected_count: int, other_count: int, shape: tuple[int, int], seed: int = 1) -> None:
     """Write images of smooth fields: one for each texture, changed by combination, print and position, with noise."""
     random = np.random.default_rng(seed)
     height, width = shape
@@ -65,19 +65,21 @@ def synthetic(folder: Path, selected: int, others: int, shape: tuple[int, int], 
     def field(size: float, *lead: int) -> Floats:
         return size * random.standard_normal((*lead, 24, 32))
 
-    base, texture, place = 70 + field(15), field(3, TEXTURES), field(5, 25)
-    texture_place = field(2, TEXTURES, 25)
-    counts = [selected if number < SELECTED else others for number in range(COMBINATIONS)]
+    base, texture, position = 70 + field(15), field(3, TEXTURES), field(5, 25)
+    texture_position = field(2, TEXTURES, 25)
+    counts = [selected_count if number < SELECTED else other_count for number in range(COMBINATIONS)]
     images = np.empty((TEXTURES * sum(counts), height * width), np.uint8)
     labels = np.empty((2, len(images)), np.int64)
     index = 0
     for combination, count in enumerate(counts):
-        way = field(3, TEXTURES)
+        combination_texture = field(3, TEXTURES)
         for kind in range(TEXTURES):
             prints = field(2.0 if combination == 0 else 1.0, 6)
             for number in range(count):
-                low = base + texture[kind] + way[kind] + prints[number // 50 % 6] + place[number % 25]
-                low = low + texture_place[kind, number % 25] + field(0.5)
+                low = (
+                    base + texture[kind] + combination_texture[kind] + prints[number // 50 % 6] + position[number % 25]
+                )
+                low = low + texture_position[kind, number % 25] + field(0.5)
                 high = up[0] @ low @ up[1].T + 1.4 * random.standard_normal((height, width))
                 images[index] = np.clip(np.rint(high), 0, 255).ravel()
                 labels[:, index] = kind, combination

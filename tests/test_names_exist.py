@@ -53,8 +53,8 @@ def names_of(module: str) -> frozenset[str]:
     stub = path.with_suffix(".pyi")
     files = [path, *([stub] if stub.exists() else [])]
     inside = {name.removeprefix(f"{module}.") for name in MODULES if name.startswith(f"{module}.")}
-    own = {name for file in files for name in defined(tree(file).body)}
-    return frozenset(own | inside | {"__file__", "__name__", "__doc__", "__all__", "__path__"})
+    names = {name for file in files for name in defined(tree(file).body)}
+    return frozenset(names | inside | {"__file__", "__name__", "__doc__", "__all__", "__path__"})
 
 
 def exists(dotted: str) -> bool:

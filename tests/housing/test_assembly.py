@@ -71,14 +71,14 @@ def test_nothing_collides_and_markers_are_over_their_positions(holder: Holder) -
 
 def _markers_are_over_their_positions(jig: Jig) -> None:
     axes = np.array([point for _, point in cylinders(jig.solid_in_use())])
-    seen = np.zeros(len(axes), dtype=int)
+    counts = np.zeros(len(axes), dtype=int)
     for place in jig.holder.block_placements():
         in_block = place.to_block(axes)
         for position in jig.grid.positions_mm[[0, 4, 12, 20, 24]]:
             near = np.abs(in_block - position).max(axis=1) < 1e-6
             assert near.sum() == 1
-            seen += near
-    assert (seen == 1).all()
+            counts += near
+    assert (counts == 1).all()
 
 
 @pytest.mark.parametrize("holder", CASES, ids=lambda holder: holder.name)

@@ -76,8 +76,8 @@ def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
     """The authors' screw holes are not symmetrical: rows and columns that differ have their own dimensions."""
     places = {(axis, round(bore.at_mm[axis], 6)) for bore in _RELEASED.screws for axis in (0, 1)}
     numbers = drawing_of("holder, released").plan.dimensions
-    apart = [dimension for dimension in numbers if dimension.name.startswith("screw to screw")]
-    assert {(line.axis, round(end[line.axis], 6)) for line in apart for end in (line.start, line.end)} == places
+    distances = [dimension for dimension in numbers if dimension.name.startswith("screw to screw")]
+    assert {(line.axis, round(end[line.axis], 6)) for line in distances for end in (line.start, line.end)} == places
 
 
 def test_the_other_part_has_its_true_size() -> None:

@@ -128,8 +128,8 @@ def test_walls_between_markers_are_measured_not_assumed() -> None:
     for width, lost in ((0.39, 0), (0.45, 8)):
         opened = section.offset(-width / 2, manifold3d.JoinType.Round, circular_segments=128)
         opened = opened.offset(width / 2, manifold3d.JoinType.Round, circular_segments=128)
-        gone = [piece for piece in ((section - opened) ^ field).decompose() if piece.area() > 0.02]
-        assert len(gone) == lost
+        removed = [piece for piece in ((section - opened) ^ field).decompose() if piece.area() > 0.02]
+        assert len(removed) == lost
 
 
 def test_merging_markers_are_refused_with_the_numbers() -> None:

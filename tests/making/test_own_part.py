@@ -35,7 +35,7 @@ class Spacer:
         holes = [bd.Pos(*bore.at_mm) * bd.Cylinder(bore.diameter_mm / 2, HEIGHT_MM, align=middle) for bore in bores]
         solid = (bd.Box(x, y, HEIGHT_MM, align=low) - holes).solid()
         volume = HEIGHT_MM * (x * y - sum(pi * bore.diameter_mm**2 / 4 for bore in bores))
-        return Part.of_solid(solid, name="spacer", kind="spacer", genus=4, volume_mm3=volume, spec={"of": "ours"})
+        return Part.of_solid(solid, name="spacer", kind="spacer", genus=4, volume_mm3=volume, spec={"kind": "example"})
 
 
 @pytest.mark.parametrize("ending", ["stl", "3mf", "step"])
@@ -54,7 +54,7 @@ def test_it_is_built_together_with_a_block(tmp_path: Path) -> None:
     assert result.ok and result.preview
     rows = {row["file"]: row for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
     assert set(rows) == {"texture-1_paper_x1.stl", "texture-1_paper_x1.step", "spacer.stl", "spacer.step"}
-    assert rows["spacer.stl"]["kind"] == "spacer" and rows["spacer.stl"]["spec"] == {"of": "ours"}
+    assert rows["spacer.stl"]["kind"] == "spacer" and rows["spacer.stl"]["spec"] == {"kind": "example"}
 
 
 def test_it_is_shown_on_the_page_and_in_a_picture(tmp_path: Path) -> None:

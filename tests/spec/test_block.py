@@ -164,8 +164,8 @@ def test_the_corner_of_the_key_does_not_count_for_the_height() -> None:
     assert keyed.keep is not None
     assert float(keyed.keep.excess(x, y)) <= 1e-9
     xs, ys = np.meshgrid(np.linspace(0, 23.3, 1201), np.linspace(0, 30, 1201))
-    kept = keyed.keep.excess(xs, ys) <= 0
-    sampled = keyed.surface(xs[kept], ys[kept]).max()
+    inside = keyed.keep.excess(xs, ys) <= 0
+    sampled = keyed.surface(xs[inside], ys[inside]).max()
     assert sampled <= keyed.extremes.high + keyed.extremes.error
     assert sampled == pytest.approx(keyed.extremes.high, abs=1e-4)
 

@@ -56,9 +56,9 @@ def test_the_same_block_gives_the_same_bytes(target: str, tmp_path: Path) -> Non
 def test_another_target_is_added_and_the_users_files_are_kept(tmp_path: Path) -> None:
     block = Block.of("5")
     export_to_simulators([block], ["mjcf", "urdf"], tmp_path)
-    own = tmp_path / "texture-5" / "mine" / "scene.xml"
-    own.parent.mkdir()
-    own.write_text("mine")
+    users_file = tmp_path / "texture-5" / "mine" / "scene.xml"
+    users_file.parent.mkdir()
+    users_file.write_text("mine")
     before = hashes_below(tmp_path)
     (export,) = export_to_simulators([block], ["sdf"], tmp_path)
     after = hashes_below(tmp_path)
