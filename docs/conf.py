@@ -10,7 +10,8 @@ from sphinx.application import Sphinx
 
 from tacbench_cad import __version__
 
-sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+# The folder of renew.py, which the extension uses, and the folder of the extension.
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "_ext")]
 
 project = "tacbench-cad"
 author = "The tacbench-cad authors"

@@ -1,10 +1,10 @@
-"""Run the code of the manual's pages and renew the outputs and pictures that stand in them.
+"""Run the code of the manual's pages and renew the outputs and pictures in the pages.
 
 ``python docs/renew.py`` renews every page, ``python docs/renew.py start gallery`` renews two. A page is plain
-Markdown. These marks, which GitHub hides, say what is run:
+Markdown. These marks, which GitHub hides, select the code that is run:
 
     ```python run              The block is run. Its output is written below it, into a block "text output".
-    ```sh run lines=8+2        The first 8 and the last 2 lines of the output are shown; 22+2 where nothing is said.
+    ```sh run lines=8+2        The first 8 and the last 2 lines of the output are shown; the default is 22+2.
     ```sh run quiet            The output is not shown.
     ```sh run varies           The numbers of the output differ from run to run: it is kept if only numbers differ.
     ```toml write=hex.toml     The block is saved as a file for the blocks below. The text above it names the file.
@@ -56,9 +56,9 @@ if TYPE_CHECKING:
 DOCS = Path(__file__).resolve().parent
 #: The largest committed picture, in bytes.
 MAX_PICTURE_BYTES = 150_000
-#: The longest output, in lines, where a page does not say.
+#: The default for the numbers of first and last lines of an output that are shown.
 MAX_LINES = "22+2"
-#: The widest picture, in pixels, where a page does not say.
+#: The default width above which a picture is reduced, in pixels.
 MAX_WIDTH_PX = 1400
 #: Two pictures look alike if the colours of every tile of this side, in pixels, differ by no more than this on average.
 TILE_PX, MAX_TILE_DIFFERENCE = 8, 16.0
@@ -70,42 +70,43 @@ MAX_SCREENSHOTS = 30
 _FENCE = re.compile(r"(?P<marks>`{3,})(?P<language>[\w-]+)(?P<words>(?: [^`]*)?)$")
 _PICTURE = re.compile(r"<!-- picture: (?P<source>\S+)(?: (?P<width>\d+))?(?P<varies> varies)? -->$")
 _TARGET = re.compile(r"!\[.+\]\((?P<target>images/[^)]+)\)$")
-_MODULE = re.compile(r"\| `(?P<name>(?:tacbench_cad|housing)[\w.]*)` \|.*\|$")
-#: What differs between runs or machines: durations, dates, temporary folders, ports of the virtual rig, and digests.
+#: The row of a module in a table.
+MODULE = re.compile(r"^\| `(?P<name>(?:tacbench_cad|housing)[\w.]*)` \|.*\|$", re.MULTILINE)
+#: Text that differs between runs or machines: durations, dates, temporary folders, ports of the virtual rig, digests.
 _VARIES = re.compile(
     r"\d+(?:\.\d+)? ?(?:ms|s|min|h)\b|\d{4}-\d\d-\d\d|\d\d:\d\d(?::\d\d)?(?:\.\d+)?|/tmp/\S+|/dev/\S+"
     r"|\b[0-9a-f]{64}\b"
 )
-#: Lines of progress: how many there are depends on the speed of the machine, so a page shows none of them.
+#: Lines of progress. A page shows none of them, because their number depends on the speed of the machine.
 _PROGRESS = re.compile(r"\[\d[\d,]*/\d[\d,]*\] |\S+  (?!(?P<all>\d+)/(?P=all) )\d+/\d+  .*\bleft\b|writing the page$")
-#: Gaps and rules, whose length depends on the words beside them.
+#: Gaps and horizontal lines. Their length depends on the words beside them.
 GAPS = re.compile(r"(?:[\s─━]|--+)+")
 _NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?)")
 
 
 class PageError(Exception):
-    """A page that is not written as it should be, or whose code failed."""
+    """An error in the marks or in the code of a page."""
 
 
 @dataclass(frozen=True)
 class Item:
-    """A marked place of a page."""
+    """A marked part of a page."""
 
-    #: The kind: a fenced block, hidden code, a picture, the help of all commands, or a module's row.
+    #: The kind: ``block``, ``hidden`` (code), ``picture``, ``commands`` (the help of all), or ``module`` (a table row).
     kind: str
-    #: The lines it takes, the last one excluded, counted from 0. An output block belongs to the block above it.
+    #: The first line and the line after the last, counted from 0. An output block belongs to the block above it.
     start: int
     stop: int
     language: str = ""
-    #: The words behind the language, or of a picture's comment.
+    #: The words after the language, or in the comment of a picture.
     options: dict[str, str] = field(default_factory=dict)
     code: str = ""
-    #: The output that the page shows now.
+    #: The current output in the page.
     output: str = ""
 
 
 def parse(page: str, lines: list[str]) -> Iterator[Item]:
-    """Find the marked places of a page in order."""
+    """Yield the marked parts of a page in order."""
     i = 0
     while i < len(lines):
         start, line = i, lines[i]
@@ -115,7 +116,7 @@ def parse(page: str, lines: list[str]) -> Iterator[Item]:
             options = {key: value for key, _, value in (word.partition("=") for word in fence["words"].split())}
             code, i, output = "\n".join(lines[i:stop]) + "\n", stop + 1, ""
             if "output" in options:
-                raise PageError(f"{page}:{start + 1}: An output has no block that is run above it.")
+                raise PageError(f"{page}:{start + 1}: There is no block with the word run above this output.")
             after = _FENCE.match(lines[i + 1]) if i + 1 < len(lines) and not lines[i] else None
             if "run" in options and after and after["words"].split() == ["output"]:
                 stop = closing(page, lines, i + 2, after["marks"])
@@ -136,13 +137,13 @@ def parse(page: str, lines: list[str]) -> Iterator[Item]:
             yield Item("commands", start + 1, i)
         elif line.startswith("| module |"):
             while i < len(lines) and lines[i].startswith("|"):
-                if row := _MODULE.match(lines[i]):
+                if row := MODULE.match(lines[i]):
                     yield Item("module", i, i + 1, options=row.groupdict())
                 i += 1
 
 
 def closing(page: str, lines: list[str], start: int, end: str) -> int:
-    """The number of the next line that is an end mark."""
+    """Return the number of the next line that is the given end mark."""
     try:
         return lines.index(end, start)
     except ValueError:
@@ -151,9 +152,9 @@ def closing(page: str, lines: list[str], start: int, end: str) -> int:
 
 @contextmanager
 def captured() -> Iterator[io.BufferedRandom]:
-    """Send what this process and its children print into a file."""
+    """Redirect the output of this process and its children to a file."""
     with tempfile.TemporaryFile() as file:
-        kept = os.dup(1), os.dup(2)
+        copies = os.dup(1), os.dup(2)
         try:
             for stream in (1, 2):
                 os.dup2(file.fileno(), stream)
@@ -161,13 +162,13 @@ def captured() -> Iterator[io.BufferedRandom]:
         finally:
             sys.stdout.flush()
             sys.stderr.flush()
-            for stream, copy in zip((1, 2), kept, strict=True):
+            for stream, copy in zip((1, 2), copies, strict=True):
                 os.dup2(copy, stream)
                 os.close(copy)
 
 
 class Session:
-    """Runs the blocks of one page in the current folder."""
+    """The process state in which the blocks of one page run, in the current folder."""
 
     def __init__(self) -> None:
         self.main = ModuleType("__main__")
@@ -175,7 +176,7 @@ class Session:
         sys.path.insert(0, "")
 
     def run(self, language: str, code: str) -> str:
-        """Run a block and return what it prints; a block that ends in an expression prints its value."""
+        """Run a block and return its output. If a block ends with an expression, its value is printed."""
         with captured() as file:
             problem = ""
             try:
@@ -186,7 +187,7 @@ class Session:
                     subprocess.run(command, check=True, timeout=MAX_SECONDS, stdin=subprocess.DEVNULL)
             except subprocess.SubprocessError as error:
                 problem = str(error).replace(code, "...")
-            except BaseException:  # a block may raise anything, SystemExit too
+            except BaseException:  # a block may raise any exception, including SystemExit
                 problem = traceback.format_exc()
             sys.stdout.flush()
             sys.stderr.flush()
@@ -197,7 +198,7 @@ class Session:
         return text.replace(f"{Path.cwd()}/", "")
 
     def execute(self, code: str) -> None:
-        """Execute Python."""
+        """Execute Python code."""
         tree = ast.parse(code)
         last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
         exec(compile(tree, "<block>", "exec"), self.main.__dict__)
@@ -217,7 +218,7 @@ def shortened(text: str, limit: str) -> str:
 
 
 def alike(old: str, new: str, *, varies: bool = False) -> bool:
-    """Whether two outputs differ only in durations and the like and in the rounding of numbers, or in any numbers."""
+    """Return whether two outputs differ only in durations and rounding, or also in other numbers if ``varies``."""
     words = [_NUMBER.split(GAPS.sub(" ", _VARIES.sub("?", text))) for text in (old, new)]
     if len(words[0]) != len(words[1]):
         return False
@@ -230,13 +231,13 @@ def alike(old: str, new: str, *, varies: bool = False) -> bool:
 
 
 def fenced(text: str) -> list[str]:
-    """An output as a block."""
+    """Return the lines of an output as a block."""
     longest = max((len(marks) for marks in re.findall(r"`{3,}", text)), default=2)
     return ["", f"{'`' * (longest + 1)}text output", *text.split("\n"), "`" * (longest + 1)]
 
 
 def look_alike(old: Path, new: Image.Image) -> bool:
-    """Whether a committed picture looks like a new one."""
+    """Return whether a committed picture looks like a new picture."""
     import numpy as np
     from PIL import Image
 
@@ -251,7 +252,7 @@ def look_alike(old: Path, new: Image.Image) -> bool:
 
 
 def encoded(picture: Image.Image) -> bytes:
-    """The smallest file of a picture: lossless where that is smaller, as it is for drawings."""
+    """Return the smallest file of a picture. Lossless compression is often smaller for drawings."""
     files = []
     for settings in ({"lossless": True, "quality": 100}, {"quality": 85}, {"quality": 60}):
         stream = io.BytesIO()
@@ -261,7 +262,7 @@ def encoded(picture: Image.Image) -> bytes:
 
 
 def screenshot(source: Path, width: int) -> Path | None:
-    """A picture of an HTML file in Chromium, or None where Chromium is missing."""
+    """Take a picture of an HTML file in Chromium; return None if Chromium is missing."""
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     try:
         from playwright.sync_api import sync_playwright
@@ -274,7 +275,7 @@ def screenshot(source: Path, width: int) -> Path | None:
         browser = play.chromium.launch(executable_path=program, args=["--no-sandbox", "--enable-unsafe-swiftshader"])
         page = browser.new_page(viewport={"width": width, "height": round(0.68 * width)})
         page.goto(source.resolve().as_uri(), wait_until="networkidle")
-        # A page that loads or draws slowly is photographed until two pictures are equal.
+        # A page may load or draw slowly, so pictures are taken until two of them are equal.
         pictures = [b"", page.screenshot(path=target)]
         while pictures[-1] != pictures[-2] and len(pictures) < MAX_SCREENSHOTS:
             page.wait_for_timeout(2000)
@@ -288,11 +289,11 @@ def renew_picture(source: Path, width: int, target: Path) -> bool:
     from PIL import Image
 
     if not source.is_file():
-        raise PageError(f"{source}: no block of the page writes this picture.")
+        raise PageError(f"{source}: No block of the page writes this picture.")
     if source.suffix == ".html":
         file = screenshot(source, width)
         if file is None:
-            print(f"{target.relative_to(DOCS)}: no Chromium, left as it is", file=sys.stderr)
+            print(f"{target.relative_to(DOCS)}: Chromium is missing, so the picture is not renewed", file=sys.stderr)
             return False
         source = file
     with Image.open(source) as original:
@@ -302,7 +303,9 @@ def renew_picture(source: Path, width: int, target: Path) -> bool:
         picture = picture.resize((width, round(picture.height * width / picture.width)), Image.Resampling.LANCZOS)
     data = encoded(picture)
     if len(data) > MAX_PICTURE_BYTES:
-        raise PageError(f"{source}: {len(data)} bytes as WebP. Say a width below {width} pixels behind its name.")
+        raise PageError(
+            f"{source}: {len(data)} bytes as WebP are too many. Write a width below {width} pixels after its name."
+        )
     with Image.open(io.BytesIO(data)) as decoded:
         if target.is_file() and look_alike(target, decoded):
             return False
@@ -312,29 +315,34 @@ def renew_picture(source: Path, width: int, target: Path) -> bool:
 
 
 def renew(page: Path) -> list[str]:
-    """Renew one page, whose blocks run in the current folder, and return the names of the files rewritten."""
+    """Renew a page, run its blocks in the current folder, and return the names of the rewritten files."""
     name, text = page.relative_to(DOCS).as_posix(), page.read_text(encoding="utf-8")
     lines = text.split("\n")
     items = list(parse(name, lines))
-    session, result, done, renewed = Session(), [], 0, []
+    session, result, position, renewed = Session(), [], 0, []
     for item in items:
-        result += lines[done : item.start]
-        done = item.stop
+        result += lines[position : item.start]
+        position = item.stop
         try:
             result += renewed_lines(page, item, session, lines, renewed)
         except PageError as error:
             raise PageError(f"{name}:{item.start + 1}: {error}") from None
-    new = "\n".join([*result, *lines[done:]])
+    new = "\n".join([*result, *lines[position:]])
     if page.read_text(encoding="utf-8") != text:
-        raise PageError(f"{name}: was edited while its code ran. Renew it again.")
+        raise PageError(f"{name}: The page was edited while its code ran. Renew it again.")
     if new != text:
         page.write_text(new, encoding="utf-8")
         renewed.insert(0, name)
     return renewed
 
 
+def summary_of(module: str) -> str:
+    """Return the first line of the docstring of a module."""
+    return inspect.cleandoc(importlib.import_module(module).__doc__ or "").partition("\n")[0]
+
+
 def renewed_lines(page: Path, item: Item, session: Session, lines: list[str], renewed: list[str]) -> list[str]:
-    """Run one item, and return the lines of it that the page shows."""
+    """Run one item and return its lines in the renewed page."""
     options = item.options
     shown = lines[item.start : item.stop]
     if item.kind == "hidden":
@@ -349,8 +357,8 @@ def renewed_lines(page: Path, item: Item, session: Session, lines: list[str], re
 
         return ["", *help_pages.reference().split("\n"), ""]
     elif item.kind == "module":
-        summary = inspect.cleandoc(importlib.import_module(options["name"]).__doc__ or "").partition("\n")[0]
-        return [f"| `{options['name']}` | {summary.replace('``', '`').replace('|', chr(92) + '|')} |"]
+        summary = summary_of(options["name"]).replace("``", "`").replace("|", r"\|")
+        return [f"| `{options['name']}` | {summary} |"]
     elif "from" in options:
         text = (page.parent / options["from"]).read_text(encoding="utf-8").rstrip("\n")
         shown = [shown[0], *text.split("\n"), shown[-1]]
@@ -368,13 +376,13 @@ def renewed_lines(page: Path, item: Item, session: Session, lines: list[str], re
 
 
 def environment() -> dict[str, str]:
-    """The variables for the processes of the pages: this environment's commands, and outputs without colours."""
+    """Return the environment variables for the pages: the commands of this environment, and outputs without colours."""
     return os.environ | {
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "COLUMNS": "100",
         "MPLBACKEND": "agg",
         "PYTHONUTF8": "1",
-        # Pages are renewed side by side, so the commands of each keep to one processor.
+        # Several pages are renewed at the same time, so the commands of each page use one processor.
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHON_CPU_COUNT": "1",
         "TTY_COMPATIBLE": "0",
@@ -382,19 +390,21 @@ def environment() -> dict[str, str]:
     }
 
 
-def renew_apart(page: Path) -> tuple[list[str], str]:
-    """Renew a page in a process and a folder of its own; return the files rewritten and the error, if there is one."""
+def renew_in_process(page: Path) -> tuple[list[str], str]:
+    """Renew a page in a separate process and folder; return the rewritten files, and the error or an empty string."""
     with tempfile.TemporaryDirectory(prefix="page-") as folder:
         command = [sys.executable, __file__, "--in-this-folder", page]
-        done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True)
-    return done.stdout.split(), done.stderr if done.returncode else ""
+        process = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True)
+    return process.stdout.split(), process.stderr if process.returncode else ""
 
 
 def main() -> int:
-    """Renew the pages that are named, or all of them."""
+    """Renew the named pages, or all pages."""
     parser = argparse.ArgumentParser(description="Renew outputs and pictures of the manual's pages.")
     parser.add_argument("pages", nargs="*", help="names of pages, such as start; all pages without a name")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="how many pages are renewed side by side")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count(), help="the number of pages that are renewed at the same time"
+    )
     parser.add_argument("--in-this-folder", type=Path, metavar="PAGE", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.in_this_folder:
@@ -407,17 +417,17 @@ def main() -> int:
         *DOCS.glob("*.md"),
         DOCS / "api" / "index.md",
     ]
-    # Pages with much code take longest; they begin first.
+    # Pages with much code take longest, so they start first.
     pages.sort(key=lambda page: page.read_text(encoding="utf-8").count(" run"), reverse=True)
     begin, failed = time.monotonic(), False
     with ThreadPoolExecutor(options.jobs) as executor:
-        futures = {executor.submit(renew_apart, page): page for page in pages}
+        futures = {executor.submit(renew_in_process, page): page for page in pages}
         for count, future in enumerate(as_completed(futures), 1):
             renewed, problem = future.result()
             failed |= bool(problem)
-            what = f"failed\n{problem}" if problem else f"rewrote {', '.join(renewed)}" if renewed else "no change"
+            outcome = f"failed\n{problem}" if problem else f"rewrote {', '.join(renewed)}" if renewed else "no change"
             page = futures[future].relative_to(DOCS)
-            print(f"[{count}/{len(pages)}] {time.monotonic() - begin:.0f} s  {page}: {what}", flush=True)
+            print(f"[{count}/{len(pages)}] {time.monotonic() - begin:.0f} s  {page}: {outcome}", flush=True)
     return int(failed)
 
 
