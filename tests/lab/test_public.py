@@ -43,7 +43,7 @@ def test_no_public_name_is_also_a_folder_or_a_module() -> None:
 
 def test_the_import_loads_nothing_else() -> None:
     code = "import sys; before = set(sys.modules); import tacbench_cad.lab; print(*(set(sys.modules) - before))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = set(done.stdout.split())
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(result.stdout.split())
     assert {name for name in loaded if name.startswith("tacbench_cad")} == {"tacbench_cad", "tacbench_cad.lab"}
     assert loaded & {"numpy", "scipy", "cv2", "sklearn", "matplotlib", "serial", "OCP"} == set()

@@ -28,9 +28,9 @@ assert not [name for name in sys.modules if name.split(".")[0] in {BLOCKED!r}]
 def _tacbench(*commands: tuple[str | Path, ...]) -> str:
     """What commands print that are run one after the other in a new process."""
     lines = ["\n".join(map(str, command)) for command in commands]
-    done = subprocess.run([sys.executable, "-c", CODE, *lines], capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    return done.stdout + done.stderr
+    result = subprocess.run([sys.executable, "-c", CODE, *lines], capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stderr
+    return result.stdout + result.stderr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="virtual firmware needs pseudo-terminals")

@@ -20,9 +20,9 @@ def shown(stream: io.StringIO, out: Path, presses: int, step_s: float) -> str:
     image = out / "image_3.png"
     image.write_bytes(b"picture")
     lines.begin("texture-1", 0, presses)
-    for done in range(1, presses + 1):
+    for press in range(1, presses + 1):
         now += step_s
-        lines.pressed(done, Force(mean_n=1.91234, spread_n=0.0, samples=8), done != 3, image)
+        lines.pressed(press, Force(mean_n=1.91234, spread_n=0.0, samples=8), press != 3, image)
     lines.end()
     return stream.getvalue()
 

@@ -47,7 +47,7 @@ def session(out: Path, progress: Silent) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def test_an_output_folder_that_cannot_be_written(begun: Path, capsys: pytest.Cap
     with read_only(begun):
         for out in (begun, begun / "inner"):
             assert main(["acquire", "--virtual", "--out", str(out)]) == 2
-            said, error = capsys.readouterr()
-            assert said == ""
+            output, error = capsys.readouterr()
+            assert output == ""
             assert error.count("\n") == 1 and error.startswith("error: ")
             assert "not writable" in error and str(begun) in error
         assert contents(begun) == before

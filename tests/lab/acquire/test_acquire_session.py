@@ -23,12 +23,12 @@ class Script:
 
     def __init__(self, *lines: str) -> None:
         self.lines = list(lines)
-        self.asked: list[str] = []
+        self.prompts: list[str] = []
         self.shown: list[str] = []
         self.person = Typing(self._ask, self.shown.append)
 
     def _ask(self, prompt: str) -> str:
-        self.asked.append(prompt)
+        self.prompts.append(prompt)
         if not self.lines:
             raise InputError("standard input", None, f"ended before the answer to: {prompt}")
         return self.lines.pop(0)
@@ -55,12 +55,12 @@ def short(**changes: object) -> Protocol:
 def test_a_study_asks_for_each_block_and_opens_the_rig_once(tmp_path: Path) -> None:
     rig, script = FakeRig(), Script("t1 paper x1 01", "T4 PAPER X1 01")
     results = run(rig, study_of(short(), 1, 4), tmp_path, script)
-    assert [one.folder.name for one in results] == [printed(1).name, printed(4).name]
-    assert [one.presses for one in results] == [8, 8]
+    assert [result.folder.name for result in results] == [printed(1).name, printed(4).name]
+    assert [result.presses for result in results] == [8, 8]
     assert rig.opened == 1
     assert rig.stage.closed
     assert script.shown[0] == "Put into the holder: texture-1, preset paper, scale 1, bambu-p1p, pla-minus, copy 1"
-    assert script.asked == ["Its label (T1 PAPER X1 01): ", "Its label (T4 PAPER X1 01): "]
+    assert script.prompts == ["Its label (T1 PAPER X1 01): ", "Its label (T4 PAPER X1 01): "]
 
 
 def test_a_wrong_label_is_asked_for_again_and_then_refused(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_an_input_that_ends_is_named(tmp_path: Path) -> None:
 def test_a_single_block_is_taken_to_lie_in_the_rig(tmp_path: Path) -> None:
     script = Script()
     run(FakeRig(), study_of(short(), 1), tmp_path, script)
-    assert script.asked == []
+    assert script.prompts == []
 
 
 def test_a_tray_is_filled_slot_by_slot(tmp_path: Path) -> None:
@@ -88,8 +88,8 @@ def test_a_tray_is_filled_slot_by_slot(tmp_path: Path) -> None:
     settings = rig_settings(slots_mm=((0.0, 0.0, 0.0), (60.0, 0.0, 0.0)))
     study = study_of(short(), 1, 2, 3)
     results = run(rig, study, tmp_path, script, settings)
-    assert [Run.open(one.folder).info.slot for one in results] == [0, 1, 0]
-    assert [Run.open(one.folder).info.frame.origin_mm[0] for one in results] == [0.0, 60.0, 0.0]
+    assert [Run.open(result.folder).info.slot for result in results] == [0, 1, 0]
+    assert [Run.open(result.folder).info.frame.origin_mm[0] for result in results] == [0.0, 60.0, 0.0]
     assert {round(x) for x, _, _ in rig.stage.path} == {0, 4, 9, 64, 69}
     # Both blocks of the first tray are asked for before the first is pressed; a later session keeps their slots.
     assert [line.split(":")[0] for line in script.shown] == ["Put into slot 1", "Put into slot 2", "Put into slot 1"]
@@ -168,7 +168,7 @@ def test_taught_heights_are_asked_for_once(tmp_path: Path) -> None:
     (folder / "targets.csv").write_text("\n".join((folder / "targets.csv").read_text().splitlines()[:-2]) + "\n")
     again = Script()
     (result,) = run(FakeRig(gauge=False), study, tmp_path, again)
-    assert (result.presses, again.asked) == (2, [])
+    assert (result.presses, again.prompts) == (2, [])
 
 
 def test_heights_that_are_no_numbers_are_refused(tmp_path: Path) -> None:

@@ -121,8 +121,8 @@ def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
     from tacbench_cad.lab.rig.camera import CameraOptions
     from tacbench_cad.lab.rig.taxels import TaxelOptions
 
-    both = READY.partition("[sensor]")[2].split(TAXELS)
-    for text, options in zip(both, (CameraOptions, TaxelOptions), strict=True):
+    sections = READY.partition("[sensor]")[2].split(TAXELS)
+    for text, options in zip(sections, (CameraOptions, TaxelOptions), strict=True):
         values = tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))
         from_plain(options, {key: value for key, value in values.items() if key not in ("driver", "device")})
 

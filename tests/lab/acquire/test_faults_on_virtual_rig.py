@@ -44,7 +44,7 @@ class Trial(Silent):
         self.file, self.fault, self.delay_s = file, fault, delay_s
         self.rig: VirtualRig | None = None
         self.lowest_mm = self.left_at_mm = 1e9
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self.count = 0
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
@@ -53,7 +53,7 @@ class Trial(Silent):
             self.rig.inject(replace(self.fault, at_s=self.rig.now_s() + self.delay_s))
 
     def say(self, message: str) -> None:
-        self.said.append(message)
+        self.messages.append(message)
 
     def run(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Go on with the run; whatever ends it, where the carriage truly is when the devices are let go is kept."""
@@ -87,7 +87,7 @@ def short_file(driver: str) -> StudyFile:
     """Four presses at four positions, impatient enough for a test."""
     file = virtual_study(driver=driver, speed=100.0)
     protocol = small_protocol(repeats=1, stationary_frames=1, clearance_mm=CLEARANCE_MM)
-    blocks = tuple(replace(one, levels=(2,)) for one in file.study.blocks)
+    blocks = tuple(replace(block, levels=(2,)) for block in file.study.blocks)
     study = Study(blocks=blocks, protocol=protocol)
     rig = file.required_rig
     rig = replace(rig, stage=replace(rig.stage, timeout_s=1.0), gauge=replace(rig.gauge, timeout_s=0.5))
@@ -123,7 +123,7 @@ def try_fault(
 def test_an_alarm_on_grbl_lifts_the_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     error, trial = try_fault("virtual-grbl", Fault(kind="alarm"), 1.0, tmp_path, monkeypatch)
     assert error is not None
-    assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.said)
+    assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.messages)
 
 
 #: Faults with which nothing, or nothing known, can lift the sensor: the port is gone for good, or stays silent.
@@ -161,10 +161,10 @@ def test_every_fault_on_every_driver(name: str, driver: str, tmp_path: Path, mon
         error, trial = try_fault(driver, ALL[name], dice.uniform(0.0, 4.0), tmp_path / str(attempt), monkeypatch)
         if name in DEAD:
             assert error is not None
-            assert any("by hand" in said for said in trial.said)
+            assert any("by hand" in message for message in trial.messages)
         elif name == "alarm" and driver == "virtual-marlin":
             # A halted Marlin hears nothing until somebody presses its reset: where it stands, it stays.
             assert error is not None and "reset button" in str(error)
-            assert trial.left_at_mm >= CLEARANCE_MM - 0.4 or any("by hand" in said for said in trial.said)
+            assert trial.left_at_mm >= CLEARANCE_MM - 0.4 or any("by hand" in message for message in trial.messages)
         else:
-            assert trial.left_at_mm >= CLEARANCE_MM - 0.4, (error, trial.said)
+            assert trial.left_at_mm >= CLEARANCE_MM - 0.4, (error, trial.messages)

@@ -52,9 +52,9 @@ def require_sound(folder: Path) -> None:
     assert len(run.by_key) == 150
     for row in run.rows:
         run.frame(row, verify=True)
-    found = check_run(folder).findings
+    findings = check_run(folder).findings
     # The doubles' pattern is not judged: it is no TacTip.
-    assert [one for one in found if one.kind not in ("dark", "blurred")] == []
+    assert [finding for finding in findings if finding.kind not in ("dark", "blurred")] == []
 
 
 def kill_and_resume(folder: Path, kills: int, seed: int, rig: str, span_s: float) -> int:

@@ -64,16 +64,16 @@ def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
 def test_a_device_that_fails_to_open_closes_the_others() -> None:
     from helpers.fakes import FakeStage
 
-    made: list[FakeStage] = []
+    stages: list[FakeStage] = []
     close = FakeStage.close
     frame = WorkFrame(origin_mm=ORIGIN)
     broken = replace(RIG, sensor=SensorSettings(driver="simulated", options={"colours": True}))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(FakeStage, "close", lambda self: (made.append(self), close(self))[1])
+        patched.setattr(FakeStage, "close", lambda self: (stages.append(self), close(self))[1])
         with pytest.raises(InputError, match='did you mean "colour"'), open_rig(broken, printed(), frame):
             pass
-    assert made
-    assert made[0].closed
+    assert stages
+    assert stages[0].closed
 
 
 def test_a_gauge_that_is_not_there_is_named() -> None:

@@ -38,10 +38,10 @@ class Notes(Silent):
     """Keeps what was said."""
 
     def __init__(self) -> None:
-        self.said: list[str] = []
+        self.messages: list[str] = []
 
     def say(self, message: str) -> None:
-        self.said.append(message)
+        self.messages.append(message)
 
 
 def pressed(rig: FakeRig, folder: Path, protocol: Protocol, notes: Notes | None = None) -> BlockResult:
@@ -159,7 +159,7 @@ def test_a_dead_stage_is_named_and_nothing_is_lost(tmp_path: Path) -> None:
     rig = FakeRig(dead_after=(300, DeviceLostError("/dev/stage is gone")))
     with pytest.raises(DeviceLostError, match="/dev/stage is gone"):
         pressed(rig, tmp_path / "run", protocol, notes)
-    assert any("was not lifted" in said and "by hand" in said for said in notes.said)
+    assert any("was not lifted" in message and "by hand" in message for message in notes.messages)
     pressed(FakeRig(), tmp_path / "run", protocol)
     require_whole(tmp_path / "run", protocol)
 
@@ -298,7 +298,7 @@ def one_random_fault(seed: int, folder: Path) -> None:
         assert min(z for _, _, z in rig.stage.path) >= -protocol.depth_limit_mm
         assert rig.stage.at[2] >= TRAVEL_MM - 0.01, "not lifted"
         stiffest = plate.stiffness_n_per_mm(protocol.hard_limit_n)
-        true_n = max(plate.force_n(one) for one in rig.stage.path)
+        true_n = max(plate.force_n(position) for position in rig.stage.path)
         assert true_n <= protocol.hard_limit_n + protocol.approach_step_mm * stiffest
         now = [row.number for row in Run.open(folder).rows]
         assert now[: len(rows)] == rows

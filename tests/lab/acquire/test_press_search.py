@@ -25,7 +25,7 @@ PLATES = {
 def pressed(rig: FakeRig, protocol: Protocol) -> list[bool | None]:
     """Press the whole plan; whether each press was in its band."""
     presser = rig.presser(protocol)
-    found = []
+    in_band = []
     for press in plan_presses(protocol, (1, 2), "block"):
         contact = presser.press(press)
         assert contact.pose_mm == pytest.approx((press.x_mm, press.y_mm, rig.stage.at[2]))
@@ -35,8 +35,8 @@ def pressed(rig: FakeRig, protocol: Protocol) -> list[bool | None]:
             assert press.band_n is not None
             assert abs(contact.measured.mean_n - press.target_n) <= press.band_n
         presser.carriage.lift()
-        found.append(contact.in_band)
-    return found
+        in_band.append(contact.in_band)
+    return in_band
 
 
 @pytest.mark.parametrize("name", PLATES)
@@ -46,10 +46,10 @@ def test_every_target_is_reached(name: str, step_mm: float, noise_n: float) -> N
     rig = FakeRig(plate=PLATES[name], step_mm=step_mm)
     assert rig.gauge is not None
     rig.gauge.noise_n = noise_n
-    found = pressed(rig, small_protocol())
+    in_band = pressed(rig, small_protocol())
     # 2 N/mm and steps of 2.5 micrometres: at 0.08 N some places have no step inside of a band of 3.9 mN.
     allowed = 2 if name == "linear" and step_mm else 0
-    assert found.count(False) <= allowed
+    assert in_band.count(False) <= allowed
 
 
 def test_every_step_down_in_contact_is_an_approach_step_at_most() -> None:

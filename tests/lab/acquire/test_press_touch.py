@@ -18,13 +18,13 @@ BUMPY = Plate(top=lambda x, y: 0.1 * x - 1.0)
 
 def depths(rig: FakeRig, presser: Presser) -> list[float]:
     """How deep below the plate's top each press of the plan went."""
-    found = []
+    depths_mm = []
     for press in plan_presses(presser.protocol, (1, 2), "block"):
         contact = presser.press(press)
         assert contact.in_band is None
-        found.append(rig.plate.top(press.x_mm, press.y_mm) - contact.pose_mm[2])
+        depths_mm.append(rig.plate.top(press.x_mm, press.y_mm) - contact.pose_mm[2])
         presser.carriage.lift()
-    return found
+    return depths_mm
 
 
 @pytest.mark.parametrize("touch", ["gauge", "sensor"])
@@ -36,11 +36,11 @@ def test_stated_depths_below_first_touch(touch: str) -> None:
         presser.touch = by_gauge(presser.carriage, protocol, presser.force)
     else:
         presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
-    found = depths(rig, presser)
+    measured = depths(rig, presser)
     expected = [press.depth_mm for press in plan_presses(protocol, (1, 2), "block")]
     # First touch is known to a fine step and what the gauge (5 mN) or the image needs to show it.
-    assert found == pytest.approx(expected, abs=0.12 if touch == "gauge" else 0.2)
-    assert float(np.std(np.subtract(found, expected))) < 0.03
+    assert measured == pytest.approx(expected, abs=0.12 if touch == "gauge" else 0.2)
+    assert float(np.std(np.subtract(measured, expected))) < 0.03
 
 
 def test_a_contact_without_a_gauge_has_no_force() -> None:
@@ -84,12 +84,12 @@ def test_a_sensor_that_never_changes_ends_at_the_depth_limit() -> None:
 def test_a_change_in_a_few_numbers_stands_out_of_the_free_readings(shape: tuple[int, ...]) -> None:
     random = np.random.default_rng(0)
 
-    def reading(more: float) -> np.ndarray:
-        made = (100.0 + random.standard_normal(shape)).astype(np.float32)
-        made.flat[:4] += more
-        return made
+    def frame(more: float) -> np.ndarray:
+        values = (100.0 + random.standard_normal(shape)).astype(np.float32)
+        values.flat[:4] += more
+        return values
 
     change = SensorChange()
-    change.learn([reading(0.0) for _ in range(8)])
-    assert sum(change.seen(reading(0.0)) for _ in range(200)) <= 2
-    assert all(change.seen(reading(12.0)) for _ in range(20))
+    change.learn([frame(0.0) for _ in range(8)])
+    assert sum(change.seen(frame(0.0)) for _ in range(200)) <= 2
+    assert all(change.seen(frame(12.0)) for _ in range(20))

@@ -29,7 +29,7 @@ def test_each_pair_is_the_variance_over_both_textures(tmp_path: Path, ddof: int)
     write_study(tmp_path, textures=(1, 2, 4), levels=(1, 2))
     collection = Collection.open([tmp_path])
     result = variance_table(collection, ddof=ddof)
-    matrices = {(one.combination, one.force_level): one for one in result.matrices}
+    matrices = {(matrix.combination, matrix.force_level): matrix for matrix in result.matrices}
     assert set(matrices) == {(c, level) for c in collection.combinations for level in (1, 2, "all")}
     for combination in collection.combinations:
         for level in (1, 2):
@@ -64,7 +64,7 @@ def test_a_texture_that_a_printer_lacks_has_no_entry(tmp_path: Path) -> None:
     printer, filament = PRINTERS[1]
     write_run(tmp_path / "one", PrintedBlock(block=Block.of(2), printer=printer, filament=filament), Plan())
     result = variance_table(Collection.open([tmp_path]))
-    incomplete = next(one for one in result.matrices if one.combination == f"{printer}_{filament}")
+    incomplete = next(matrix for matrix in result.matrices if matrix.combination == f"{printer}_{filament}")
     assert np.isnan(incomplete.variance).tolist() == [[True, True], [True, False]]
     assert incomplete.presses.tolist() == [[0, 0], [0, 8]]
     assert any("texture-1 is missing" in line for line in VarianceView.of(result).warnings)

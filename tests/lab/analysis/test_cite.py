@@ -20,8 +20,8 @@ def test_the_citations_are_those_of_the_cff_file() -> None:
     assert re.findall(r"^version: (.+)$", program, re.M) == re.findall(r"version (.+)}", bibtex) == [__version__]
     titles = re.findall(r'title: "(.+)"$', paper, re.M) + re.findall(r"^title: (.+)$", program, re.M)
     assert titles == re.findall(r"title = {{(.+)}}", bibtex) and all(title in citations() for title in titles)
-    given, family = (re.findall(rf"{name}-names: (.+)$", paper, re.M) for name in ("given", "family"))
-    authors = [" and ".join(f"{last}, {first}" for first, last in zip(given, family, strict=True))]
+    first_names, last_names = (re.findall(rf"{name}-names: (.+)$", paper, re.M) for name in ("given", "family"))
+    authors = [" and ".join(f"{last}, {first}" for first, last in zip(first_names, last_names, strict=True))]
     authors += [f"{{{name}}}" for name in re.findall(r"- name: (.+)$", program, re.M)]
     assert authors == re.findall(r"author = {(.+)}", bibtex)
 

@@ -50,9 +50,9 @@ def test_readings_are_those_of_the_chosen_presses(study: Path) -> None:
     result = Collection.open([study])
     some = result.chosen((result.texture == "texture-2") & (result.level == 3) & (result.position == 4))
     assert len(some) == 2 * 2 * 2 and set(some.copy.tolist()) == {1, 2}
-    whole = np.flatnonzero((result.texture == "texture-2") & (result.level == 3) & (result.position == 4))
-    assert all(np.array_equal(some.frame(i), result.frame(j)) for i, j in enumerate(whole))
-    assert len(result.chosen(whole[:3])) == 3
+    rows = np.flatnonzero((result.texture == "texture-2") & (result.level == 3) & (result.position == 4))
+    assert all(np.array_equal(some.frame(i), result.frame(j)) for i, j in enumerate(rows))
+    assert len(result.chosen(rows[:3])) == 3
 
 
 def test_a_run_a_folder_of_runs_and_a_folder_of_studies_are_found(study: Path) -> None:
@@ -70,9 +70,9 @@ def test_a_folder_without_runs_is_refused(tmp_path: Path, name: str) -> None:
 
 
 def test_runs_that_must_not_be_mixed_are_refused_by_name(tmp_path: Path) -> None:
-    one = PrintedBlock(block=Block.of(1), printer="ender-3", filament="petg")
-    first = write_run(tmp_path / "a", one, Plan())
-    same = write_run(tmp_path / "b", one, Plan())
+    printed = PrintedBlock(block=Block.of(1), printer="ender-3", filament="petg")
+    first = write_run(tmp_path / "a", printed, Plan())
+    same = write_run(tmp_path / "b", printed, Plan())
     with pytest.raises(InputError, match="same print"):
         Collection.open([first, same])
     other = PrintedBlock(block=Block.of(2), printer="ender-3", filament="petg")

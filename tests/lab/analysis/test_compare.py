@@ -39,7 +39,8 @@ def side(name: str, right: dict[str, Ints], start: int = 0) -> Side:
     """A sensor that told so many of the presses of each print right, by texture; prints are numbered from ``start``."""
     accuracies = {
         ("copy", texture): {
-            f"{texture}_{start + i}": PrintAccuracy(int(one) / PRESSES, presses=PRESSES) for i, one in enumerate(counts)
+            f"{texture}_{start + i}": PrintAccuracy(int(count) / PRESSES, presses=PRESSES)
+            for i, count in enumerate(counts)
         }
         for texture, counts in right.items()
     }
@@ -52,37 +53,37 @@ def record(sensor: str, textures: tuple[str, ...] = TEXTURES) -> ClassificationR
     )
 
 
-def both(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Difference:
+def compare_sides(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Difference:
     """The line of texture 1."""
     other = np.full(len(a), 25)
     first = side("a", {"texture-1": a, "texture-2": other})
     second = side("b", {"texture-1": b, "texture-2": np.full(len(b), 25)}, start)
     result = compare(first, second, "forest", same_prints=same_prints)
-    assert [one.texture for one in result.rows] == [ALL_TEXTURES, *TEXTURES]
+    assert [row.texture for row in result.rows] == [ALL_TEXTURES, *TEXTURES]
     return result.rows[1]
 
 
 def test_prints_that_both_pressed_are_compared_in_pairs() -> None:
     a = np.array([10, 20, 30, 40])
     better = a + np.array([9, 11, 9, 11])
-    line = both(a, better)
+    line = compare_sides(a, better)
     assert line.paired and (line.prints_a, line.prints_b) == (4, 4)
     assert line.difference == pytest.approx(0.2)
     assert line.verdict == "B better" and line.smallest_difference is not None
-    apart = both(a, better, start=100)
+    apart = compare_sides(a, better, start=100)
     assert not apart.paired and apart.verdict == "not told apart"
     assert apart.smallest_difference is not None
     assert apart.smallest_difference > 2.0 * line.smallest_difference
-    assert both(a, better, same_prints=False) == apart
+    assert compare_sides(a, better, same_prints=False) == apart
 
 
 def test_two_sensors_that_are_always_right_are_not_shown_to_be_equal() -> None:
-    line = both(np.full(6, PRESSES), np.full(6, PRESSES))
+    line = compare_sides(np.full(6, PRESSES), np.full(6, PRESSES))
     assert line.difference == 0.0 and line.smallest_difference is not None and line.smallest_difference > 0.02
 
 
 def test_a_single_print_shows_no_difference() -> None:
-    line = both(np.array([10]), np.array([50]))
+    line = compare_sides(np.array([10]), np.array([50]))
     assert (line.low, line.high, line.smallest_difference) == (None, None, None)
     assert line.verdict == "too few prints"
 
@@ -97,11 +98,11 @@ def test_the_smallest_difference_is_found_four_times_in_five(start: int) -> None
         hard = np.clip(rng.normal(0.6, 0.05, (2, prints)), 0.0, 1.0)
         if start == 0:
             hard[1] = hard[0]
-        return both(rng.binomial(PRESSES, hard[0]), rng.binomial(PRESSES, hard[1] + difference), start)
+        return compare_sides(rng.binomial(PRESSES, hard[0]), rng.binomial(PRESSES, hard[1] + difference), start)
 
     null = [study(0.0) for _ in range(studies)]
-    smallest = float(np.mean([one.smallest_difference or 1.0 for one in null]))
-    assert sum(one.verdict != "not told apart" for one in null) <= 0.08 * studies
+    smallest = float(np.mean([result.smallest_difference or 1.0 for result in null]))
+    assert sum(result.verdict != "not told apart" for result in null) <= 0.08 * studies
     shown = sum(study(smallest).verdict == "B better" for _ in range(studies))
     assert 0.72 * studies <= shown <= 0.92 * studies
 
@@ -153,7 +154,7 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
 @pytest.mark.usefixtures("no_figures")
 def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     folder, document = compared
-    sides = [str(folder / "out" / f"classification_{one}") for one in "ab"]
+    sides = [str(folder / "out" / f"classification_{side}") for side in "ab"]
     again = CliRunner().invoke(command.command, [*sides, "-o", str(tmp_path), "--json"])
     assert again.exit_code == 0
     assert json.loads(again.stdout)["rows"] == document["rows"]

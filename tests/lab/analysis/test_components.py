@@ -36,7 +36,7 @@ def sums_of_squares(values: ArrayLike, labels: ArrayLike) -> NestedSums:
     """The nested sums of presses in memory, in two passes; streaming gives the same."""
     pixels, names = np.asarray(values, dtype=np.float64), np.asarray(labels)
     means = [
-        np.stack([pixels[groups == one].mean(axis=0) for one in range(groups.max() + 1)])[groups]
+        np.stack([pixels[groups == group].mean(axis=0) for group in range(groups.max() + 1)])[groups]
         for groups in groups_of(names)
     ]
     squares = [float(((fine - coarse) ** 2).sum(axis=0).mean()) for coarse, fine in itertools.pairwise(means)]
@@ -45,7 +45,7 @@ def sums_of_squares(values: ArrayLike, labels: ArrayLike) -> NestedSums:
 
 def balanced(textures: int, printers: int, prints: int, repeats: int) -> Ints:
     design = itertools.product(range(textures), range(printers), range(prints), range(repeats))
-    return np.array([one[:3] for one in design])
+    return np.array([row[:3] for row in design])
 
 
 def simulated(labels: Ints, pixels: int, rng: np.random.Generator) -> Floats:
@@ -56,7 +56,7 @@ def simulated(labels: Ints, pixels: int, rng: np.random.Generator) -> Floats:
 
 
 def variances(labels: Ints, values: Floats) -> list[float | None]:
-    return [one.variance for one in components(sums_of_squares(values, labels))]
+    return [component.variance for component in components(sums_of_squares(values, labels))]
 
 
 UNBALANCED = np.delete(balanced(3, 3, 3, 3), [1, 2, 4, 9, 10, 11, 12, 30, 31, 54, 55, 56, 57, 58, 80], axis=0)
@@ -91,9 +91,9 @@ def test_the_pieces_add_up_to_the_total_sum_of_squares() -> None:
 def test_pooling_positions_is_the_mean_over_positions_of_a_balanced_design() -> None:
     labels, rng = balanced(2, 2, 2, 2), np.random.default_rng(3)
     places = [sums_of_squares(simulated(labels, 50, rng), labels) for _ in range(3)]
-    pooled = [one.variance for one in components(places[0] + places[1] + places[2])]
-    each = np.array([[one.variance for one in components(sums)] for sums in places], dtype=np.float64)
-    means = each.mean(axis=0)
+    pooled = [component.variance for component in components(places[0] + places[1] + places[2])]
+    estimates = np.array([[component.variance for component in components(sums)] for sums in places], dtype=np.float64)
+    means = estimates.mean(axis=0)
     np.testing.assert_allclose(np.array(pooled, dtype=float), means, rtol=1e-12)
 
 
@@ -111,7 +111,9 @@ def test_agrees_with_the_mixed_model_of_statsmodels() -> None:
     labels = balanced(5, 3, 3, 2)
     values = simulated(labels, 1, np.random.default_rng(11))
     ours = variances(labels, values)
-    assert min(one for one in ours if one is not None) > 0.0  # REML equals ANOVA where nothing is cut at 0
+    assert (
+        min(estimate for estimate in ours if estimate is not None) > 0.0
+    )  # REML equals ANOVA where nothing is cut at 0
     frame = pandas.DataFrame(labels, columns=["texture", "printer", "copy"]).astype(str).assign(y=values[:, 0])
     frame["printer"] = frame["texture"] + frame["printer"]
     frame["copy"] = frame["printer"] + frame["copy"]
@@ -133,7 +135,7 @@ def test_agrees_with_the_intraclass_correlation_of_pingouin() -> None:
     pingouin = pytest.importorskip("pingouin")
     labels = balanced(1, 1, 8, 3)
     values = simulated(labels, 1, np.random.default_rng(5))
-    result = {one.name: one.variance for one in components(sums_of_squares(values, labels))}
+    result = {component.name: component.variance for component in components(sums_of_squares(values, labels))}
     assert result["print"] is not None and result["repeat"] is not None
     frame = pandas.DataFrame({"print": labels[:, 2], "repeat": np.tile(range(3), 8), "y": values[:, 0]})
     table = pingouin.intraclass_corr(frame, targets="print", raters="repeat", ratings="y")
@@ -143,7 +145,9 @@ def test_agrees_with_the_intraclass_correlation_of_pingouin() -> None:
 
 def test_a_negative_estimate_stays_and_has_a_truncated_one_beside_it() -> None:
     labels = balanced(1, 1, 2, 2)
-    result = {one.name: one for one in components(sums_of_squares([[1.0], [3.0], [3.0], [1.0]], labels))}
+    result = {
+        component.name: component for component in components(sums_of_squares([[1.0], [3.0], [3.0], [1.0]], labels))
+    }
     assert result["print"].variance == pytest.approx(-1.0)
     assert result["print"].truncated == 0.0
     assert "negative" in result["print"].note
@@ -178,7 +182,8 @@ def test_a_level_with_one_member_is_named_and_is_in_the_next_coarser_one(
     labels: Ints, missing: dict[str, str], includes: dict[str, tuple[str, ...]]
 ) -> None:
     result = {
-        one.name: one for one in components(sums_of_squares(simulated(labels, 3, np.random.default_rng(6)), labels))
+        component.name: component
+        for component in components(sums_of_squares(simulated(labels, 3, np.random.default_rng(6)), labels))
     }
     for name, reason in missing.items():
         assert result[name].variance is None and result[name].truncated is None
@@ -190,8 +195,8 @@ def test_a_level_with_one_member_is_named_and_is_in_the_next_coarser_one(
 def test_what_is_merged_is_still_unbiased() -> None:
     labels = balanced(3, 3, 1, 2)
     result = {
-        one.name: one.variance
-        for one in components(sums_of_squares(simulated(labels, 40_000, np.random.default_rng(7)), labels))
+        component.name: component.variance
+        for component in components(sums_of_squares(simulated(labels, 40_000, np.random.default_rng(7)), labels))
     }
     assert result["printer"] == pytest.approx(TRUE[1] + TRUE[2], rel=0.03)
     assert result["repeat"] == pytest.approx(TRUE[3], rel=0.03)
@@ -199,7 +204,7 @@ def test_what_is_merged_is_still_unbiased() -> None:
 
 def test_a_single_press_has_no_component() -> None:
     result = components(sums_of_squares([[1.0, 2.0]], [[0, 0, 0]]))
-    assert [one.variance for one in result] == [None] * 4
+    assert [component.variance for component in result] == [None] * 4
     assert precision(result)["reproducibility"] is None
 
 
@@ -209,12 +214,12 @@ def test_constant_readings_have_components_of_zero() -> None:
 
 
 def test_reproducibility_needs_the_printers() -> None:
-    def made(**values: float | None) -> tuple[Component, ...]:
+    def make_components(**values: float | None) -> tuple[Component, ...]:
         return tuple(Component(name=name, variance=values.get(name), dof=1) for name in LEVELS)
 
-    deviations = precision(made(texture=9.0, printer=3.0, print=2.0, repeat=4.0))
+    deviations = precision(make_components(texture=9.0, printer=3.0, print=2.0, repeat=4.0))
     assert deviations == {"repeatability": 2.0, "intermediate": pytest.approx(math.sqrt(6.0)), "reproducibility": 3.0}
-    assert precision(made(print=2.0, repeat=4.0))["reproducibility"] is None
+    assert precision(make_components(print=2.0, repeat=4.0))["reproducibility"] is None
 
 
 def test_rows_have_the_columns_of_the_file() -> None:

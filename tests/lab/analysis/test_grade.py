@@ -82,9 +82,9 @@ def test_the_published_figures_are_the_papers() -> None:
     assert published.PAPER_VARIANCE[ENDER] == (2.60, 10.36, 12.12, 10.75, 7.026, 8.28)
     assert published.PAPER_VARIANCE[BAMBU] == (2.80, 2.64, 3.61, 3.67, 3.63, 3.51)
     assert published.PAPER_VARIANCE[RESIN] == (2.31, 2.11, 2.8, 3.06, 3.32, 3.14)
-    unseen = {(one.model, one.train_on): one.unseen for one in published.CLASSIFICATION}
+    unseen = {(row.model, row.train_on): row.unseen for row in published.CLASSIFICATION}
     assert list(unseen.values()) == [31.4, 33.21, 63.98, 53.73, 70.66, 61.41]
-    assert {one.train_on for one in published.CLASSIFICATION} == set(SELECTED)
+    assert {row.train_on for row in published.CLASSIFICATION} == set(SELECTED)
     assert published.FLOOR == 2.6
     assert published.PAPER_FLOORS["standard deviation"] == pytest.approx(6.76)
 
@@ -201,7 +201,7 @@ def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> Non
 def test_another_sensors_unit_is_not_compared() -> None:
     result = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
     assert differences(result) == [[None] * 3] * 6 and result.units == "kPa^2"
-    assert {one.verdict for one in result.verdicts} == {"another unit"}
+    assert {verdict.verdict for verdict in result.verdicts} == {"another unit"}
     assert not any("The published figures" in text for text in result.limits)
 
 
@@ -221,7 +221,7 @@ def test_missing_and_own_textures_are_named() -> None:
 def test_each_printer_and_filament_has_its_own_grade_at_the_level_of_its_cells() -> None:
     result = grade([cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")], PAPER)
     assert [grade.printer for grade in result] == ["b", "a"]
-    assert all(one.force_level == 2 and len(one.textures) == 1 for one in result)
+    assert all(grade.force_level == 2 and len(grade.textures) == 1 for grade in result)
     assert any("The force level is 2, and the published figures are for level 1" in text for text in result[0].limits)
 
 

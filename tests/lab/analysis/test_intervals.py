@@ -26,9 +26,9 @@ PRINT, REPEAT = 1.0, 0.5
 SIDE = 24
 
 
-def gram_of(readings: Sequence[NDArray[Any]]) -> Floats:
+def gram_of(frames: Sequence[NDArray[Any]]) -> Floats:
     """Mean over pixels of products of deviations from the mean reading, as streaming gives it, (n, n)."""
-    values = np.array([np.asarray(one, dtype=np.float64).reshape(-1) for one in readings])
+    values = np.array([np.asarray(frame, dtype=np.float64).reshape(-1) for frame in frames])
     values -= values.mean(axis=0)
     return np.asarray(values @ values.T / values.shape[1])
 
@@ -70,8 +70,8 @@ def study(prints: int, repeats: int, field: Field, random: np.random.Generator, 
 
 def pooled(sums: list[CellSums]) -> CellSums:
     total = sums[0]
-    for one in sums[1:]:
-        total = total + one
+    for cell in sums[1:]:
+        total = total + cell
     return total
 
 
@@ -91,7 +91,7 @@ def coverage(prints: int, field: Field, studies: int, seed: int, repeat: float =
         cell = study(prints, 2, field, random, repeat)
         intervals = [variance_interval(cell), *(component_interval([cell], name) for name in ("print", "repeat"))]
         intervals.append(ratio_interval([cell]))
-        held += [one.low <= value <= one.high for one, value in zip(intervals, truths, strict=True)]
+        held += [interval.low <= value <= interval.high for interval, value in zip(intervals, truths, strict=True)]
         estimates.append(intervals[0].estimate)
     return held / studies, float(np.mean(estimates)) / truths[0]
 
@@ -142,7 +142,7 @@ def test_the_estimate_is_the_tables_figure() -> None:
     random = np.random.default_rng(0)
     values = random.integers(0, 256, (3, 12, 5_000)).astype(np.uint8)
     copies = np.repeat(range(6), 2)
-    cell = pooled([CellSums.of(gram_of(list(one)), copies) for one in values])
+    cell = pooled([CellSums.of(gram_of(list(field)), copies) for field in values])
     for ddof in (0, 1):
         table = float(values.astype(float).var(axis=1, ddof=ddof).mean())
         assert cell.variance(ddof) == pytest.approx(table, rel=1e-12)
@@ -166,16 +166,16 @@ def test_the_floor_shifts_estimate_and_ends_and_stops_at_zero() -> None:
 
 def test_the_number_of_independent_parts_is_seen() -> None:
     random = np.random.default_rng(2)
-    whole, fine = (variance_interval(study(6, 2, FIELDS[kind], random)).parts for kind in ("as one", "fine"))
-    assert whole < 3.0
+    uniform, fine = (variance_interval(study(6, 2, FIELDS[kind], random)).parts for kind in ("as one", "fine"))
+    assert uniform < 3.0
     assert fine > 30.0
 
 
 def test_two_prints_have_an_interval_that_says_how_little_they_show() -> None:
     random = np.random.default_rng(3)
     result = [variance_interval(study(2, 2, FIELDS["smooth"], random)) for _ in range(60)]
-    assert all(one.low <= truth(2, 2) <= one.high for one in result)
-    assert np.median([one.high / one.estimate for one in result]) > 100.0
+    assert all(interval.low <= truth(2, 2) <= interval.high for interval in result)
+    assert np.median([interval.high / interval.estimate for interval in result]) > 100.0
     assert result[0].parts == 1.0
 
 
@@ -191,7 +191,7 @@ def test_one_print_is_refused_with_the_reason() -> None:
 def test_one_repeat_has_an_interval_but_no_components() -> None:
     random = np.random.default_rng(6)
     result = [variance_interval(study(6, 1, FIELDS["smooth"], random)) for _ in range(60)]
-    assert sum(one.low <= truth(6, 1) <= one.high for one in result) >= 51
+    assert sum(interval.low <= truth(6, 1) <= interval.high for interval in result) >= 51
     with pytest.raises(InputError, match="to separate prints from repeats"):
         component_interval([study(6, 1, FIELDS["smooth"], random)], "repeat")
 
@@ -214,10 +214,10 @@ def test_components_are_pooled_over_cells_of_different_prints() -> None:
     assert together.high - together.low < 0.5 * (alone.high - alone.low)
     assert together.low <= PRINT <= together.high
     squares, repeats = (
-        sum(one.between for one in cells),
-        sum(one.within for one in cells) / sum(one.dof[1] for one in cells),
+        sum(cell.between for cell in cells),
+        sum(cell.within for cell in cells) / sum(cell.dof[1] for cell in cells),
     )
-    expected = (squares - sum(one.dof[0] for one in cells) * repeats) / sum(one.kappa for one in cells)
+    expected = (squares - sum(cell.dof[0] for cell in cells) * repeats) / sum(cell.kappa for cell in cells)
     assert together.estimate == pytest.approx(expected)
 
 
@@ -227,7 +227,9 @@ def test_pooled_components_cover_too(kind: str) -> None:
     for _ in range(60):
         cells = [study(3, 2, FIELDS[kind], random) for _ in range(6)]
         result = [component_interval(cells, name) for name in ("print", "repeat")]
-        held += [one.low <= value <= one.high for one, value in zip(result, (PRINT, REPEAT), strict=True)]
+        held += [
+            interval.low <= value <= interval.high for interval, value in zip(result, (PRINT, REPEAT), strict=True)
+        ]
     assert (held >= 52).all()
 
 
@@ -245,12 +247,12 @@ def with_holes(random: np.random.Generator, field: Field, holes: float) -> CellS
 def test_presses_may_be_missing() -> None:
     random = np.random.default_rng(8)
     cells = [with_holes(random, FIELDS["smooth"], 0.25) for _ in range(80)]
-    assert all(one.whole < one.positions == 4 for one in cells[:3])
-    expected = np.mean([one.weights[0, 0] @ [PRINT, REPEAT] / one.positions for one in cells])
-    assert np.mean([one.variance() for one in cells]) == pytest.approx(expected, rel=0.1)
-    result = [component_interval([one], "print") for one in cells]
-    assert np.mean([one.estimate for one in result]) == pytest.approx(PRINT, rel=0.12)
-    assert sum(one.low <= PRINT <= one.high for one in result) >= 69
+    assert all(cell.whole < cell.positions == 4 for cell in cells[:3])
+    expected = np.mean([cell.weights[0, 0] @ [PRINT, REPEAT] / cell.positions for cell in cells])
+    assert np.mean([cell.variance() for cell in cells]) == pytest.approx(expected, rel=0.1)
+    result = [component_interval([cell], "print") for cell in cells]
+    assert np.mean([interval.estimate for interval in result]) == pytest.approx(PRINT, rel=0.12)
+    assert sum(interval.low <= PRINT <= interval.high for interval in result) >= 69
 
 
 def test_without_a_whole_position_pixels_count_as_one() -> None:
@@ -266,11 +268,11 @@ def test_without_a_whole_position_pixels_count_as_one() -> None:
 def test_a_force_level_of_fewer_prints_is_pooled_too() -> None:
     random = np.random.default_rng(12)
     six, three = study(6, 2, FIELDS["smooth"], random), study(3, 2, FIELDS["smooth"], random)
-    for both in (six + three, three + six):
-        assert (both.prints, both.positions, both.whole, both.presses) == (6, 8, 4, 72)
-        assert both.variance() == pytest.approx((six.variance() + three.variance()) / 2.0)
-        np.testing.assert_array_equal(both.gram, six.gram)
-        result = variance_interval(both)
+    for cell in (six + three, three + six):
+        assert (cell.prints, cell.positions, cell.whole, cell.presses) == (6, 8, 4, 72)
+        assert cell.variance() == pytest.approx((six.variance() + three.variance()) / 2.0)
+        np.testing.assert_array_equal(cell.gram, six.gram)
+        result = variance_interval(cell)
         assert result.low < result.estimate < result.high
 
 
@@ -278,11 +280,11 @@ def test_order_of_presses_and_seed_do_not_matter() -> None:
     random = np.random.default_rng(10)
     values, copies = list(random.standard_normal((12, 300))), np.repeat(range(6), 2)
     order = random.permutation(12)
-    one = CellSums.of(gram_of(values), copies)
-    other = CellSums.of(gram_of([values[i] for i in order]), copies[order])
-    np.testing.assert_allclose(one.print_gram(), other.print_gram(), atol=1e-12)
-    assert variance_interval(one) == variance_interval(one)
-    first, second = (variance_interval(one, seed=seed) for seed in (0, 1))
+    ordered = CellSums.of(gram_of(values), copies)
+    shuffled = CellSums.of(gram_of([values[i] for i in order]), copies[order])
+    np.testing.assert_allclose(ordered.print_gram(), shuffled.print_gram(), atol=1e-12)
+    assert variance_interval(ordered) == variance_interval(ordered)
+    first, second = (variance_interval(ordered, seed=seed) for seed in (0, 1))
     assert first.high == pytest.approx(second.high, rel=0.03)
 
 

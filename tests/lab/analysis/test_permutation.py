@@ -57,11 +57,11 @@ def test_the_order_of_prints_does_not_matter() -> None:
     random = np.random.default_rng(3)
     first, second = ([centred_gram(prints(6, random, scale)) for _ in range(3)] for scale in (1.3, 1.0))
     order = random.permutation(6)
-    turned = [one[np.ix_(order, order)] for one in first]
-    one, other = (dispersion_test(grams, second) for grams in (first, turned))
-    assert one.statistic == pytest.approx(other.statistic)
-    assert one.p == pytest.approx(other.p, abs=0.02)
-    assert dispersion_test(first, second) == one
+    turned = [gram[np.ix_(order, order)] for gram in first]
+    plain, reordered = (dispersion_test(grams, second) for grams in (first, turned))
+    assert plain.statistic == pytest.approx(reordered.statistic)
+    assert plain.p == pytest.approx(reordered.p, abs=0.02)
+    assert dispersion_test(first, second) == plain
 
 
 def test_what_a_small_design_cannot_reach_is_said() -> None:

@@ -81,14 +81,14 @@ def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) 
     for cell in (cell for cell in result.cells if cell.force_level != "all"):
         truth = []
         for position in (1, 2, 3, 4):
-            moved = [
+            displacements = [
                 dots_displacement(run.info.printed, press)
                 for run in collection.runs
                 if (run.info.printed.combination, run.info.printed.texture) == (cell.combination, cell.texture)
                 for press in plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)
                 if (press.force_level, press.position) == (cell.force_level, position)
             ]
-            truth.append(np.var(moved, axis=0).mean())
+            truth.append(np.var(displacements, axis=0).mean())
         assert cell.variance == pytest.approx(np.mean(truth), rel=0.1)
     assert len(result.fields) == 2 * 4
     field = result.fields[2, ("ender-3_pla-plus", "texture-1")]

@@ -67,7 +67,7 @@ def test_prints_that_differ_from_place_to_place_are_no_seats(tmp_path: Path) -> 
     (result,) = register(study(tmp_path, sensor(both_axes, seated=False, print_sd=0.5)))
     # Two offsets a print are fitted to 8 x 25 numbers: by chance they explain about a hundredth.
     assert result.seating < 0.05 * result.variance
-    assert max(abs(one) for pair in result.offsets_mm.values() for one in pair if one is not None) < 0.05
+    assert max(abs(offset) for pair in result.offsets_mm.values() for offset in pair if offset is not None) < 0.05
 
 
 def test_an_axis_along_which_nothing_changes_is_not_seen(tmp_path: Path) -> None:
@@ -80,9 +80,11 @@ def test_an_axis_along_which_nothing_changes_is_not_seen(tmp_path: Path) -> None
 
 def test_processes_change_nothing_and_single_prints_are_left_out(tmp_path: Path) -> None:
     collection = study(tmp_path, sensor(both_axes, seated=True), textures=(1, 2), levels=(1, 2))
-    one, two = register(collection), register(collection, jobs=2)
-    assert [(s.force_level, s.texture, s.seating) for s in one] == [(s.force_level, s.texture, s.seating) for s in two]
-    assert len(one) == 4
+    serial, parallel = register(collection), register(collection, jobs=2)
+    assert [(s.force_level, s.texture, s.seating) for s in serial] == [
+        (s.force_level, s.texture, s.seating) for s in parallel
+    ]
+    assert len(serial) == 4
     with pytest.raises(InputError, match="two prints"):
         register(collection.chosen(collection.copy == 2))
 

@@ -69,7 +69,7 @@ class Page(HTMLParser):
             self.texts.append(data)
 
     def all(self, tag: str) -> list[dict[str, str]]:
-        return [attributes for one, attributes in self.tags if one == tag]
+        return [attributes for name, attributes in self.tags if name == tag]
 
     @property
     def text(self) -> str:
@@ -96,7 +96,7 @@ def report(runs: Path) -> Path:
     """A whole report, classification included."""
     out = runs.parent / "report.html"
     files = write_report([runs], out)
-    assert files[0] == out and all(one.is_file() for one in files)
+    assert files[0] == out and all(path.is_file() for path in files)
     return out
 
 
@@ -174,9 +174,9 @@ def test_every_picture_is_the_file_beside_the_page_and_has_words(report: Path, p
     there = {path.read_bytes() for path in files.rglob("*.png")}
     images = page.all("img")
     assert len(images) >= 7 and len(there) == len(images)
-    for one in images:
-        assert base64.b64decode(one["src"].split(",", 1)[1]) in there
-        assert len(one["alt"]) > 20 and int(one["width"]) > 100
+    for picture in images:
+        assert base64.b64decode(picture["src"].split(",", 1)[1]) in there
+        assert len(picture["alt"]) > 20 and int(picture["width"]) > 100
     for path in files.rglob("*.png"):
         assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
@@ -184,8 +184,8 @@ def test_every_picture_is_the_file_beside_the_page_and_has_words(report: Path, p
 def test_every_file_that_the_page_names_is_there(report: Path, page: Page) -> None:
     named = set(re.findall(r"report_files/[\w./-]+\.(?:csv|png|pdf)", page.text))
     assert len(named) > 20
-    assert all((report.parent / one).is_file() for one in named)
-    written = {str(one.relative_to(report.parent)) for one in report.with_name("report_files").rglob("*.csv")}
+    assert all((report.parent / name).is_file() for name in named)
+    written = {str(path.relative_to(report.parent)) for path in report.with_name("report_files").rglob("*.csv")}
     assert written - named <= {"report_files/classification/predictions.csv"}
 
 

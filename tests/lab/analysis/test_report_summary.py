@@ -53,8 +53,8 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
 def reports(study: Collection, *kinds: str, **fields: Any) -> tuple[RunReport, ...]:
     """What the check says of each run; all findings are of the first."""
     findings = tuple(Finding(kind=kind, where=f"{i}.png", text="is wrong") for i, kind in enumerate(kinds))
-    whole = [RunReport(folder=r.folder, name="", simulated=(), planned=2, presses=2) for r in study.runs]
-    return (replace(whole[0], findings=findings, **fields), *whole[1:])
+    reports = [RunReport(folder=r.folder, name="", simulated=(), planned=2, presses=2) for r in study.runs]
+    return (replace(reports[0], findings=findings, **fields), *reports[1:])
 
 
 def repeatable(about: str, answer: str, figure: float | None = None) -> Answer:

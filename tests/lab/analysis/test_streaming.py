@@ -32,7 +32,7 @@ def at(collection: Collection, level: int, position: int) -> Ints:
     return np.flatnonzero((collection.level == level) & (collection.position == position))
 
 
-def readings(collection: Collection, which: Ints) -> Floats:
+def frames_of(collection: Collection, which: Ints) -> Floats:
     return np.stack([collection.frame(int(i)).astype(np.float64).ravel() for i in which])
 
 
@@ -42,30 +42,30 @@ def study(make_study: Callable[..., Collection]) -> Collection:
 
 
 @pytest.fixture(scope="module")
-def done(study: Collection) -> Pass:
+def streamed(study: Collection) -> Pass:
     return passed(study)
 
 
 @pytest.mark.parametrize("ddof", [0, 1])
-def test_each_cell_has_the_variance_that_numpy_gives(study: Collection, done: Pass, ddof: int) -> None:
-    assert len(done.places) == 2 * 4
-    for place in done.places:
+def test_each_cell_has_the_variance_that_numpy_gives(study: Collection, streamed: Pass, ddof: int) -> None:
+    assert len(streamed.places) == 2 * 4
+    for place in streamed.places:
         assert len(place.cells) == 4
         here = at(study, place.level, place.position)
         for (combination, texture), cell in place.cells.items():
             mine = here[(study.combination[here] == combination) & (study.texture[here] == texture)]
-            two_pass = readings(study, mine).var(axis=0, ddof=ddof).mean()
+            two_pass = frames_of(study, mine).var(axis=0, ddof=ddof).mean()
             assert cell.variance(ddof) == pytest.approx(two_pass, rel=1e-9)
             assert cell.prints == 3 and cell.presses == 6
 
 
-def test_the_nested_sums_of_squares_are_those_of_two_passes(study: Collection, done: Pass) -> None:
-    for place in done.places:
+def test_the_nested_sums_of_squares_are_those_of_two_passes(study: Collection, streamed: Pass) -> None:
+    for place in streamed.places:
         here = at(study, place.level, place.position)
-        values = readings(study, here)
+        values = frames_of(study, here)
         labels = [(study.texture[i], study.combination[i], study.copy[i], i) for i in here]
         means = [
-            np.stack([values[[other[:depth] == one[:depth] for other in labels]].mean(axis=0) for one in labels])
+            np.stack([values[[other[:depth] == label[:depth] for other in labels]].mean(axis=0) for label in labels])
             for depth in range(5)
         ]
         direct = [((fine - coarse) ** 2).sum(axis=0).mean() for coarse, fine in pairwise(means)]
@@ -74,54 +74,59 @@ def test_the_nested_sums_of_squares_are_those_of_two_passes(study: Collection, d
         assert place.nested.dof.tolist() == [1, 2, 8, 12]
 
 
-def test_distances_of_textures_are_those_of_their_means(study: Collection, done: Pass) -> None:
-    place = done.places[5]
+def test_distances_of_textures_are_those_of_their_means(study: Collection, streamed: Pass) -> None:
+    place = streamed.places[5]
     here = at(study, place.level, place.position)
     for combination, (names, distances) in place.distances.items():
+        mine = study.combination[here] == combination
         means = [
-            readings(study, here[(study.combination[here] == combination) & (study.texture[here] == one)]).mean(axis=0)
-            for one in names
+            frames_of(study, here[(study.combination[here] == combination) & (study.texture[here] == name)]).mean(
+                axis=0
+            )
+            for name in names
         ]
         assert distances[0, 1] == pytest.approx(((means[0] - means[1]) ** 2).mean(), rel=1e-9)
         assert distances[0, 0] == 0.0
 
 
-def test_the_floor_is_the_variance_of_the_frames_of_a_sitting(study: Collection, done: Pass) -> None:
-    assert [one.run for one in done.floors] == list(range(12))
+def test_the_floor_is_the_variance_of_the_frames_of_a_sitting(study: Collection, streamed: Pass) -> None:
+    assert [floor.run for floor in streamed.floors] == list(range(12))
     run = study.runs[7]
-    sittings = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
-    assert done.floors[7].dof == 4
-    assert done.floors[7].squares == pytest.approx(sum(2.0 * one.var(axis=0, ddof=1).mean() for one in sittings))
+    sessions = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
+    assert streamed.floors[7].dof == 4
+    assert streamed.floors[7].squares == pytest.approx(
+        sum(2.0 * frames.var(axis=0, ddof=1).mean() for frames in sessions)
+    )
 
 
-def test_maps_are_the_sum_of_the_pixels_variances(study: Collection, done: Pass) -> None:
+def test_maps_are_the_sum_of_the_pixels_variances(study: Collection, streamed: Pass) -> None:
     key = ("ender-3_pla-plus", "texture-2")
     mine = (study.combination == key[0]) & (study.texture == key[1])
     total = np.zeros(SHAPE)
     for level in (1, 3):
         for position in range(1, 5):
             here = np.flatnonzero(mine & (study.level == level) & (study.position == position))
-            total += readings(study, here).var(axis=0).reshape(SHAPE)
-    picture, count = done.maps[key]
+            total += frames_of(study, here).var(axis=0).reshape(SHAPE)
+    picture, count = streamed.maps[key]
     assert count == 8
     np.testing.assert_allclose(picture, total, rtol=1e-9)
 
 
-def test_processes_change_no_digit(study: Collection, done: Pass) -> None:
+def test_processes_change_no_digit(study: Collection, streamed: Pass) -> None:
     other = passed(study, jobs=2)
-    for ours, theirs in zip(done.places, other.places, strict=True):
+    for ours, theirs in zip(streamed.places, other.places, strict=True):
         assert (ours.level, ours.position) == (theirs.level, theirs.position)
         assert np.array_equal(ours.nested.squares, theirs.nested.squares)
         for key, cell in ours.cells.items():
             assert np.array_equal(cell.gram, theirs.cells[key].gram)
-    assert other.frames == done.frames == len(study) + 12 * 6
+    assert other.frames == streamed.frames == len(study) + 12 * 6
 
 
 def test_progress_ends_with_all_readings(study: Collection) -> None:
-    seen: list[tuple[int, int]] = []
+    updates: list[tuple[int, int]] = []
     with workers(1) as team:
-        stream(study, Preprocess(), team, lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (len(study) + 12 * 6, len(study) + 12 * 6)
+        stream(study, Preprocess(), team, lambda done, total: updates.append((done, total)))
+    assert updates[-1] == (len(study) + 12 * 6, len(study) + 12 * 6)
 
 
 def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Frame]:
@@ -140,15 +145,15 @@ def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
     name = "texture-1_paper_x1_ender-3_pla-plus_copy02"
     write_study(tmp_path, image=taxels(value), shape=(4, 4, 3), units="kPa", levels=(2,))
     result = Collection.open([tmp_path])
-    done = passed(result)
-    assert len(done.left_out) == 1
-    assert f"{name}/sensor_data/reading_3.npy: contains NaN" in done.left_out[0]
-    cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in done.places}
+    streamed = passed(result)
+    assert len(streamed.left_out) == 1
+    assert f"{name}/sensor_data/reading_3.npy: contains NaN" in streamed.left_out[0]
+    cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in streamed.places}
     assert [cells[position].presses for position in (1, 2, 3, 4)] == [4, 4, 3, 4]
     here = np.flatnonzero((result.combination == "ender-3_pla-plus") & (result.texture == "texture-1"))
     usable = [i for i in here if result.position[i] == 3 and np.isfinite(result.frame(int(i))).all()]
-    assert cells[3].variance() == pytest.approx(readings(result, np.array(usable)).var(axis=0).mean(), rel=1e-9)
-    assert done.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
+    assert cells[3].variance() == pytest.approx(frames_of(result, np.array(usable)).var(axis=0).mean(), rel=1e-9)
+    assert streamed.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
 
 
 def test_a_damaged_image_is_left_out_by_name_and_nothing_else(tmp_path: Path) -> None:
@@ -156,7 +161,7 @@ def test_a_damaged_image_is_left_out_by_name_and_nothing_else(tmp_path: Path) ->
     clean = passed(Collection.open([tmp_path]))
     (folders[1] / "sensor_images" / "image_6.png").write_bytes(b"\x89PNG but no more")
     damaged = passed(Collection.open([tmp_path]))
-    assert [folders[1].name in one and "image_6.png" in one for one in damaged.left_out] == [True]
+    assert [folders[1].name in line and "image_6.png" in line for line in damaged.left_out] == [True]
     for before, after in zip(clean.places, damaged.places, strict=True):
         for key, cell in before.cells.items():
             hit = before.position == 2 and key[0] == "ender-3_pla-plus"

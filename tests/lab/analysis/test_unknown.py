@@ -114,9 +114,9 @@ def test_a_session_is_held_out_where_sessions_are_known(study: Any, tmp_path: Pa
     for fold in folds:
         assert not set(presses.session[fold.train]) & set(presses.session[fold.test])
     assert presses.units("session")[0] == "sessions" and len(set(presses.units("session")[1])) == 2
-    one = collection.chosen(collection.session == "friday")
+    friday = collection.chosen(collection.session == "friday")
     with pytest.raises(InputError, match="there is only one session"):
-        folds_of(PressTable.of(one), ["session"], seed=0)
+        folds_of(PressTable.of(friday), ["session"], seed=0)
     with pytest.raises(InputError, match="the session is unknown; import with a column for it"):
         folds_of(PressTable.of(study("label")), ["session"], seed=0)
 

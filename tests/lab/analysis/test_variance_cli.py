@@ -51,7 +51,7 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     out, shown = written
     expected = {f"{name}.csv" for name in (*TABLES, "registration")}
     expected |= {"variance_settings.json"} | {f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")}
-    assert {one.name for one in out.iterdir()} == expected
+    assert {path.name for path in out.iterdir()} == expected
     for name in FIGURES:
         assert (out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
@@ -132,7 +132,7 @@ def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--ddof", "2"], "ddof = 2: must be 0 or 1"),
         (["--ddof", "x"], "ddof = 'x'"),
@@ -140,9 +140,11 @@ def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureF
         (["--seed", "-1"], "seed = -1"),
     ],
 )
-def test_bad_options_are_named(study: Path, options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_options_are_named(
+    study: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["variance", str(study), *options]) == 2
-    assert capsys.readouterr().err.startswith(f"error: {said}")
+    assert capsys.readouterr().err.startswith(f"error: {message}")
 
 
 def test_no_runs_and_an_unwritable_folder_are_named(

@@ -20,15 +20,15 @@ from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
-#: True variances of the made-up readings: between prints, between repeats (re-approach), of noise.
+#: True variances of the simulated frames: between prints, between repeats (re-approach), of noise.
 PRINT, APPROACH, NOISE = 4.0, 1.0, 0.25
 PIXELS = (5, 20, 20)
 
 
-def made(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Frame:
+def draw_image(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Frame:
     own = np.random.default_rng(list(printed.name.encode()))
-    found = 50.0 + np.sqrt(PRINT) * own.standard_normal(PIXELS)
-    return found + np.sqrt(APPROACH) * rng.standard_normal(PIXELS) + np.sqrt(NOISE) * rng.standard_normal(PIXELS)
+    clean = 50.0 + np.sqrt(PRINT) * own.standard_normal(PIXELS)
+    return clean + np.sqrt(APPROACH) * rng.standard_normal(PIXELS) + np.sqrt(NOISE) * rng.standard_normal(PIXELS)
 
 
 def table(folder: Path, **changes: object) -> VarianceResult:
@@ -40,27 +40,27 @@ def table(folder: Path, **changes: object) -> VarianceResult:
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> VarianceResult:
     folder = tmp_path_factory.mktemp("table")
-    return table(folder, image=made, shape=PIXELS, units="kPa", copies=3, levels=(1, 2), still=0)
+    return table(folder, image=draw_image, shape=PIXELS, units="kPa", copies=3, levels=(1, 2), still=0)
 
 
 def test_each_row_of_the_table_stands_once_and_pooled_is_the_mean(result: VarianceResult) -> None:
-    keys = [(one.force_level, one.combination, one.texture) for one in result.cells]
+    keys = [(cell.force_level, cell.combination, cell.texture) for cell in result.cells]
     assert len(keys) == len(set(keys)) == 3 * 2 * 2
     assert shown_levels(result.cells) == (1, 2, ALL_LEVELS)
     for combination in result.collection.combinations:
         for texture in result.collection.textures:
-            one, two, both = (result.cell(level, combination, texture) for level in (1, 2, ALL_LEVELS))
-            assert one and two and both
-            assert both.variance == pytest.approx((one.variance + two.variance) / 2.0)
-            assert (one.prints, one.presses, both.prints, both.presses) == (3, 24, 3, 48)
+            first, second, pooled = (result.cell(level, combination, texture) for level in (1, 2, ALL_LEVELS))
+            assert first and second and pooled
+            assert pooled.variance == pytest.approx((first.variance + second.variance) / 2.0)
+            assert (first.prints, first.presses, pooled.prints, pooled.presses) == (3, 24, 3, 48)
 
 
 def test_variances_and_components_are_the_true_ones(result: VarianceResult) -> None:
     # 8,000 pixels and positions in each cell, but three prints of 2,000: a few per cent.
     within = APPROACH + NOISE
-    for one in result.cells:
-        assert one.variance == pytest.approx((1 - 1 / 3) * PRINT + (1 - 1 / 6) * within, rel=0.08)
-        assert one.unbiased == pytest.approx(one.variance * 6.0 / 5.0)
+    for cell in result.cells:
+        assert cell.variance == pytest.approx((1 - 1 / 3) * PRINT + (1 - 1 / 6) * within, rel=0.08)
+        assert cell.unbiased == pytest.approx(cell.variance * 6.0 / 5.0)
     rows = {(row["force_level"], row["component"]): row for row in result.components}
     for level in (1, 2, ALL_LEVELS):
         assert rows[level, "print"]["variance"] == pytest.approx(PRINT, rel=0.05)
@@ -78,31 +78,31 @@ def test_intervals_hold_their_estimate(result: VarianceResult) -> None:
 
 
 def test_without_stationary_frames_the_floor_is_an_upper_bound_from_repeats(result: VarianceResult) -> None:
-    for one in result.cells:
-        assert one.floor_from == "repeats (upper bound)"
-        assert one.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
-        assert one.floor is not None and one.noise_alone == pytest.approx(5.0 / 6.0 * one.floor)
+    for cell in result.cells:
+        assert cell.floor_from == "repeats (upper bound)"
+        assert cell.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
+        assert cell.floor is not None and cell.noise_alone == pytest.approx(5.0 / 6.0 * cell.floor)
     assert any("only an upper bound" in line for line in VarianceView.of(result).warnings)
 
 
 def test_stationary_frames_measure_the_sensor_alone(tmp_path: Path) -> None:
-    found = table(tmp_path, still=6)
-    for one in found.cells:
-        assert one.floor_from == "stationary frames"
+    result = table(tmp_path, still=6)
+    for cell in result.cells:
+        assert cell.floor_from == "stationary frames"
         # Noise of 2 counts, rounded down to whole ones; the picture of a stationary frame is the same each time.
-        assert one.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
-        assert one.floor is not None and one.unbiased is not None
-        assert one.floor_removed == pytest.approx(one.unbiased - one.floor)
-    assert not any("upper bound" in line for line in VarianceView.of(found).warnings)
+        assert cell.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
+        assert cell.floor is not None and cell.unbiased is not None
+        assert cell.floor_removed == pytest.approx(cell.unbiased - cell.floor)
+    assert not any("upper bound" in line for line in VarianceView.of(result).warnings)
 
 
 def test_ddof_1_divides_by_one_less(tmp_path: Path) -> None:
     zero = table(tmp_path)
-    one = variance_table(zero.collection, ddof=1)
-    for a, b in zip(zero.cells, one.cells, strict=True):
+    unbiased = variance_table(zero.collection, ddof=1)
+    for a, b in zip(zero.cells, unbiased.cells, strict=True):
         assert b.variance == pytest.approx(a.variance * 4.0 / 3.0)
     for key, picture in zero.maps.items():
-        np.testing.assert_allclose(one.maps[key], picture * 4.0 / 3.0)
+        np.testing.assert_allclose(unbiased.maps[key], picture * 4.0 / 3.0)
         values = zero.positions[1, key]
         cell = zero.cell(1, *key)
         assert cell is not None and values.mean() == pytest.approx(cell.variance)
@@ -122,11 +122,11 @@ def test_colour_keeps_what_grey_averages(tmp_path: Path) -> None:
 
 
 def test_one_print_has_a_variance_and_a_warning_but_no_interval(tmp_path: Path) -> None:
-    found = table(tmp_path, copies=1, prints=PRINTERS[:1], textures=(1,))
-    (cell, pooled) = found.cells
+    result = table(tmp_path, copies=1, prints=PRINTERS[:1], textures=(1,))
+    (cell, pooled) = result.cells
     assert cell.low is None and cell.high is None and cell.prints == 1 and pooled.force_level == ALL_LEVELS
-    assert not found.tests
-    text = " ".join(VarianceView.of(found).warnings)
+    assert not result.tests
+    text = " ".join(VarianceView.of(result).warnings)
     assert (
         "no differences between prints" in text and "only one printer-filament" in text and "only one texture" in text
     )
@@ -143,9 +143,9 @@ def test_constant_readings_have_no_variance_and_say_so(tmp_path: Path) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return np.full(SHAPE, 7, dtype=np.uint8)
 
-    found = table(tmp_path, image=image)
-    assert {one.variance for one in found.cells} == {0.0} and {one.floor for one in found.cells} == {0.0}
-    assert any("check that the sensor works" in line for line in VarianceView.of(found).warnings)
+    result = table(tmp_path, image=image)
+    assert {cell.variance for cell in result.cells} == {0.0} and {cell.floor for cell in result.cells} == {0.0}
+    assert any("check that the sensor works" in line for line in VarianceView.of(result).warnings)
 
 
 def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: Path) -> None:
@@ -153,24 +153,24 @@ def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: 
     for copy, levels in ((1, (1, 2)), (2, (2,)), (3, (2,))):
         printed = PrintedBlock(block=Block.of(1), printer=printer, filament=filament, copy=copy)
         write_run(tmp_path / str(copy), printed, StudyPlan(levels=levels))
-    found = variance_table(Collection.open([tmp_path]))
-    one, two, both = found.cells
-    assert (one.prints, two.prints, both.prints) == (1, 3, 3)
-    assert one.low is None and two.low is not None and both.low is None
-    assert both.variance == pytest.approx((one.variance + two.variance) / 2.0)
-    assert any("different numbers of prints (1, 3)" in line for line in VarianceView.of(found).warnings)
+    result = variance_table(Collection.open([tmp_path]))
+    first, second, pooled = result.cells
+    assert (first.prints, second.prints, pooled.prints) == (1, 3, 3)
+    assert first.low is None and second.low is not None and pooled.low is None
+    assert pooled.variance == pytest.approx((first.variance + second.variance) / 2.0)
+    assert any("different numbers of prints (1, 3)" in line for line in VarianceView.of(result).warnings)
     # Maps and positions of the level with three prints only.
-    assert found.passed.maps["ender-3_pla-plus", "texture-1"][1] == 4
+    assert result.passed.maps["ender-3_pla-plus", "texture-1"][1] == 4
 
 
 def test_a_printer_that_varies_more_is_found_by_the_test(tmp_path: Path) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
-        spread = 8.0 if printed.printer == "ender-3" else 1.0
+        deviation = 8.0 if printed.printer == "ender-3" else 1.0
         own = np.random.default_rng(list(printed.name.encode()))
-        return 50.0 + spread * own.standard_normal(PIXELS) + 0.1 * rng.standard_normal(PIXELS)
+        return 50.0 + deviation * own.standard_normal(PIXELS) + 0.1 * rng.standard_normal(PIXELS)
 
-    found = table(tmp_path, image=image, shape=PIXELS, units="kPa", copies=4, textures=(1, 2, 3), still=0)
-    levels = {one.force_level: one for one in found.tests}
+    result = table(tmp_path, image=image, shape=PIXELS, units="kPa", copies=4, textures=(1, 2, 3), still=0)
+    levels = {test.force_level: test for test in result.tests}
     assert set(levels) == {1, ALL_LEVELS}
     outcome = levels[1].outcome
     assert levels[1].first == "ender-3_pla-plus" and outcome.prints == (12, 12)
@@ -185,21 +185,21 @@ def test_holm_adjusts_as_published() -> None:
 
 def test_jobs_and_order_of_folders_change_no_digit(tmp_path: Path) -> None:
     write_study(tmp_path)
-    folders = sorted(one for one in tmp_path.iterdir() if one.is_dir())
-    one = variance_table(Collection.open(folders))
-    two = variance_table(Collection.open(folders[::-1]), jobs=2)
-    assert one.cells == two.cells
+    folders = sorted(path for path in tmp_path.iterdir() if path.is_dir())
+    first = variance_table(Collection.open(folders))
+    second = variance_table(Collection.open(folders[::-1]), jobs=2)
+    assert first.cells == second.cells
 
 
 def test_a_press_that_is_missing_is_allowed_for(tmp_path: Path) -> None:
     folders = write_study(tmp_path, image=texture_image, copies=3)
-    whole = variance_table(Collection.open([tmp_path]))
+    complete = variance_table(Collection.open([tmp_path]))
     (folders[0] / "sensor_images" / "image_2.png").unlink()
-    found = variance_table(Collection.open([tmp_path]))
-    assert len(found.left_out) == 1 and "image_2.png" in found.left_out[0]
-    assert VarianceView.of(found).warnings[0].startswith("1 frame could not be used")
-    assert any("presses are missing" in line for line in VarianceView.of(found).warnings)
-    for before, after in zip(whole.cells, found.cells, strict=True):
+    result = variance_table(Collection.open([tmp_path]))
+    assert len(result.left_out) == 1 and "image_2.png" in result.left_out[0]
+    assert VarianceView.of(result).warnings[0].startswith("1 frame could not be used")
+    assert any("presses are missing" in line for line in VarianceView.of(result).warnings)
+    for before, after in zip(complete.cells, result.cells, strict=True):
         hit = (after.combination, after.texture) == ("ender-3_pla-plus", "texture-1")
         assert after.presses == before.presses - hit
         assert after.variance == pytest.approx(before.variance, rel=0.2 if hit else 1e-12)

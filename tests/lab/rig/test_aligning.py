@@ -75,11 +75,11 @@ def test_the_corners_of_the_jig() -> None:
 )
 def test_exact_touches_give_the_frame_back(x: float, y: float, z: float, turns: int) -> None:
     frame = WorkFrame(origin_mm=(x, y, z), quarter_turns=turns)
-    found = fit_frame(MARKERS, [frame.to_stage((mx, my, 0.0)) for mx, my in MARKERS])
-    assert found.frame.quarter_turns == turns
-    assert found.frame.origin_mm == pytest.approx((x, y, z), abs=1e-9)
-    assert found.worst_mm < 1e-9
-    assert found.turn_deg == pytest.approx(0.0, abs=1e-6) and found.stretch == pytest.approx(1.0)
+    fit = fit_frame(MARKERS, [frame.to_stage((mx, my, 0.0)) for mx, my in MARKERS])
+    assert fit.frame.quarter_turns == turns
+    assert fit.frame.origin_mm == pytest.approx((x, y, z), abs=1e-9)
+    assert fit.worst_mm < 1e-9
+    assert fit.turn_deg == pytest.approx(0.0, abs=1e-6) and fit.stretch == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("turns", range(4))
@@ -91,11 +91,11 @@ def test_unsteady_touches_are_averaged(turns: int, seed: int) -> None:
         (p[0] + dx, p[1] + dy, p[2])
         for p, (dx, dy) in zip((frame.to_stage((x, y, 0.0)) for x, y in MARKERS), off, strict=True)
     ]
-    found = fit_frame(MARKERS, touched)
-    assert found.frame.quarter_turns == turns
+    fit = fit_frame(MARKERS, touched)
+    assert fit.frame.quarter_turns == turns
     expected = np.array(frame.origin_mm[:2]) + off.mean(axis=0)
-    assert found.frame.origin_mm[:2] == pytest.approx(tuple(expected))
-    assert found.distances_mm == pytest.approx(tuple(np.linalg.norm(off - off.mean(axis=0), axis=1)))
+    assert fit.frame.origin_mm[:2] == pytest.approx(tuple(expected))
+    assert fit.distances_mm == pytest.approx(tuple(np.linalg.norm(off - off.mean(axis=0), axis=1)))
 
 
 def touched(turn_deg: float = 0.0, stretch: float = 1.0) -> list[Point]:
@@ -119,15 +119,15 @@ def touched(turn_deg: float = 0.0, stretch: float = 1.0) -> list[Point]:
     ],
 )
 def test_a_bad_fit_is_refused_with_its_likely_reason(places: list[Point], message: str) -> None:
-    found = fit_frame(MARKERS, places)
+    fit = fit_frame(MARKERS, places)
     with pytest.raises(CheckFailedError, match=rf"more than the tolerance of 0.3 mm; nothing is stored: .*{message}"):
-        found.require_within(0.3)
+        fit.require_within(0.3)
 
 
 def test_what_is_left_over_is_told() -> None:
-    found = fit_frame(MARKERS, touched(turn_deg=1.5, stretch=1.01))
-    assert found.turn_deg == pytest.approx(1.5) and found.stretch == pytest.approx(1.01)
-    found.require_within(0.3)
+    fit = fit_frame(MARKERS, touched(turn_deg=1.5, stretch=1.01))
+    assert fit.turn_deg == pytest.approx(1.5) and fit.stretch == pytest.approx(1.01)
+    fit.require_within(0.3)
 
 
 @pytest.mark.parametrize("texture", ["1", "2", "3", "4", "5", "6"])
@@ -173,7 +173,7 @@ def test_any_line_is_a_short_step_or_refused(line: str) -> None:
         step = parse_step(line.split())
     except InputError:
         return
-    assert max(abs(one) for one in step) <= 20.0 and step[2] >= -2.0
+    assert max(abs(axis_step) for axis_step in step) <= 20.0 and step[2] >= -2.0
 
 
 # --- the dialogue ---
@@ -188,7 +188,7 @@ class Person:
         self.goals = [frame.to_stage((mx, my, 3.0)) for mx, my in MARKERS]
         self.goals[0] = (self.goals[0][0] + off_mm, *self.goals[0][1:])
         self.goals.append(frame.to_stage((x, y, 0.0)))
-        self.said: list[str] = []
+        self.messages: list[str] = []
         self.prompts: list[str] = []
         self.lines: Iterator[str] = self._lines()
 
@@ -217,7 +217,7 @@ class Person:
         return next(self.lines)
 
     def say(self, line: str) -> None:
-        self.said.append(line)
+        self.messages.append(line)
 
 
 def teaching(stage: FakeStage, person: Person) -> Teaching:
@@ -241,12 +241,12 @@ def taught(frame: WorkFrame, off_mm: float = 0.0) -> tuple[FittedFrame, FakeStag
 @pytest.mark.parametrize("turns", range(4))
 def test_a_person_teaches_the_frame(turns: int) -> None:
     frame = WorkFrame(origin_mm=(80.5, 79.25, -61.125), quarter_turns=turns)
-    found, stage, person = taught(frame)
-    assert found.frame.quarter_turns == turns
-    assert found.frame.origin_mm == pytest.approx(frame.origin_mm, abs=1e-4)
+    fit, stage, person = taught(frame)
+    assert fit.frame.quarter_turns == turns
+    assert fit.frame.origin_mm == pytest.approx(frame.origin_mm, abs=1e-4)
     assert stage.here[2] == 0.0, "lifted in the end"
-    assert sum("away from its fitted position" in line for line in person.said) == 4
-    assert sum("must be x, y or z" in line for line in person.said) == 5, "what is no step is answered"
+    assert sum("away from its fitted position" in line for line in person.messages) == 4
+    assert sum("must be x, y or z" in line for line in person.messages) == 5, "what is no step is answered"
 
 
 def test_a_wrong_marker_stores_nothing() -> None:
@@ -282,35 +282,35 @@ def test_a_step_beyond_the_limits_moves_nothing_and_goes_on() -> None:
     person.lines = iter(["x -5", "quit"])
     with pytest.raises(InputError, match="stopped"):
         teaching(stage, person).frame(Protocol(), Block.of("1", "paper"), 0.3)
-    assert stage.path == [(0.0, 0.0, 0.0)] and any("its limits; nothing was sent" in line for line in person.said)
+    assert stage.path == [(0.0, 0.0, 0.0)] and any("its limits; nothing was sent" in line for line in person.messages)
 
 
 def test_a_step_that_presses_too_hard_is_taken_back() -> None:
     stage = FakeStage()
     stage.here = (50.0, 50.0, -10.0)
-    said: list[str] = []
+    messages: list[str] = []
     lines = iter(["z -0.5", "", "", "", "z -2", "quit"])
     with pytest.raises(InputError, match="stopped"):
         Teaching(
             stage=LimitedStage(stage, LIMITS),
             limits_mm=LIMITS,
             ask=lambda prompt: next(lines),
-            say=said.append,
+            say=messages.append,
             travel_mm_s=20.0,
             approach_mm_s=2.0,
             force_n=lambda: max(0.0, -12.0 - stage.here[2]) * 0.9,
         ).frame(Protocol(), Block.of("1", "paper"), 0.3)
     heights = [-10.5, -11.0, -11.5, -12.0, -12.5, -13.0, -13.5, -12.0, 0.0]
     assert [place[2] for place in stage.path] == heights, "no piece of the last step was made beyond the first over 1 N"
-    assert any("was undone" in line for line in said)
+    assert any("was undone" in line for line in messages)
 
 
 def test_a_prompt_shows_no_negative_zero() -> None:
-    stage, asked = FakeStage(), list[str]()
+    stage, prompts = FakeStage(), list[str]()
     stage.here = (-1e-5, 12.3456, -30.0)
 
     def ask(prompt: str) -> str:
-        asked.append(prompt)
+        prompts.append(prompt)
         return "quit"
 
     with pytest.raises(InputError, match="stopped"):
@@ -323,7 +323,7 @@ def test_a_prompt_shows_no_negative_zero() -> None:
             approach_mm_s=2.0,
             force_n=lambda: -0.0004,
         ).frame(Protocol(), Block.of("1", "paper"), 0.3)
-    assert asked == ["[0.000 12.346 -30.000 mm, 0.000 N] "]
+    assert prompts == ["[0.000 12.346 -30.000 mm, 0.000 N] "]
 
 
 # --- the file ---
@@ -363,11 +363,13 @@ def test_only_the_two_values_change(tmp_path: Path) -> None:
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_missing_keys_are_added_under_the_table(tmp_path: Path, end: str) -> None:
     text = end.join(["# study", "[stage] # it", 'driver = "virtual-grbl"', "", "[sensor]", "a = 1", ""])
-    made = stored(tmp_path, text)
-    document = tomllib.loads(made)
+    result = stored(tmp_path, text)
+    document = tomllib.loads(result)
     assert document["stage"]["origin_mm"][0] == 80.5 and document["stage"]["quarter_turns"] == 3
     assert document["stage"]["driver"] == "virtual-grbl" and document["sensor"] == {"a": 1}
-    assert made.count("\n") == text.count("\n") + 2 and made.count("\r") == (made.count("\n") if end == "\r\n" else 0)
+    assert result.count("\n") == text.count("\n") + 2 and result.count("\r") == (
+        result.count("\n") if end == "\r\n" else 0
+    )
 
 
 def test_a_table_at_the_end_without_a_line_end(tmp_path: Path) -> None:

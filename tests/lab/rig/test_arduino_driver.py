@@ -38,8 +38,8 @@ class Script:
     def peer(self) -> Peer:
         return Peer(self.answer, realtime=b"")
 
-    def answer(self, got: bytes) -> Iterator[bytes | float]:
-        word, *rest = got.split(b",")
+    def answer(self, line: bytes) -> Iterator[bytes | float]:
+        word, *rest = line.split(b",")
         if self.mute or not word:
             return
         if word == b"RESET":
@@ -49,9 +49,9 @@ class Script:
             yield b"%d,%d,%d\n" % tuple(self.steps) if self.shows else b"ready\n"
             yield b"done\n"
         elif word == b"MOVE":
-            self.moves.append(got)
+            self.moves.append(line)
             if self.obeys:
-                self.steps = [int(one) for one in rest[:3]]
+                self.steps = [int(word) for word in rest[:3]]
             yield from self.pauses
 
 
@@ -117,7 +117,7 @@ def test_a_garbled_target_makes_the_position_unknown() -> None:
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
         obey = script.answer
-        peer.answer = lambda got: obey(got.replace(b"MOVE,2", b"MOVE,22"))
+        peer.answer = lambda line: obey(line.replace(b"MOVE,2", b"MOVE,22"))
         with pytest.raises(NotThereError, match="instead of"):
             stage.move(THERE, 20.0)
         peer.answer = obey
@@ -135,10 +135,10 @@ def test_a_garbled_order_is_given_again(order: bytes) -> None:
         stage.move(THERE, 20.0)
         obey, garbled = script.answer, 0
 
-        def once(got: bytes) -> Iterable[bytes | float]:
+        def once(line: bytes) -> Iterable[bytes | float]:
             nonlocal garbled
-            if not got.startswith(order) or garbled:
-                return obey(got)
+            if not line.startswith(order) or garbled:
+                return obey(line)
             garbled += 1
             return []
 
@@ -155,11 +155,11 @@ def test_a_long_homing_is_not_begun_twice() -> None:
     with script.peer() as peer, opened(peer) as stage:
         obey = script.answer
 
-        def slow(got: bytes) -> Iterator[bytes | float]:
-            orders.append(got)
-            if got == b"RESET":
+        def slow(line: bytes) -> Iterator[bytes | float]:
+            orders.append(line)
+            if line == b"RESET":
                 yield 2.5 * TIMEOUT_S
-            yield from obey(got)
+            yield from obey(line)
 
         peer.answer = slow
         stage.home()
@@ -175,10 +175,10 @@ def test_one_damaged_position_is_not_believed(damaged: bytes) -> None:
         stage.move(THERE, 20.0)
         obey, shows = script.answer, 0
 
-        def answer(got: bytes) -> Iterable[bytes | float]:
+        def answer(line: bytes) -> Iterable[bytes | float]:
             nonlocal shows
-            shows += got == b"SHOW"
-            return [damaged + b"\ndone\n"] if got == b"SHOW" and shows == 1 else obey(got)
+            shows += line == b"SHOW"
+            return [damaged + b"\ndone\n"] if line == b"SHOW" and shows == 1 else obey(line)
 
         peer.answer = answer
         assert stage.position() == THERE
@@ -191,7 +191,7 @@ def test_a_position_that_is_another_each_time_is_refused() -> None:
         stage.home()
         stage.move(THERE, 20.0)
         others = iter(range(100))
-        peer.answer = lambda got: [b"7,8,%d\ndone\n" % next(others)]
+        peer.answer = lambda line: [b"7,8,%d\ndone\n" % next(others)]
         with pytest.raises(ProtocolError, match="each time"):
             stage.position()
 
@@ -276,7 +276,7 @@ def test_unplugging_is_noticed() -> None:
 
 
 def test_another_firmware_is_refused() -> None:
-    def marlin(got: bytes) -> Iterator[bytes]:
+    def marlin(line: bytes) -> Iterator[bytes]:
         return iter([b'echo:Unknown command: "SHOW"\nok done\n'])
 
     with Peer(marlin, realtime=b"") as peer, pytest.raises(ProtocolError, match="not the paper's"):

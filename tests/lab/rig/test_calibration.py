@@ -43,8 +43,8 @@ def points(
     ]
 
 
-def made(found: list[CalibrationPoint], falling: bool = False) -> Calibration:
-    return fit(found, date_utc=DATE, device="cell", falling=falling)
+def fitted(measured: list[CalibrationPoint], falling: bool = False) -> Calibration:
+    return fit(measured, date_utc=DATE, device="cell", falling=falling)
 
 
 @given(
@@ -53,23 +53,23 @@ def made(found: list[CalibrationPoint], falling: bool = False) -> Calibration:
     masses=st.lists(st.integers(0, 500), min_size=3, max_size=8, unique=True),
 )
 def test_exact_counts_give_the_masses_back(slope: float, zero: float, masses: list[int]) -> None:
-    found = points(tuple(float(one) for one in masses), slope, zero)
-    calibration = made(found)
-    for point in found:
+    measured = points(tuple(float(mass) for mass in masses), slope, zero)
+    calibration = fitted(measured)
+    for point in measured:
         assert calibration.newtons(point.counts) == pytest.approx(point.mass_g * 9.80665e-3, abs=1e-5)
     assert calibration.worst_n < 1e-5
 
 
 def test_the_weight_is_that_of_standard_gravity() -> None:
-    assert made(points()).newtons_per_count == pytest.approx(1e-3 * 9.80665 / 4_000.0)
+    assert fitted(points()).newtons_per_count == pytest.approx(1e-3 * 9.80665 / 4_000.0)
     assert STANDARD_GRAVITY == 9.80665
 
 
 def test_residual_has_two_degrees_of_freedom_less() -> None:
-    found = points(noise=900.0)
-    calibration = made(found)
-    force = np.array([one.mass_g * 9.80665e-3 for one in found])
-    counts = np.array([one.counts for one in found])
+    measured = points(noise=900.0)
+    calibration = fitted(measured)
+    force = np.array([point.mass_g * 9.80665e-3 for point in measured])
+    counts = np.array([point.counts for point in measured])
     slope, zero = np.polyfit(force, counts, 1)
     off = (counts - zero - slope * force) / slope
     assert calibration.residual_n == pytest.approx(float(np.sqrt(np.sum(off**2) / 2)))
@@ -77,7 +77,7 @@ def test_residual_has_two_degrees_of_freedom_less() -> None:
 
 
 def test_noise_and_span_in_newtons() -> None:
-    calibration = made(points())
+    calibration = fitted(points())
     assert calibration.noise_n == pytest.approx(40.0 / 4_000.0 * 9.80665e-3)
     assert calibration.span_n == pytest.approx(1.96133)
 
@@ -85,54 +85,54 @@ def test_noise_and_span_in_newtons() -> None:
 @pytest.mark.parametrize("masses", [(), (0.0,), (0.0, 100.0), (100.0, 100.0, 0.0)])
 def test_too_few_masses_are_refused(masses: tuple[float, ...]) -> None:
     with pytest.raises(InputError, match="at least 3 different masses"):
-        made(points(masses))
+        fitted(points(masses))
 
 
 def test_counts_that_fall_are_explained_and_may_be_meant() -> None:
-    found = points(slope=-4_000.0)
+    measured = points(slope=-4_000.0)
     with pytest.raises(
         InputError, match=r"counts decrease as the mass increases.*order.*swapped.*upside down.*--falling"
     ):
-        made(found)
-    calibration = made(found, falling=True)
+        fitted(measured)
+    calibration = fitted(measured, falling=True)
     assert calibration.newtons_per_count < 0.0
-    assert calibration.newtons(found[3].counts) == pytest.approx(1.96133)
+    assert calibration.newtons(measured[3].counts) == pytest.approx(1.96133)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.1])
 def test_a_cell_that_feels_nothing_is_refused(slope: float) -> None:
     with pytest.raises(InputError, match="hardly change"):
-        made(points(slope=slope))
+        fitted(points(slope=slope))
 
 
 @pytest.mark.parametrize("wrong", range(5))
 def test_the_one_wrong_mass_is_named(wrong: int) -> None:
     masses = (0.0, 50.0, 100.0, 150.0, 200.0)
-    found = points(masses, noise=20.0)
-    bad = found[wrong]
-    found[wrong] = CalibrationPoint(
+    measured = points(masses, noise=20.0)
+    bad = measured[wrong]
+    measured[wrong] = CalibrationPoint(
         mass_g=bad.mass_g, counts=bad.counts + 4_000.0 * 20.0, spread_counts=40.0, samples=80
     )
-    (warning,) = made(found).warnings
+    (warning,) = fitted(measured).warnings
     assert warning.startswith(f"the point at {masses[wrong]:g} g is 0.19") or "0.2 N" in warning
     assert "(20 g)" in warning or "(19.9 g)" in warning or "(20.1 g)" in warning
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_honest_noise_is_no_outlier(seed: int) -> None:
-    assert made(points((0.0, 20.0, 50.0, 100.0, 200.0), noise=20.0, seed=seed)).warnings == ()
+    assert fitted(points((0.0, 20.0, 50.0, 100.0, 200.0), noise=20.0, seed=seed)).warnings == ()
 
 
 def test_a_bent_line_is_worth_a_warning() -> None:
-    found = [
+    measured = [
         CalibrationPoint(mass_g=mass, counts=4_000.0 * mass + 8.0 * mass**2, spread_counts=40.0, samples=80)
         for mass in (0.0, 50.0, 100.0, 150.0, 200.0)
     ]
-    assert any("from the line" in one for one in made(found).warnings)
+    assert any("from the line" in warning for warning in fitted(measured).warnings)
 
 
 def test_no_point_without_load_is_worth_a_warning() -> None:
-    assert made(points((50.0, 100.0, 200.0))).warnings == (
+    assert fitted(points((50.0, 100.0, 200.0))).warnings == (
         "there is no point without load, so forces near zero are extrapolated",
     )
 
@@ -153,7 +153,7 @@ def test_odd_points_are_refused(values: dict[str, float], message: str) -> None:
 
 
 def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
-    calibration = made(points(noise=30.0))
+    calibration = fitted(points(noise=30.0))
     path = tmp_path / "gauge.json"
     write_calibration(path, calibration)
     assert read_calibration(path) == calibration
@@ -185,7 +185,7 @@ def test_other_files_are_refused(tmp_path: Path, text: str, message: str) -> Non
 )
 def test_edited_values_are_refused_by_name(tmp_path: Path, key: str, value: object) -> None:
     path = tmp_path / "gauge.json"
-    write_calibration(path, made(points()))
+    write_calibration(path, fitted(points()))
     path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
     with pytest.raises(InputError, match=rf"calibration .*gauge\.json: .*{key}"):
         read_calibration(path)

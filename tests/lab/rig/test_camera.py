@@ -141,18 +141,18 @@ def test_a_frame_began_after_it_was_asked_for(stamps: bool, period_s: float, wai
     sensor = camera(fake)
     for _ in range(5):
         fake.time.now += waited_s
-        asked = fake.time.now
+        requested_at = fake.time.now
         sensor.read()
-        assert fake.exposed_at >= asked
+        assert fake.exposed_at >= requested_at
 
 
 def test_a_pace_that_the_camera_overstates_is_measured() -> None:
     fake = FakeCapture(Time(), period_s=0.2, stamps=False, properties={5: 60.0})
     sensor = camera(fake)
     fake.time.now += 3.0
-    asked = fake.time.now
+    requested_at = fake.time.now
     sensor.read()
-    assert fake.exposed_at >= asked
+    assert fake.exposed_at >= requested_at
 
 
 def test_stamps_that_lag_far_behind_end_in_an_error(fake: FakeCapture) -> None:
@@ -165,8 +165,8 @@ def test_stamps_that_lag_far_behind_end_in_an_error(fake: FakeCapture) -> None:
 
 def test_requested_and_actual_settings_are_kept(fake: FakeCapture) -> None:
     sensor = camera(fake, focus=40, gain=3.0, fps=30)
-    asked = {"width": 640, "height": 480, "fps": 30.0, "focus": 40.0, "gain": 3.0, "exposure": 156.0}
-    assert sensor.settings["requested"] == asked | {"colour": True} and sensor.settings["actual"] == asked
+    requested = {"width": 640, "height": 480, "fps": 30.0, "focus": 40.0, "gain": 3.0, "exposure": 156.0}
+    assert sensor.settings["requested"] == requested | {"colour": True} and sensor.settings["actual"] == requested
     assert sensor.settings["limits"] == {"dark_counts": 25.0, "blur_px": 3.0}
     assert fake.properties[39] == 0.0, "automatic focus must be off"
 
@@ -254,7 +254,7 @@ def test_blur_is_noticed_unless_the_check_is_off(fake: FakeCapture) -> None:
 )
 def test_a_frame_of_another_kind_is_refused(fake: FakeCapture, image: Any, message: str) -> None:
     sensor = camera(fake)
-    fake.alter = lambda frame, whole: image
+    fake.alter = lambda frame, frame_image: image
     with pytest.raises(SensorError, match=message):
         sensor.read()
 

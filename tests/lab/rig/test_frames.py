@@ -106,5 +106,5 @@ def test_odd_limits_are_refused() -> None:
 
 def test_the_faults_are_those_listed() -> None:
     black = np.zeros((48, 64), dtype=np.uint8)
-    found = {*frame_faults(black, black), *frame_faults(np.full((48, 64), 200, dtype=np.uint8))}
-    assert found == set(FAULTS)
+    faults = {*frame_faults(black, black), *frame_faults(np.full((48, 64), 200, dtype=np.uint8))}
+    assert faults == set(FAULTS)

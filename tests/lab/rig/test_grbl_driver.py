@@ -348,12 +348,12 @@ def test_trait_12_grblhal_and_its_fresh_memory_are_known() -> None:
 
 def test_trait_13_grblhal_tells_its_alarm_in_the_status_and_may_skip_answers() -> None:
     script = ScriptedGrbl()
-    asked = 0
+    query_count = 0
 
     def every_other() -> Iterator[bytes]:
-        nonlocal asked
-        asked += 1
-        return iter([script.report()] if asked % 2 else [])
+        nonlocal query_count
+        query_count += 1
+        return iter([script.report()] if query_count % 2 else [])
 
     def on_move(target: Point) -> Iterator[bytes | float]:
         script.state = "Alarm:2"

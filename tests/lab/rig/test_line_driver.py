@@ -195,7 +195,7 @@ PLACE = "X:1.00 Y:-2.50 Z:3.12 E:0.00 Count X:80 Y:-200 Z:1250"
 def test_grbl_replies_take_anything(text: str) -> None:
     report = grbl_replies.status(text)
     if report is not None:
-        places = [one for one in (report.machine_mm, report.work_mm, report.offset_mm) if one is not None]
+        places = [place for place in (report.machine_mm, report.work_mm, report.offset_mm) if place is not None]
         assert places and all(math.isfinite(value) for place in places for value in place)
     for parse in (grbl_replies.alarm, grbl_replies.error, grbl_replies.version, grbl_replies.is_banner):
         parse(text)
@@ -222,8 +222,8 @@ def test_marlin_replies_take_anything(text: str) -> None:
 
 @given(arbitrary)
 def test_arduino_replies_take_anything(text: str) -> None:
-    found = arduino.counters(text)
-    assert found is None or len(found) == 3
+    counters = arduino.counters(text)
+    assert counters is None or len(counters) == 3
     assert arduino.is_done(text) in (True, False)
 
 
@@ -237,7 +237,7 @@ def test_reports_are_read_back(state: str, at: tuple[float, float, float], extra
 
 @given(point)
 def test_places_are_read_back(at: tuple[float, float, float]) -> None:
-    x, y, z = (round(one, 2) for one in at)
+    x, y, z = (round(coordinate, 2) for coordinate in at)
     place = marlin_replies.place(f"X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:0.00 Count X: 1 Y: 2 Z: 3")
     assert place is not None and place.planned_mm == (x, y, z) and place.steps == (1, 2, 3)
 

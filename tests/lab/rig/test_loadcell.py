@@ -116,32 +116,34 @@ def gauge(cell: Cell, **options: Any) -> LoadCell:
 
 def test_it_is_a_gauge_in_newtons() -> None:
     cell = Cell(Time(), lambda t: 1.913)
-    with gauge(cell) as found:
-        assert isinstance(found, Gauge)
-        force = found.read(1.0)
+    with gauge(cell) as cell_gauge:
+        assert isinstance(cell_gauge, Gauge)
+        force = cell_gauge.read(1.0)
         assert force.mean_n == pytest.approx(1.913, abs=5e-4)
         assert force.spread_n == pytest.approx(100.0 / SLOPE, rel=0.3)
         assert force.samples in (80, 81)
-        assert found.calibration["file"] == "gauge.json" and found.calibration["zero_counts"] == pytest.approx(ZERO)
-        assert "2026-01-02" in found.identity and found.simulated == ""
-    found.close()
+        assert cell_gauge.calibration["file"] == "gauge.json" and cell_gauge.calibration[
+            "zero_counts"
+        ] == pytest.approx(ZERO)
+        assert "2026-01-02" in cell_gauge.identity and cell_gauge.simulated == ""
+    cell_gauge.close()
     assert cell.closed == 2
 
 
 def test_newtons_need_no_calibration() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: f"{1.5 + int(line) * 1e-8:.6f}"
-    found = load_cell(cell, unit="newtons")
-    assert found.read(0.1).mean_n == pytest.approx(1.5, abs=0.01)
-    assert found.calibration == {}
+    cell_gauge = load_cell(cell, unit="newtons")
+    assert cell_gauge.read(0.1).mean_n == pytest.approx(1.5, abs=0.01)
+    assert cell_gauge.calibration == {}
 
 
 def test_the_window_begins_at_the_call() -> None:
     cell = Cell(Time(), lambda t: 0.0 if t < 5.0 else 2.0)
-    found = gauge(cell)
+    cell_gauge = gauge(cell)
     cell.clock.now = 5.0
     before = cell.forgotten
-    force = found.read(0.1)
+    force = cell_gauge.read(0.1)
     assert force.mean_n == pytest.approx(2.0, abs=1e-3) and force.samples >= 8
     assert cell.forgotten == before + 1
 
@@ -153,86 +155,86 @@ def test_a_short_window_still_has_some_samples() -> None:
 
 def test_a_tare_makes_the_present_force_zero() -> None:
     cell = Cell(Time(), lambda t: 0.7)
-    found = gauge(cell)
-    found.tare()
-    assert found.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
+    cell_gauge = gauge(cell)
+    cell_gauge.tare()
+    assert cell_gauge.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
     cell.force_n = lambda t: 1.0
-    assert found.read(0.5).mean_n == pytest.approx(0.3, abs=1e-3)
-    found.tare()
-    assert found.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
+    assert cell_gauge.read(0.5).mean_n == pytest.approx(0.3, abs=1e-3)
+    cell_gauge.tare()
+    assert cell_gauge.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
 
 
 def test_garbled_lines_are_skipped_and_counted() -> None:
     cell = Cell(Time(), lambda t: 1.0)
-    found = gauge(cell)
+    cell_gauge = gauge(cell)
     cell.alter = lambda i, line: ("", "8\ufffd1", line[:3] + "x", "nan")[i // 8 % 4] if i % 8 == 0 else line
-    force = found.read(1.0)
+    force = cell_gauge.read(1.0)
     assert force.mean_n == pytest.approx(1.0, abs=1e-3)
-    assert found.garbled >= 8
+    assert cell_gauge.garbled >= 8
 
 
 @pytest.mark.parametrize("damage", [lambda line: line[:-1], lambda line: line[1:], lambda line: line + line[-1]])
 def test_a_lost_or_doubled_digit_does_not_move_the_mean(damage: Callable[[str], str]) -> None:
     cell = Cell(Time(), lambda t: 1.0)
-    found = gauge(cell)
+    cell_gauge = gauge(cell)
     cell.alter = lambda i, line: damage(line) if i % 8 == 0 else line
-    force = found.read(1.0)
+    force = cell_gauge.read(1.0)
     assert force.mean_n == pytest.approx(1.0, abs=1e-3)
-    assert found.garbled >= 8
+    assert cell_gauge.garbled >= 8
 
 
 @pytest.mark.parametrize("line", ["", "\ufffd\ufffd", "12 34", "nan"])
 def test_nothing_but_garbage_is_an_error(line: str) -> None:
     cell = Cell(Time())
-    found = gauge(cell)
+    cell_gauge = gauge(cell)
     cell.alter = lambda i, sound: line
     with pytest.raises(GaugeError, match="garbled"):
-        found.read(0.1)
+        cell_gauge.read(0.1)
 
 
 def test_a_stuck_cell_is_noticed_within_a_window_or_over_many() -> None:
     for window_s in (1.0, 0.01):
         cell = Cell(Time(), lambda t: 1.0)
-        found = gauge(cell)
-        found.read(0.1)
+        cell_gauge = gauge(cell)
+        cell_gauge.read(0.1)
         cell.alter = lambda i, line: "481000"
         with pytest.raises(GaugeError, match="20 samples in a row are 481000, so the device is stuck"):
             for _ in range(20):
-                found.read(window_s)
+                cell_gauge.read(window_s)
 
 
 def test_a_device_that_rounds_may_repeat_itself() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: "0.00"
-    found = load_cell(cell, unit="newtons", stuck_samples=0)
-    assert found.read(1.0).mean_n == 0.0
+    cell_gauge = load_cell(cell, unit="newtons", stuck_samples=0)
+    assert cell_gauge.read(1.0).mean_n == 0.0
 
 
 @pytest.mark.parametrize("end", [2**23 - 1, -(2**23)])
 def test_a_saturated_cell_is_noticed(end: int) -> None:
     cell = Cell(Time())
-    found = gauge(cell)
+    cell_gauge = gauge(cell)
     cell.alter = lambda i, line: str(end)
     with pytest.raises(GaugeError, match=rf"saturated at {end} counts"):
-        found.read(0.1)
+        cell_gauge.read(0.1)
 
 
 @pytest.mark.parametrize("value", ["99999999999", "-9000000", "197.7123"])
 def test_samples_beyond_any_force_are_saturation(value: str) -> None:
     cell = Cell(Time())
-    found = gauge(cell) if "." not in value else load_cell(cell, unit="newtons")
+    cell_gauge = gauge(cell) if "." not in value else load_cell(cell, unit="newtons")
     random = np.random.default_rng(3)
     cell.alter = lambda i, line: f"{float(value) + random.integers(0, 9):.10g}"
     with pytest.raises(GaugeError, match="saturated, 5 samples in a row"):
-        found.read(0.1)
+        cell_gauge.read(0.1)
 
 
 def test_silence_and_loss_have_names() -> None:
     cell = Cell(Time())
-    found = gauge(cell)
+    cell_gauge = gauge(cell)
     cell.alter = lambda i, line: None
     with pytest.raises(NoAnswerError, match="sends no data"):
-        found.read(0.1)
+        cell_gauge.read(0.1)
     silent = Cell(Time())
     silent.alter = lambda i, line: None
     with pytest.raises(NoAnswerError):
@@ -332,14 +334,14 @@ def test_a_cell_on_a_port(tmp_path: Path) -> None:
 
     with port(sample, 0.001) as (name, unplug):
         settings = GaugeSettings(driver="serial", port=name, calibration=str(path), timeout_s=1.0)
-        with open_gauge(settings, Clock(speed=50.0), simulated="gauge") as found:
-            force = found.read(1.0)
+        with open_gauge(settings, Clock(speed=50.0), simulated="gauge") as cell_gauge:
+            force = cell_gauge.read(1.0)
             assert force.mean_n == pytest.approx(2.0, abs=5e-3) and force.samples >= 3
-            assert found.identity.startswith("load cell, gauge") and found.simulated == "gauge"
-            json.dumps(found.calibration)
+            assert cell_gauge.identity.startswith("load cell, gauge") and cell_gauge.simulated == "gauge"
+            json.dumps(cell_gauge.calibration)
             unplug()
             with pytest.raises((DeviceLostError, NoAnswerError)):
-                found.read(1.0)
+                cell_gauge.read(1.0)
 
 
 @pty_only
@@ -378,13 +380,13 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
             virtual.inject(Fault(kind=fault, at_s=0.0), 2.0)
         with port(lambda i, v=virtual: v.read(i / 80.0, lambda: 1.0), 0.001) as (name, _):
             settings = GaugeSettings(driver="serial", port=name, calibration=None if newtons else str(path))
-            with open_gauge(settings, Clock(speed=12.5)) as found:
+            with open_gauge(settings, Clock(speed=12.5)) as cell_gauge:
                 if fault is None:
-                    assert found.read(1.0).mean_n == pytest.approx(1.0, abs=2e-3)
+                    assert cell_gauge.read(1.0).mean_n == pytest.approx(1.0, abs=2e-3)
                     continue
                 with pytest.raises(GaugeError, match=message):
                     for _ in range(40):
-                        found.read(1.0)
+                        cell_gauge.read(1.0)
 
 
 def first_good_reading(gauge: Gauge, error: type[Exception]) -> float:
@@ -403,12 +405,12 @@ def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> 
     spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
     with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:
         settings = GaugeSettings(driver="serial", port=rig.gauge_port, timeout_s=0.6)
-        with open_gauge(settings, Clock(speed=50.0), simulated="load cell of the virtual rig") as found:
+        with open_gauge(settings, Clock(speed=50.0), simulated="load cell of the virtual rig") as cell_gauge:
             for kind in ("drop", "double", "garble"):
                 rig.inject(Fault(kind=kind, where="gauge", chance=0.005, seconds=20.0))
             force = rig.force_n()
             for _ in range(60):
-                assert found.read(0.1).mean_n == pytest.approx(force, abs=0.004)
+                assert cell_gauge.read(0.1).mean_n == pytest.approx(force, abs=0.004)
             for kind, error, seconds in (
                 ("stuck", GaugeError, 20.0),
                 ("saturated", GaugeError, 20.0),
@@ -418,10 +420,10 @@ def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> 
                 rig.inject(Fault(kind=kind, where="gauge", seconds=seconds))
                 with pytest.raises(error):
                     for _ in range(40):
-                        found.read(0.1)
+                        cell_gauge.read(0.1)
                 Clock(speed=50.0).sleep(until - rig.now_s() + 15.0)
-                assert first_good_reading(found, error) == pytest.approx(force, abs=0.004)
+                assert first_good_reading(cell_gauge, error) == pytest.approx(force, abs=0.004)
             rig.inject(Fault(kind="unplug", where="gauge"))
             with pytest.raises(DeviceLostError):
                 for _ in range(40):
-                    found.read(0.1)
+                    cell_gauge.read(0.1)

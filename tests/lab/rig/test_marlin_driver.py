@@ -57,7 +57,7 @@ def test_identity_names_driver_version_and_port() -> None:
 def test_z_is_homed_first_where_its_end_stop_is_at_the_top() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
-        assert [one for one in script.accepted if one.startswith(b"G28")] == [b"G28 Z", b"G28 X", b"G28 Y"]
+        assert [command for command in script.accepted if command.startswith(b"G28")] == [b"G28 Z", b"G28 X", b"G28 Y"]
         assert stage.position() == (0.0, 0.0, 100.0)
 
 
@@ -86,19 +86,19 @@ def test_a_build_without_steps_reports_two_decimals() -> None:
 
 def test_trait_14_no_ok_and_no_planned_target_is_an_arrival_before_m400() -> None:
     script = ScriptedMarlin()
-    script.on[b"M400"] = lambda got: [0.3, b"ok\n"]
+    script.on[b"M400"] = lambda line: [0.3, b"ok\n"]
     with opened(script) as stage:
         before = time.monotonic()
         stage.move(THERE, 20.0)
         assert time.monotonic() - before >= 0.3
-        words = [one.split(b" ")[0] for one in script.accepted]
+        words = [command.split(b" ")[0] for command in script.accepted]
         assert words[-3:] == [b"G1", b"M400", b"M114"]
 
 
 def test_trait_14_motors_elsewhere_than_planned_are_no_arrival() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
-        script.on[b"M114"] = lambda got: [b"X:10.00 Y:20.00 Z:5.00 E:0.00 Count X:800 Y:1600 Z:9999\nok\n"]
+        script.on[b"M114"] = lambda line: [b"X:10.00 Y:20.00 Z:5.00 E:0.00 Count X:800 Y:1600 Z:9999\nok\n"]
         with pytest.raises(NotThereError, match="motors"):
             stage.move(THERE, 20.0)
 
@@ -117,18 +117,18 @@ def test_trait_15_nothing_moves_before_homing() -> None:
     with opened(script, home=False) as stage:
         with pytest.raises(PositionLostError, match="home the stage first"):
             stage.move((-20.0, 20.0, 5.0), 20.0)
-        assert not any(one.startswith(b"G1") for one in script.accepted)
+        assert not any(command.startswith(b"G1") for command in script.accepted)
 
 
 def test_trait_16_a_garbled_line_is_sent_again_and_its_own_ok_not_counted() -> None:
     script = ScriptedMarlin()
     garbled = 0
 
-    def once(got: bytes) -> Iterator[bytes]:
+    def once(line: bytes) -> Iterator[bytes]:
         nonlocal garbled
         garbled += 1
         if garbled > 1:
-            return script.obey(got)
+            return script.obey(line)
         script.last -= 1
         return iter([script.refusal("checksum mismatch")])
 
@@ -141,8 +141,8 @@ def test_trait_16_a_garbled_line_is_sent_again_and_its_own_ok_not_counted() -> N
 def test_trait_16_a_lost_ok_is_no_endless_resend() -> None:
     script = ScriptedMarlin()
 
-    def silent(got: bytes) -> Iterator[bytes]:
-        script.go(got)
+    def silent(line: bytes) -> Iterator[bytes]:
+        script.go(line)
         return iter(())
 
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
@@ -155,7 +155,7 @@ def test_trait_16_a_lost_ok_is_no_endless_resend() -> None:
 def test_trait_16_lines_that_are_always_garbled_end_in_an_error() -> None:
     script = ScriptedMarlin()
 
-    def never(got: bytes) -> Iterator[bytes]:
+    def never(line: bytes) -> Iterator[bytes]:
         script.last -= 1
         return iter([script.refusal("checksum mismatch")])
 
@@ -180,10 +180,10 @@ def test_garbled_new_line_numbers_are_agreed_on_all_the_same(how: str) -> None:
         stage.home()
         obey = script.answer
 
-        def disturbed(got: bytes) -> Iterator[bytes | float]:
+        def disturbed(line: bytes) -> Iterator[bytes | float]:
             nonlocal left
-            if b"M110" not in got or not left:
-                return obey(got)
+            if b"M110" not in line or not left:
+                return obey(line)
             left -= 1
             return iter([GARBLED[how](script)])
 
@@ -198,7 +198,7 @@ def test_line_numbers_that_are_never_taken_end_in_an_error() -> None:
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         stage.home()
         obey = script.answer
-        peer.answer = lambda got: iter([b"ok\n"]) if b"M110" in got else obey(got)
+        peer.answer = lambda line: iter([b"ok\n"]) if b"M110" in line else obey(line)
         with pytest.raises(ProtocolError, match="new line numbers"):
             stage.home()
         with pytest.raises(PositionLostError):
@@ -215,16 +215,16 @@ def test_a_line_whose_number_was_garbled_is_sent_again() -> None:
         stage.home()
         obey = script.answer
 
-        def disturbed(got: bytes) -> Iterator[bytes | float]:
+        def disturbed(line: bytes) -> Iterator[bytes | float]:
             nonlocal left
-            if b"G1" not in got or not left:
-                return obey(got)
+            if b"G1" not in line or not left:
+                return obey(line)
             left -= 1
-            return iter([b'echo:Unknown command: "x' + got[1:] + b'"\nok\n'])
+            return iter([b'echo:Unknown command: "x' + line[1:] + b'"\nok\n'])
 
         peer.answer = disturbed
         assert stage.move(THERE, 20.0) == THERE
-        assert sum(one.startswith(b"G1") for one in script.accepted) == 1
+        assert sum(command.startswith(b"G1") for command in script.accepted) == 1
 
 
 def test_a_move_that_was_given_up_is_not_made_later() -> None:
@@ -233,24 +233,24 @@ def test_a_move_that_was_given_up_is_not_made_later() -> None:
         stage.home()
         stage.move(THERE, 20.0)
         obey = script.answer
-        peer.answer = lambda got: iter([script.refusal("checksum mismatch")]) if b"Z1.0" in got else obey(got)
+        peer.answer = lambda line: iter([script.refusal("checksum mismatch")]) if b"Z1.0" in line else obey(line)
         with pytest.raises(ProtocolError, match="garbled"):
             stage.move((10.0, 20.0, 1.0), 20.0)
         peer.answer = obey
         assert stage.position() == THERE
         assert stage.move((10.0, 20.0, 30.0), 20.0) == (10.0, 20.0, 30.0)
-        assert not any(b"Z1.0" in one for one in script.accepted)
+        assert not any(b"Z1.0" in command for command in script.accepted)
 
 
 def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_it() -> None:
     script = ScriptedMarlin()
     stopped_at = first_after = 0.0
 
-    def until_stopped(got: bytes) -> Iterator[bytes | float]:
+    def until_stopped(line: bytes) -> Iterator[bytes | float]:
         script.at = (3.0, 4.0, 50.0)
         return iter(())
 
-    def stop(got: bytes) -> Iterator[bytes | float]:
+    def stop(line: bytes) -> Iterator[bytes | float]:
         nonlocal stopped_at
         stopped_at = time.monotonic()
         script.on.clear()
@@ -267,7 +267,7 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_
         answered: list[Point] = []
         asking = threading.Thread(target=lambda: answered.append(stage.position()))
         asking.start()
-        while len([one for one in peer.lines[sent:] if one not in (b"", b"M410")]) == 0:
+        while len([line for line in peer.lines[sent:] if line not in (b"", b"M410")]) == 0:
             time.sleep(0.005)
         first_after = time.monotonic()
         asking.join()
@@ -279,7 +279,7 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_
 def test_trait_18_an_unknown_command_is_no_success() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
-        script.on[b"G1"] = lambda got: [b'echo:Unknown command: "G1"\nok\n']
+        script.on[b"G1"] = lambda line: [b'echo:Unknown command: "G1"\nok\n']
         with pytest.raises(ProtocolError, match="does not know G1"):
             stage.move(THERE, 20.0)
 
@@ -287,7 +287,7 @@ def test_trait_18_an_unknown_command_is_no_success() -> None:
 def test_trait_18_a_halt_is_an_alarm_and_then_silence() -> None:
     script = ScriptedMarlin()
 
-    def halt(got: bytes) -> Iterator[bytes]:
+    def halt(line: bytes) -> Iterator[bytes]:
         script.mute = True
         return iter([b"Error:Printer halted. kill() called!\n"])
 
@@ -304,7 +304,7 @@ def test_trait_18_a_halt_is_an_alarm_and_then_silence() -> None:
 def test_trait_18_a_reset_in_motion_is_a_lost_position_until_homed() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
-        script.on[b"M400"] = lambda got: [script.reset()]
+        script.on[b"M400"] = lambda line: [script.reset()]
         with pytest.raises(PositionLostError, match="was reset"):
             stage.move(THERE, 20.0)
         with pytest.raises(PositionLostError, match="home the stage first"):
@@ -325,7 +325,7 @@ def test_trait_18_a_reset_whose_banner_was_lost_shows_in_the_line_numbers() -> N
 def test_trait_19_busy_lets_the_silence_begin_anew() -> None:
     script = ScriptedMarlin()
     busy = [0.25, b"echo:busy: processing\n"]
-    script.on[b"G28"] = lambda got: [*busy * (4 if got.endswith(b"Z") else 0), *script.obey(got)]
+    script.on[b"G28"] = lambda line: [*busy * (4 if line.endswith(b"Z") else 0), *script.obey(line)]
     with opened(script) as stage:
         assert stage.position() == (0.0, 0.0, 100.0)
 
@@ -333,23 +333,23 @@ def test_trait_19_busy_lets_the_silence_begin_anew() -> None:
 def test_trait_19_busy_for_ever_is_bounded() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.5) as stage:
-        script.on[b"G28"] = lambda got: [0.1, b"echo:busy: processing\n"] * 8
+        script.on[b"G28"] = lambda line: [0.1, b"echo:busy: processing\n"] * 8
         with pytest.raises(NoAnswerError, match="G28"):
             stage.home()
 
 
 def test_trait_19_both_baud_rates_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     script = ScriptedMarlin()
-    tried: list[int] = []
+    tried_rates: list[int] = []
 
     def set_baud(line: object, baud: int) -> None:
-        tried.append(baud)
+        tried_rates.append(baud)
         script.mute = baud != 115200
 
     monkeypatch.setattr("tacbench_cad.lab.rig.line.Line.set_baud", set_baud)
     script.mute = True
     with script.peer() as peer, MarlinStage(peer.port) as stage:
-        assert tried == [250000, 115200]
+        assert tried_rates == [250000, 115200]
         assert stage.position() == (10.0, 20.0, 30.0)
 
 
@@ -374,7 +374,7 @@ def test_unplugging_in_motion_is_noticed() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         stage.home()
-        script.on[b"M400"] = lambda got: []
+        script.on[b"M400"] = lambda line: []
         threading.Timer(0.1, peer.unplug).start()
         with pytest.raises(DeviceLostError, match="gone"):
             stage.move(THERE, 20.0)
@@ -385,7 +385,7 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=2.0) as stage:
         stage.home()
-        script.on = {b"M400": lambda got: [], b"M410": lambda got: []}
+        script.on = {b"M400": lambda line: [], b"M410": lambda line: []}
         before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
         try:
             signal.setitimer(signal.ITIMER_REAL, 0.1)
@@ -398,6 +398,6 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
 
 def test_another_firmware_is_refused() -> None:
     script = ScriptedMarlin()
-    script.on[b"M115"] = lambda got: [b"FIRMWARE_NAME:Repetier_1.0.3 FIRMWARE_URL:x\nok\n"]
+    script.on[b"M115"] = lambda line: [b"FIRMWARE_NAME:Repetier_1.0.3 FIRMWARE_URL:x\nok\n"]
     with script.peer() as peer, pytest.raises(ProtocolError, match="not Marlin 2"):
         MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S)

@@ -42,15 +42,15 @@ def test_a_candidate_goes_by_its_id_then_by_its_socket_then_by_its_device(
     (by_path / "pci-0-port0").symlink_to(devices[0])
     (by_path / "pci-0-port1").symlink_to(devices[1])
     plug(monkeypatch, *(usb(device) for device in devices), usb(tmp_path / "ttyS0", vid=None))
-    found = {one.device: one for one in ports.candidates(by_id, by_path)}
-    assert [found[str(device)].name for device in devices] == [
+    candidates = {candidate.device: candidate for candidate in ports.candidates(by_id, by_path)}
+    assert [candidates[str(device)].name for device in devices] == [
         str(by_id / "usb-1a86-if00"),
         str(by_path / "pci-0-port1"),
         str(devices[2]),
     ]
-    assert [found[str(device)].stable for device in devices] == [True, True, False]
-    assert len(found) == 3
-    assert found[str(devices[0])].description == "wch.cn USB Serial"
+    assert [candidates[str(device)].stable for device in devices] == [True, True, False]
+    assert len(candidates) == 3
+    assert candidates[str(devices[0])].description == "wch.cn USB Serial"
 
 
 def test_the_only_candidate_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -66,25 +66,25 @@ class Scale:
 
 @pytest.fixture
 def scale(monkeypatch: Patch) -> Scale:
-    found = Scale()
+    script = Scale()
 
     def opened(port: str, baud: int | None, *, clock: Clock, options: LoadCellOptions) -> LoadCell:
-        found.port, found.baud, found.options = port, baud, options  # type: ignore[attr-defined]
-        return LoadCell(found, name="cell", options=options, timeout_s=0.1, clock=clock)
+        script.port, script.baud, script.options = port, baud, options  # type: ignore[attr-defined]
+        return LoadCell(script, name="cell", options=options, timeout_s=0.1, clock=clock)
 
     monkeypatch.setattr(loadcell, "open_load_cell", opened)
     monkeypatch.setattr(loadcell, "STILL_S", 0.02)
-    return found
+    return script
 
 
 def test_known_masses_give_a_calibration(scale: Scale, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
     typed(monkeypatch, "", "", "", "")
     path = tmp_path / "gauge.json"
     run("calibrate-force", "--port", "P", "--masses", "0,50,100,200", "-o", str(path), "--baud", "57600")
-    found = read_calibration(path)
-    assert found.newtons_per_count == pytest.approx(9.80665e-3 / 4_000.0, rel=1e-3)
-    assert found.device == "P" and [one.mass_g for one in found.points] == [0.0, 50.0, 100.0, 200.0]
-    assert found.date_utc.endswith("Z")
+    calibration = read_calibration(path)
+    assert calibration.newtons_per_count == pytest.approx(9.80665e-3 / 4_000.0, rel=1e-3)
+    assert calibration.device == "P" and [point.mass_g for point in calibration.points] == [0.0, 50.0, 100.0, 200.0]
+    assert calibration.date_utc.endswith("Z")
     out, err = capsys.readouterr()
     assert "remove everything" in out and "put 200 g on" in out and "residual" in out and "warning" not in err
     assert (scale.port, scale.baud, scale.left) == ("P", 57600, 1)  # type: ignore[attr-defined]
@@ -181,17 +181,17 @@ class Camera:
 
 @pytest.fixture
 def plugged(monkeypatch: Patch) -> list[str]:
-    asked: list[str] = []
+    probed: list[str] = []
 
     def answer(port: str) -> str:
-        asked.append(port)
+        probed.append(port)
         return "grbl: 1.1h"
 
     monkeypatch.setattr(ports, "candidates", lambda: [PORT])
     monkeypatch.setattr(probing, "cameras", lambda folders: ("/dev/v4l/by-id/usb-C-video-index0",))
     monkeypatch.setattr(probing, "identify", answer)
     monkeypatch.setattr(probing.plugged_cameras, "__defaults__", (lambda name: Camera(),))
-    return asked
+    return probed
 
 
 def test_probe_lists_and_asks_nobody(plugged: list[str], capsys: Capture) -> None:
@@ -224,8 +224,8 @@ def test_a_camera_that_does_not_open_is_still_listed(monkeypatch: Patch) -> None
 
     monkeypatch.setattr(probing, "cameras", lambda folders: ("a",))
     for opener in (gone, lambda name: Camera(opened=False)):
-        (found,) = probing.plugged_cameras(opener)
-        assert (found.name, found.size_px) == ("a", None)
+        (camera,) = probing.plugged_cameras(opener)
+        assert (camera.name, camera.size_px) == ("a", None)
 
 
 # --- align ---
@@ -285,16 +285,16 @@ class FakeGauge(Closing):
 def stage(monkeypatch: Patch) -> FakeStage:
     from tacbench_cad.virtual_rig import devices
 
-    found, gauge = FakeStage(), FakeGauge()
+    fake, gauge = FakeStage(), FakeGauge()
 
     @contextmanager
     def opened(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Any]:
         assert settings.sensor.driver == "simulated", "the camera is left alone"
-        yield SimpleNamespace(stage=LimitedStage(found, settings.stage.limits_mm), gauge=gauge)
+        yield SimpleNamespace(stage=LimitedStage(fake, settings.stage.limits_mm), gauge=gauge)
         assert gauge.tared == 1
 
     monkeypatch.setattr(devices, "open_rig", opened)
-    return found
+    return fake
 
 
 def answers(off_mm: float = 0.0) -> list[str]:

@@ -103,7 +103,7 @@ def test_anything_else_is_no_sample(line: str) -> None:
 @given(st.text(max_size=60))
 def test_any_text_is_a_sample_or_none(line: str) -> None:
     numbers = parse_numbers(line)
-    assert numbers is None or (len(numbers) >= 1 and all(math.isfinite(one) for one in numbers))
+    assert numbers is None or (len(numbers) >= 1 and all(math.isfinite(number) for number in numbers))
 
 
 @given(
@@ -112,7 +112,7 @@ def test_any_text_is_a_sample_or_none(line: str) -> None:
     st.sampled_from(["", "\r", ",", " "]),
 )
 def test_what_is_printed_is_read_back(values: list[float], between: str, end: str) -> None:
-    line = between.join(f"{one:.17g}" for one in values) + end
+    line = between.join(f"{value:.17g}" for value in values) + end
     assert parse_numbers(line) == tuple(values)
 
 
@@ -121,13 +121,13 @@ def test_what_is_printed_is_read_back(values: list[float], between: str, end: st
 @given(data=st.binary(max_size=300), columns=st.integers(1, 3))
 def test_arbitrary_bytes_give_samples_or_named_errors(data: bytes, columns: int) -> None:
     with terminal() as path, Line(path, baud=115200, what="gauge") as line:
-        found = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
+        samples = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
         # Straight into the line's buffer, as if it had come: a pseudo-terminal adds nothing to it.
         line._buffer += data + b"\n"
         try:
             for _ in range(300):
-                sample = found.next()
-                assert len(sample) == columns and all(math.isfinite(one) for one in sample)
+                sample = samples.next()
+                assert len(sample) == columns and all(math.isfinite(number) for number in sample)
         except (SensorError, NoAnswerError):
             pass
         else:
@@ -136,35 +136,35 @@ def test_arbitrary_bytes_give_samples_or_named_errors(data: bytes, columns: int)
 
 @given(st.lists(st.text(max_size=8), min_size=1, max_size=60))
 def test_every_line_is_a_sample_or_counted(lines: list[str]) -> None:
-    found = stream(*lines)
+    sample_stream = stream(*lines)
     samples = 0
     try:
         while True:
-            found.next()
+            sample_stream.next()
             samples += 1
     except (GaugeError, NoAnswerError):
-        left = len(found.lines.lines)  # type: ignore[attr-defined]
-        assert samples + found.garbled + left == len(lines)
+        left = len(sample_stream.lines.lines)  # type: ignore[attr-defined]
+        assert samples + sample_stream.garbled + left == len(lines)
 
 
 def test_garbled_lines_are_skipped_and_counted() -> None:
-    found = stream("1", "x", "2", "", "3,4", "5")
-    assert [found.next() for _ in range(3)] == [(1.0,), (2.0,), (5.0,)]
-    assert found.garbled == 3
+    samples = stream("1", "x", "2", "", "3,4", "5")
+    assert [samples.next() for _ in range(3)] == [(1.0,), (2.0,), (5.0,)]
+    assert samples.garbled == 3
 
 
 def test_too_many_garbled_lines_end_it() -> None:
     lines = [line for i in range(40) for line in (f"{i}", "?#")]
-    found = stream(*lines)
+    samples = stream(*lines)
     with pytest.raises(GaugeError, match=r"cell: 10 of the last 20 lines are garbled, for example '\?#'"):
         for _ in range(40):
-            found.next()
+            samples.next()
 
 
 def test_few_garbled_lines_do_not(lines: int = 400) -> None:
-    found = stream(*[f"{i}" if i % 5 else "?" for i in range(lines)])
-    assert [found.next() for _ in range(320)][-1] == (399.0,)
-    assert found.garbled == 80
+    samples = stream(*[f"{i}" if i % 5 else "?" for i in range(lines)])
+    assert [samples.next() for _ in range(320)][-1] == (399.0,)
+    assert samples.garbled == 80
 
 
 def test_a_number_too_many_is_garbled() -> None:
@@ -187,15 +187,15 @@ def test_only_samples_that_came_after_the_call_are_given() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with Line(os.ttyname(slave), baud=115200, what="gauge") as line:
-        found = SampleStream(lines=line, name="cell", columns=1, timeout_s=2.0, error=GaugeError)
+        samples = SampleStream(lines=line, name="cell", columns=1, timeout_s=2.0, error=GaugeError)
         os.write(master, b"1\n2\n3\n4")
         later = threading.Timer(0.05, lambda: os.write(master, b"4\n5\n6\n"))
         later.start()
-        found.start_fresh(latency_s=0.01)
-        assert found.next() == (5.0,), "44 began before the call"
+        samples.start_fresh(latency_s=0.01)
+        assert samples.next() == (5.0,), "44 began before the call"
         later.join()
         os.close(master)
         os.close(slave)
         with pytest.raises(DeviceLostError):
-            found.next()
-            found.next()
+            samples.next()
+            samples.next()

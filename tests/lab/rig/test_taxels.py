@@ -44,9 +44,9 @@ def test_one_sample_is_a_row() -> None:
     array = Array()
     with taxels(array, units="kPa") as sensor:
         assert isinstance(sensor, Sensor)
-        reading = sensor.read()
-        assert reading.shape == sensor.shape == (4,) and reading.dtype == np.float64
-        assert not is_image(reading)
+        frame = sensor.read()
+        assert frame.shape == sensor.shape == (4,) and frame.dtype == np.float64
+        assert not is_image(frame)
         assert (sensor.units, sensor.simulated) == ("kPa", "")
         assert sensor.settings["requested"] == {"columns": 4, "samples": 1, "baud": 115200}
     assert array.closed == 1

@@ -66,25 +66,25 @@ def picture(seed: int, shape: tuple[int, ...] = (24, 32)) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
 
 
-def press_all(writer: RunWriter, most: int | None = None) -> None:
+def press_all(writer: RunWriter, count: int | None = None) -> None:
     """What the press loop does: reference, stationary readings, presses."""
     shape = writer.info.frame_shape or (24, 32)
     image = len(shape) > 1
 
-    def reading(seed: int) -> np.ndarray:
+    def frame(seed: int) -> np.ndarray:
         return picture(seed, shape) if image else np.random.default_rng(seed).normal(size=shape)
 
     if writer.reference_time is None:
-        writer.reference(reading(0), START)
+        writer.reference(frame(0), START)
     for when in ("start", "end"):
         for contact in (True, False):
             for index in writer.stationary_missing(when, contact, writer.info.protocol.stationary_frames):
-                writer.stationary(when, contact, index, reading(1000 * (1 + 2 * (when == "end") + contact) + index))
-    for press in writer.missing(writer.info.presses)[:most]:
+                writer.stationary(when, contact, index, frame(1000 * (1 + 2 * (when == "end") + contact) + index))
+    for press in writer.missing(writer.info.presses)[:count]:
         force = Force(mean_n=0.5 + press.number / 100, spread_n=0.01, samples=4)
         when_utc = START + timedelta(seconds=press.number)
         pose = (press.x_mm, press.y_mm, -1.5)
-        writer.press(press, pose, reading(press.number), force, force, press.number != 3, when_utc)
+        writer.press(press, pose, frame(press.number), force, force, press.number != 3, when_utc)
 
 
 @pytest.fixture(scope="session")

@@ -63,9 +63,9 @@ def test_another_folder_gets_everything_and_the_run_stays_as_it_was(run_folder: 
 def test_colours_become_grey_by_bt601_and_sizes_follow(tmp_path: Path) -> None:
     image = np.zeros((40, 60, 3), np.uint8)
     image[:, 30:] = (200, 100, 50)
-    made = Processing(bbox=(40, 10, 60, 30), size=(10, 10))(image)
-    assert made.shape == (10, 10)
-    assert np.all(np.abs(made - (0.114 * 200 + 0.587 * 100 + 0.299 * 50)) <= 1.0)
+    grey = Processing(bbox=(40, 10, 60, 30), size=(10, 10))(image)
+    assert grey.shape == (10, 10)
+    assert np.all(np.abs(grey - (0.114 * 200 + 0.587 * 100 + 0.299 * 50)) <= 1.0)
     assert Processing(size=(8, 8), grey=False)(image).shape == (8, 8, 3)
 
 

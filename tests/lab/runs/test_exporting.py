@@ -249,8 +249,8 @@ def test_readings_that_are_no_images_go_into_arrays_and_tars(tmp_path: Path, mak
         assert data["frames"].shape == (16, 16) and data["frames"].dtype == float
     export_runs([tmp_path / "run"], "webdataset", tmp_path / "tar")
     with tarfile.open(tmp_path / "tar" / "frames-000000.tar") as shard:
-        reading = shard.extractfile("00000001.npy")
-        assert reading is not None and np.load(io.BytesIO(reading.read())).shape == (16,)
+        member = shard.extractfile("00000001.npy")
+        assert member is not None and np.load(io.BytesIO(member.read())).shape == (16,)
 
 
 @pytest.mark.parametrize("to", FORMATS)

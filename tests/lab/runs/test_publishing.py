@@ -95,7 +95,7 @@ def test_datacites_own_schema_accepts_the_metadata(run_folder: Path, about: Path
     document = json.loads((tmp_path / "out" / "datacite.json").read_text())
     schema.validator.validate(document)
     assert document["publicationYear"] == "2026" and "doi" not in document
-    assert [one["relatedIdentifierType"] for one in document["relatedIdentifiers"]] == ["DOI", "URL"]
+    assert [item["relatedIdentifierType"] for item in document["relatedIdentifiers"]] == ["DOI", "URL"]
     assert document["creators"][1] == {
         "name": "Doe, Jane",
         "nameType": "Personal",

@@ -87,8 +87,8 @@ def test_a_region_too_narrow_for_a_margin_is_judged_whole() -> None:
 def test_drift_and_flicker_as_in_public_recordings_are_no_findings(dome: tuple[Judge, Frame]) -> None:
     judge, frame = dome
     light = np.concatenate([np.full(5, 1.0) + 0.002 * np.array([-1, 1, -1, 1, 0]), np.linspace(1.0, 0.97, 15)])
-    moved = [np.roll(scaled(frame, each), i % 2, axis=1) for i, each in enumerate(light)]
-    assert findings(moved, judge) == []
+    frames_shown = [np.roll(scaled(frame, factor), i % 2, axis=1) for i, factor in enumerate(light)]
+    assert findings(frames_shown, judge) == []
 
 
 def test_a_file_that_is_darker_than_the_others_is_named(dome: tuple[Judge, Frame]) -> None:

@@ -145,7 +145,7 @@ def test_damage_is_named(case: str, run_folder: Path) -> None:
     damage(run_folder)
     before = {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()}
     report = check_run(run_folder, repair=True)
-    assert [(one.kind, one.where) for one in report.findings] == expected
+    assert [(finding.kind, finding.where) for finding in report.findings] == expected
     assert report.repaired == ()
     assert {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()} == before
 
@@ -161,15 +161,15 @@ def test_a_sensor_without_markers_is_not_called_blurred(tmp_path: Path, make_inf
 
 def test_only_a_torn_last_row_is_repaired_and_only_when_asked(run_folder: Path) -> None:
     path = run_folder / "targets.csv"
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-30])
-    kinds = [one.kind for one in check_run(run_folder).findings]
+    content = path.read_bytes()
+    path.write_bytes(content[:-30])
+    kinds = [finding.kind for finding in check_run(run_folder).findings]
     assert kinds == ["torn", "gap", "extra"]
-    assert path.read_bytes() == whole[:-30]
+    assert path.read_bytes() == content[:-30]
     report = check_run(run_folder, repair=True)
     assert report.repaired[0].startswith("targets.csv: removed an incomplete last row")
-    assert [one.kind for one in report.findings] == ["gap", "extra"]
-    assert path.read_bytes() == b"".join(whole.splitlines(keepends=True)[:-1])
+    assert [finding.kind for finding in report.findings] == ["gap", "extra"]
+    assert path.read_bytes() == b"".join(content.splitlines(keepends=True)[:-1])
 
 
 def test_a_run_that_is_written_to_is_not_repaired(run_folder: Path, make_info: Any) -> None:
@@ -177,7 +177,7 @@ def test_a_run_that_is_written_to_is_not_repaired(run_folder: Path, make_info: A
     with RunWriter.open(run_folder, make_info()):
         path.write_bytes(path.read_bytes()[:-30])
         report = check_run(run_folder, repair=True)
-    assert any("another tacbench is writing to it" in one.text for one in report.findings)
+    assert any("another tacbench is writing to it" in finding.text for finding in report.findings)
     assert not report.repaired
 
 
@@ -186,7 +186,7 @@ def test_an_unfinished_run_names_its_gaps(tmp_path: Path, make_info: Any, filled
     with RunWriter.open(tmp_path / "run", info) as writer:
         filled(writer, most=5)
     report = check_run(tmp_path / "run")
-    assert [(one.kind, one.text) for one in report.findings] == [
+    assert [(finding.kind, finding.text) for finding in report.findings] == [
         ("gap", "is not complete: the run lacks 11 of 16 presses (6 to 16)")
     ]
 
@@ -194,12 +194,12 @@ def test_an_unfinished_run_names_its_gaps(tmp_path: Path, make_info: Any, filled
 def test_an_empty_run_is_nothing_but_gaps(tmp_path: Path, make_info: Any) -> None:
     with RunWriter.open(tmp_path / "run", make_info()):
         pass
-    assert {one.kind for one in check_run(tmp_path / "run").findings} == {"gap"}
+    assert {finding.kind for finding in check_run(tmp_path / "run").findings} == {"gap"}
 
 
 def test_progress_reaches_its_end(run_folder: Path) -> None:
     updates: list[tuple[int, int]] = []
-    check_run(run_folder, progress=lambda done, of: updates.append((done, of)))
+    check_run(run_folder, progress=lambda checked, total: updates.append((checked, total)))
     assert updates == [(number, 25) for number in range(1, 26)]
 
 
@@ -271,9 +271,9 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
         filled(writer)
     (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 1,', '"version": 3,'))
     assert main(["check-runs", str(run_folder.parent)]) == 2
-    said = capsys.readouterr()
-    assert "has schema version 3, but this program reads 1 and 2" in said.err
-    assert "1 run, 16 presses: nothing wrong" in said.out
+    output = capsys.readouterr()
+    assert "has schema version 3, but this program reads 1 and 2" in output.err
+    assert "1 run, 16 presses: nothing wrong" in output.out
 
 
 def test_a_missing_command_is_one_line(capsys: Capture) -> None:

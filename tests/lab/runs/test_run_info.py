@@ -18,7 +18,9 @@ from tacbench_cad.util.errors import InputError
 HEX = Texture(
     name="hex",
     equation="three waves",
-    waves=WaveSum(tuple(Wave(amplitude=0.3, f=one, g=1.0 - one, phase=0.1) for one in (0.0, 0.25, 1.0 / 3.0))),
+    waves=WaveSum(
+        tuple(Wave(amplitude=0.3, f=frequency, g=1.0 - frequency, phase=0.1) for frequency in (0.0, 0.25, 1.0 / 3.0))
+    ),
 )
 BLOCKS = {
     **{f"paper {number}": Block.of(number) for number in range(1, 7)},
@@ -47,7 +49,7 @@ def test_a_shuffled_order_comes_back_the_same(make_info: Any) -> None:
     info = make_info(protocol=replace(make_info().protocol, order="random", seed=7))
     again = RunInfo.from_dict(json.loads(json.dumps(info.as_dict())))
     assert again.presses == info.presses
-    assert [one.position for one in info.presses] != [one.position for one in make_info().presses]
+    assert [press.position for press in info.presses] != [press.position for press in make_info().presses]
 
 
 def test_what_differs_is_named_with_both_values(make_info: Any) -> None:

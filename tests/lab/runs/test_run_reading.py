@@ -53,7 +53,7 @@ def test_readings_come_back_as_they_were(run_folder: Path, noise: Any) -> None:
     run = Run.open(run_folder)
     assert np.array_equal(run.frame(run.rows[4], verify=True), noise(5))
     assert np.array_equal(run.reference(), noise(0))
-    assert [one.shape for one in run.stationary("end", True)] == [(24, 32)] * 2
+    assert [frame.shape for frame in run.stationary("end", True)] == [(24, 32)] * 2
     assert run.by_key[(2, 2, 4)].sensor_image == "image_16.png"
     with pytest.raises(InputError, match="reference = 1"):
         run.reference(1)
@@ -73,8 +73,8 @@ def test_a_run_is_read_without_pandas_opencv_or_cad(run_folder: Path) -> None:
         f"assert len(Run.open(Path({str(run_folder)!r})).rows) == 16;"
         "print([name for name in ('pandas', 'cv2', 'scipy', 'OCP', 'cadquery', 'serial') if name in sys.modules])"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(
@@ -312,8 +312,8 @@ class TestArbitraryBytes:
         path = tmp_path / "t.csv"
         text = "a,b\n" + "".join(f"{hash(a) % 1000},{hash(b) % 1000}\n" for a, b in rows)
         path.write_bytes(text.encode()[: len(text) - cut] if cut < len(text) else b"")
-        whole = path.read_bytes().count(b"\n")
-        assert len(read_lines(path, ("a", "b")).rows) == max(whole - 1, 0)
+        lines = path.read_bytes().count(b"\n")
+        assert len(read_lines(path, ("a", "b")).rows) == max(lines - 1, 0)
 
     @quietly
     @given(

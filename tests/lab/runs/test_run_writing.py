@@ -98,15 +98,15 @@ def test_a_row_says_everything_of_its_press(run_folder: Path) -> None:
 def test_an_image_is_durable_before_its_row_and_the_row_before_the_next_press(
     tmp_path: Path, make_info: Any, noise: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done: list[str] = []
+    events: list[str] = []
     real_fsync, real_write = os.fsync, os.write
 
     def fsync(handle: int) -> None:
-        done.append(f"sync {name_of(handle)}")
+        events.append(f"sync {name_of(handle)}")
         real_fsync(handle)
 
     def write(handle: int, data: bytes) -> int:
-        done.append(f"write {name_of(handle)}")
+        events.append(f"write {name_of(handle)}")
         return real_write(handle, data)
 
     if not Path("/proc/self/fd").is_dir():
@@ -117,7 +117,7 @@ def test_an_image_is_durable_before_its_row_and_the_row_before_the_next_press(
         monkeypatch.setattr(os, "write", write)
         writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(1))
         monkeypatch.undo()
-    assert done == ["sync image_1.png", "sync sensor_images", "write targets.csv", "sync targets.csv"]
+    assert events == ["sync image_1.png", "sync sensor_images", "write targets.csv", "sync targets.csv"]
 
 
 def test_simulated_studies_skip_the_syncs(
@@ -235,7 +235,7 @@ def test_later_references_lie_apart_and_say_after_which_press(tmp_path: Path, ma
         writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(1))
         writer.reference(noise(2), NOW)
     run = Run.open(tmp_path / "run")
-    assert [(one.path, one.after_press) for one in run.references] == [
+    assert [(reference.path, reference.after_press) for reference in run.references] == [
         ("sensor_images/image_0.png", 0),
         ("references/reference_1.png", 1),
     ]

@@ -46,7 +46,7 @@ def test_cells_cover_the_block_with_x_along_the_columns() -> None:
 def test_a_large_block_keeps_the_map_small() -> None:
     block = Block.of(1, scale=20.0)
     assert cell_of(block) == pytest.approx(600.0 / MAX_CELLS)
-    assert max(one.size for one in centres(block)) == MAX_CELLS
+    assert max(axis.size for axis in centres(block)) == MAX_CELLS
 
 
 @pytest.mark.parametrize("x_mm", [-0.05, -0.25, 23.35, 23.55])

@@ -114,10 +114,10 @@ def test_the_markers_truth_is_where_the_pins_are_in_the_frame(look: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("look", "least", "most_false"),
+    ("look", "min_found", "max_false"),
     [("clean", 0.99, 0.005), ("tactip-bristol", 0.99, 0.005), ("tactip-sussex", 0.95, 0.05)],
 )
-def test_region_and_markers_of_every_look_are_found(look: str, least: float, most_false: float) -> None:
+def test_region_and_markers_of_every_look_are_found(look: str, min_found: float, max_false: float) -> None:
     tactip = TacTip(look=LOOKS[look], colour=False)
     contact = contact_for(PrintedBlock(block=Block.of(4), printer="form-3", filament="grey-v4"), HolderRim())
     finder = MarkerFinder.learn([tactip.frame(tactip.rest, _rng())])
@@ -132,7 +132,7 @@ def test_region_and_markers_of_every_look_are_found(look: str, least: float, mos
         away += far[far < 2.0].tolist()
         visible += far.size
         false += int(np.sum(cKDTree(truth.centres_px).query(markers.centres_px)[0] >= 2.0))
-    assert len(away) >= least * visible and false <= most_false * visible
+    assert len(away) >= min_found * visible and false <= max_false * visible
     assert np.sqrt(np.mean(np.square(away))) < 0.2
     if look in SENSORS:
         region = find_region([tactip.frame(tactip.rest, _rng(seed)) for seed in (1, 2)])
@@ -172,8 +172,8 @@ def test_each_approach_misses_by_an_error_of_its_own_at_the_same_force() -> None
     tactip, clean = TacTip(look=LOOKS["tactip-bristol"]), TacTip()
     first, again, other = (tactip.approach(contact, pose, _rng(seed)) for seed in (1, 1, 2))
     assert np.array_equal(first.tips_mm, again.tips_mm) and first.sway_px == again.sway_px
-    moved = np.linalg.norm(tactip.camera.pixels(first.tips_mm) - tactip.camera.pixels(other.tips_mm), axis=1)
-    assert 0.1 < np.max(moved) < 10.0 and first.sway_px != other.sway_px
+    distance = np.linalg.norm(tactip.camera.pixels(first.tips_mm) - tactip.camera.pixels(other.tips_mm), axis=1)
+    assert 0.1 < np.max(distance) < 10.0 and first.sway_px != other.sway_px
     assert np.array_equal(clean.approach(contact, pose, _rng(1)).tips_mm, clean.pins(contact, pose).tips_mm)
     assert tactip.approach(contact, (6.5, 20.5, 5.0), _rng(1)) is tactip.rest
     assert tactip.approach(None, pose, _rng(1)) is tactip.rest

@@ -72,19 +72,19 @@ def test_a_wide_line_draws_no_narrow_peak() -> None:
 
 def test_peaks_lose_height_and_nothing_gains() -> None:
     block = Block.of(2)
-    lost = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.6))
+    lossy = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.6))
     kept = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.0))
     high = _design(block) > -0.15
-    assert np.max(lost - kept) < 1e-3
-    assert np.mean((lost - kept)[high]) < 4.0 * np.mean((lost - kept)[~high]) < 0.0
+    assert np.max(lossy - kept) < 1e-3
+    assert np.mean((lossy - kept)[high]) < 4.0 * np.mean((lossy - kept)[~high]) < 0.0
 
 
 def test_walls_out_of_place_show_where_the_relief_is_steep() -> None:
     block = Block.of(1)
-    moved = as_printed(block, replace(PERFECT, xy_error_mm=0.1), seeded("test")).z_mm - _design(block)
+    error = as_printed(block, replace(PERFECT, xy_error_mm=0.1), seeded("test")).z_mm - _design(block)
     x, _ = centres(block)
     slope = np.abs(block.surface(x, 0.0, (1, 0)))
-    column = np.abs(moved).mean(axis=0)
+    column = np.abs(error).mean(axis=0)
     assert column[slope > 0.7].mean() > 3.0 * column[slope < 0.1].mean()
 
 
@@ -104,12 +104,12 @@ def test_strings_lie_on_the_surface_and_only_add() -> None:
 
 
 def test_a_copy_is_always_the_same_copy_and_no_other_one() -> None:
-    one = stimulus(_printed(), HolderRim()).z_mm
-    assert np.array_equal(one, stimulus(_printed(), HolderRim()).z_mm)
-    there = np.isfinite(one)
+    first = stimulus(_printed(), HolderRim()).z_mm
+    assert np.array_equal(first, stimulus(_printed(), HolderRim()).z_mm)
+    there = np.isfinite(first)
     for other in (stimulus(_printed(copy=2), HolderRim()), stimulus(_printed(), HolderRim(), seed=1)):
         assert np.array_equal(np.isfinite(other.z_mm), there)
-        assert np.std(one[there] - other.z_mm[there]) > 0.005
+        assert np.std(first[there] - other.z_mm[there]) > 0.005
 
 
 def test_every_printer_and_filament_of_the_paper_has_a_preset() -> None:
@@ -120,9 +120,9 @@ def test_every_printer_and_filament_of_the_paper_has_a_preset() -> None:
 
 
 def test_an_unknown_printer_gets_the_generic_one_and_says_so() -> None:
-    found = printer_of(_printed("my-printer", "wood"))
-    assert "my-printer with wood, as ender-3-v3-se" in found.name
-    assert found.peak_loss == VIRTUAL_PRINTERS["ender-3-v3-se"].peak_loss
+    printer = printer_of(_printed("my-printer", "wood"))
+    assert "my-printer with wood, as ender-3-v3-se" in printer.name
+    assert printer.peak_loss == VIRTUAL_PRINTERS["ender-3-v3-se"].peak_loss
 
 
 def test_resin_comes_closer_to_the_design_than_filament() -> None:

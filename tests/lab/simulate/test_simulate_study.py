@@ -80,7 +80,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def study_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A small study, made in two processes."""
     out = tmp_path_factory.mktemp("made")
     counts: list[int] = []
@@ -93,25 +93,25 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 def test_the_papers_study_has_its_images() -> None:
     study = paper_study()
-    firsts = [one for one in study.blocks if one.printed.copy == 1]
-    more = [one for one in study.blocks if one.printed.copy > 1]
+    firsts = [block for block in study.blocks if block.printed.copy == 1]
+    more = [block for block in study.blocks if block.printed.copy > 1]
     places = len(study.protocol.grid.positions_mm)
-    assert sum(len(one.levels) * 2 * places for one in firsts) == 8100
-    assert sum(len(one.levels) * 2 * places for one in more) == 4500
+    assert sum(len(block.levels) * 2 * places for block in firsts) == 8100
+    assert sum(len(block.levels) * 2 * places for block in more) == 4500
     assert study.presses == 12_600
-    assert {(one.printed.printer, one.printed.filament) for one in firsts} == set(names.COMBINATIONS)
-    assert {one.levels for one in more} == {(2,)}
-    prints = Counter((one.printed.printer, one.printed.filament) for one in study.blocks)
-    assert {both for both, count in prints.items() if count == 36} == set(names.SELECTED)
+    assert {(block.printed.printer, block.printed.filament) for block in firsts} == set(names.COMBINATIONS)
+    assert {block.levels for block in more} == {(2,)}
+    prints = Counter((block.printed.printer, block.printed.filament) for block in study.blocks)
+    assert {combination for combination, count in prints.items() if count == 36} == set(names.SELECTED)
     assert study.protocol.forces_n == FORCES_N and study.protocol.repeats == 2
 
 
 def test_the_quick_study_has_two_of_everything() -> None:
     study = quick_study()
-    assert {one.printed.object_label for one in study.blocks} == set(range(1, 7))
-    assert len({one.printed.printer for one in study.blocks}) == 2
-    assert {one.printed.copy for one in study.blocks} == {1, 2}
-    assert {one.levels for one in study.blocks} == {(1, 2, 3)}
+    assert {block.printed.object_label for block in study.blocks} == set(range(1, 7))
+    assert len({block.printed.printer for block in study.blocks}) == 2
+    assert {block.printed.copy for block in study.blocks} == {1, 2}
+    assert {block.levels for block in study.blocks} == {(1, 2, 3)}
     paper = {tuple(place) for place in PressGrid.paper().positions_mm}
     assert {tuple(place) for place in study.protocol.grid.positions_mm} < paper
     assert study.protocol.stationary_frames >= 2
@@ -123,8 +123,8 @@ def test_the_quick_study_stays_below_its_bound(tmp_path: Path) -> None:
     assert needed.gb < 0.3
 
 
-def test_every_force_lies_in_its_band(made: Path) -> None:
-    for folder in made.iterdir():
+def test_every_force_lies_in_its_band(study_folder: Path) -> None:
+    for folder in study_folder.iterdir():
         rows = Run.open(folder).rows
         assert len(rows) == 24
         for row in rows:
@@ -134,14 +134,14 @@ def test_every_force_lies_in_its_band(made: Path) -> None:
             assert row.in_band is True
 
 
-def test_the_run_folders_pass_the_check(made: Path) -> None:
-    for folder in made.iterdir():
+def test_the_run_folders_pass_the_check(study_folder: Path) -> None:
+    for folder in study_folder.iterdir():
         report = check_run(folder)
-        assert report.ok, [str(one) for one in report.findings]
+        assert report.ok, [str(finding) for finding in report.findings]
 
 
-def test_everything_says_that_it_is_simulated(made: Path) -> None:
-    for folder in made.iterdir():
+def test_everything_says_that_it_is_simulated(study_folder: Path) -> None:
+    for folder in study_folder.iterdir():
         run = Run.open(folder)
         assert len(run.info.simulated) == 3
         assert "virtual printer, ender-3 with petg" in run.info.simulated[0]
@@ -154,20 +154,20 @@ def test_everything_says_that_it_is_simulated(made: Path) -> None:
         assert record.values["nozzle_mm"] == 0.4
 
 
-def test_images_are_grey_and_repeats_differ_by_noise(made: Path) -> None:
-    run = Run.open(next(iter(sorted(made.iterdir()))))
-    one, two = (
+def test_images_are_grey_and_repeats_differ_by_noise(study_folder: Path) -> None:
+    run = Run.open(next(iter(sorted(study_folder.iterdir()))))
+    first, second = (
         cv2.imread(str(run.folder / "sensor_images" / run.by_key[(3, repeat, 1)].sensor_image), cv2.IMREAD_UNCHANGED)
         for repeat in (1, 2)
     )
-    assert one.shape == (480, 640) and one.dtype == np.uint8
-    difference = one.astype(int) - two
+    assert first.shape == (480, 640) and first.dtype == np.uint8
+    difference = first.astype(int) - second
     assert 0 < np.var(difference) < 6.0
 
 
-def test_an_interrupted_study_ends_like_one_that_was_not(made: Path, tmp_path: Path) -> None:
+def test_an_interrupted_study_ends_like_one_that_was_not(study_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
-    shutil.copytree(made, out)
+    shutil.copytree(study_folder, out)
     first, second = sorted(out.iterdir())
     shutil.rmtree(second)
     lines = (first / "targets.csv").read_text().splitlines(keepends=True)
@@ -179,39 +179,39 @@ def test_an_interrupted_study_ends_like_one_that_was_not(made: Path, tmp_path: P
         path.unlink()
     blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2)
     assert [block.presses for block in blocks] == [15, 24]
-    assert _files(out) == _files(made)
+    assert _files(out) == _files(study_folder)
 
 
-def test_a_whole_study_is_not_made_again(made: Path, tmp_path: Path) -> None:
+def test_a_whole_study_is_not_made_again(study_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
-    shutil.copytree(made, out)
+    shutil.copytree(study_folder, out)
     blocks = simulate_study(_study(), out, SimulationOptions(), jobs=1)
     assert [block.images for block in blocks] == [0, 0]
     assert estimate_simulation(_study(), out, SimulationOptions(), jobs=1).missing == 0
-    assert _files(out) == _files(made)
+    assert _files(out) == _files(study_folder)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"), [(SimulationOptions(colour=True), "shape"), (SimulationOptions(seed=7), "seed")]
+    ("options", "message"), [(SimulationOptions(colour=True), "shape"), (SimulationOptions(seed=7), "seed")]
 )
 def test_a_run_is_not_gone_on_with_in_another_way(
-    made: Path, tmp_path: Path, options: SimulationOptions, said: str
+    study_folder: Path, tmp_path: Path, options: SimulationOptions, message: str
 ) -> None:
     out = tmp_path / "again"
-    shutil.copytree(made, out)
-    with pytest.raises(TacbenchError, match=said) as refusal:
+    shutil.copytree(study_folder, out)
+    with pytest.raises(TacbenchError, match=message) as refusal:
         simulate_study(_study(), out, options, jobs=1)
     assert refusal.value.exit_code == 2
-    assert _files(out) == _files(made)
+    assert _files(out) == _files(study_folder)
 
 
 def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
     study = _study(forces_n=(1.0,), bands_n=(0.01,), repeats=1)
     images = []
     for name, options in (("a", SimulationOptions(colour=True)), ("b", SimulationOptions(colour=True, seed=1))):
-        done = simulate_block(tmp_path / name, _infos(study, options)[0], options)
-        assert done.worst_n <= 1e-5
-        images.append(cv2.imread(str(tmp_path / name / done.name / "sensor_images" / "image_1.png"), -1))
+        result = simulate_block(tmp_path / name, _infos(study, options)[0], options)
+        assert result.worst_n <= 1e-5
+        images.append(cv2.imread(str(tmp_path / name / result.name / "sensor_images" / "image_1.png"), -1))
     assert images[0].shape == (480, 640, 3)
     assert not np.array_equal(*images)
 
@@ -230,10 +230,10 @@ def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
 def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
     study = _study(reference_every_s=30.0, repeats=1)
     info = _infos(study)[0]
-    done = simulate_block(tmp_path, info, SimulationOptions())
+    result = simulate_block(tmp_path, info, SimulationOptions())
     references = Run.open(tmp_path / info.printed.name).references
-    assert [one.after_press for one in references] == [0, 7]
-    assert done.images == 12 + other_images(info)
+    assert [reference.after_press for reference in references] == [0, 7]
+    assert result.images == 12 + other_images(info)
 
 
 def test_a_press_below_the_depth_limit_is_refused(tmp_path: Path) -> None:
@@ -252,9 +252,9 @@ def test_a_disk_without_room_is_refused_with_the_numbers(tmp_path: Path, monkeyp
     require_room(tmp_path, needed)
 
 
-@pytest.mark.parametrize(("word", "said"), [("papr", "paper"), ("nowhere.toml", "cannot be read"), ("", "quick")])
-def test_an_unknown_study_is_refused(word: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+@pytest.mark.parametrize(("word", "message"), [("papr", "paper"), ("nowhere.toml", "cannot be read"), ("", "quick")])
+def test_an_unknown_study_is_refused(word: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         study_of(word)
 
 
@@ -275,7 +275,7 @@ def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.Ca
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "message"),
     [
         (["--study", "papr", "--out", "x"], "papr"),
         (["--study", "quick"], "name a folder"),
@@ -285,12 +285,12 @@ def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.Ca
     ],
 )
 def test_bad_options_end_with_one_line(
-    argv: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    argv: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", *argv]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and said in err and len(err.splitlines()) == 1
+    assert out == "" and message in err and len(err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 
 
@@ -317,8 +317,8 @@ def test_an_interruption_ends_with_130_and_the_study_can_go_on(tmp_path: Path) -
     assert running.returncode == 130
     assert "error: interrupted\n" in err and "Traceback" not in err
     assert err.splitlines()[-1].startswith("resume with: tacbench simulate --study")
-    made = sum(1 for _ in folder.glob("*/sensor_images/*.png"))
-    assert 10 <= made < 4 * (24 + 1)
+    images = sum(1 for _ in folder.glob("*/sensor_images/*.png"))
+    assert 10 <= images < 4 * (24 + 1)
     assert main(words) == 0
     for run in folder.iterdir():
         assert check_run(run).ok

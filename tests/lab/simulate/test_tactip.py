@@ -52,19 +52,19 @@ def _markers(image: Bytes) -> Floats:
     rows, columns = np.indices(grey.shape)
     mass = np.bincount(labels.ravel(), weight.ravel(), minlength=count)[1:]
     sums = (np.bincount(labels.ravel(), (weight * at).ravel(), minlength=count)[1:] for at in (columns, rows))
-    return np.stack([one / mass for one in sums], axis=1)
+    return np.stack([total / mass for total in sums], axis=1)
 
 
 @pytest.mark.parametrize("colour", [False, True])
 def test_at_rest_the_markers_lie_where_the_pinhole_camera_puts_the_pins(colour: bool) -> None:
-    found = _markers(TacTip(colour=colour).image(None, (0.0, 0.0, 0.0), _rng()))
-    assert len(found) == 133
+    markers = _markers(TacTip(colour=colour).image(None, (0.0, 0.0, 0.0), _rng()))
+    assert len(markers) == 133
     for count, first, step, r, z in RINGS:
         for i in range(count):
             azimuth = math.radians(first + step * i)
             radius = 601.0 * r / (48.9 + z)
             place = (319.5 + radius * math.cos(azimuth), 239.5 - radius * math.sin(azimuth))
-            assert np.min(np.hypot(*(found - place).T)) < 0.3
+            assert np.min(np.hypot(*(markers - place).T)) < 0.3
 
 
 def test_the_rings_have_the_radii_that_were_measured_on_images() -> None:
@@ -78,22 +78,22 @@ def test_the_rings_have_the_radii_that_were_measured_on_images() -> None:
 @pytest.mark.parametrize("number", sorted(GROUNDS))
 def test_the_deformation_grows_with_the_force(number: int) -> None:
     contact, sensor = GROUNDS[number], TacTip()
-    moved = []
+    distances = []
     for force in FORCES_N:
         tips = sensor.pins(contact, _pressed(contact, force)).tips_mm
-        moved.append(np.linalg.norm(sensor.camera.pixels(tips) - sensor.camera.pixels(REST.tips_mm), axis=1).mean())
-    assert 0.05 < moved[0] < moved[1] < moved[2] < 20.0
+        distances.append(np.linalg.norm(sensor.camera.pixels(tips) - sensor.camera.pixels(REST.tips_mm), axis=1).mean())
+    assert 0.05 < distances[0] < distances[1] < distances[2] < 20.0
 
 
 def test_equal_poses_differ_by_noise_only() -> None:
     contact, sensor = GROUNDS[3], TacTip(colour=False, flicker=0.0)
     pose = _pressed(contact, FORCES_N[2])
-    one, two = (sensor.image(contact, pose, _rng(seed)).astype(float) for seed in (1, 2))
-    assert np.mean(one - two) == pytest.approx(0.0, abs=0.02)
-    bright = (one > 100) & (two > 100)
-    assert np.std((one - two)[bright]) == pytest.approx(READ_NOISE * math.sqrt(2.0), rel=0.03)
-    assert np.max(np.abs(one - two)) <= 2 * 4
-    assert np.array_equal(one, sensor.image(contact, pose, _rng(1)))
+    first, second = (sensor.image(contact, pose, _rng(seed)).astype(float) for seed in (1, 2))
+    assert np.mean(first - second) == pytest.approx(0.0, abs=0.02)
+    bright = (first > 100) & (second > 100)
+    assert np.std((first - second)[bright]) == pytest.approx(READ_NOISE * math.sqrt(2.0), rel=0.03)
+    assert np.max(np.abs(first - second)) <= 2 * 4
+    assert np.array_equal(first, sensor.image(contact, pose, _rng(1)))
 
 
 def test_different_textures_differ_by_more_than_noise() -> None:
@@ -102,20 +102,20 @@ def test_different_textures_differ_by_more_than_noise() -> None:
         sensor.image(contact, _pressed(contact, FORCES_N[2]), _rng(number)).astype(float)
         for number, contact in GROUNDS.items()
     ]
-    for i, one in enumerate(images):
+    for i, image in enumerate(images):
         for other in images[:i]:
-            assert np.mean((one - other) ** 2) > 10.0 * READ_NOISE**2
+            assert np.mean((image - other) ** 2) > 10.0 * READ_NOISE**2
 
 
 def test_flicker_changes_the_pins_together() -> None:
     still, lively = TacTip(colour=False, flicker=0.0), TacTip(colour=False, flicker=0.05)
     pins = still.image(None, (0, 0, 0), _rng()) > 100
 
-    def spread(sensor: TacTip) -> float:
+    def brightness_deviation(sensor: TacTip) -> float:
         return float(np.std([sensor.image(None, (0, 0, 0), _rng(seed))[pins].mean() for seed in range(30)]))
 
-    assert spread(still) < 0.1
-    assert 5.0 < spread(lively) < 15.0
+    assert brightness_deviation(still) < 0.1
+    assert 5.0 < brightness_deviation(lively) < 15.0
 
 
 def test_read_noise_is_what_it_says_and_clips_at_the_ends() -> None:
@@ -144,11 +144,11 @@ def test_in_the_air_nothing_moves() -> None:
 
 def test_on_a_plate_pins_move_up_in_the_middle_and_outwards_at_the_side() -> None:
     contact = DomeContact(flat_plate())
-    moved = TacTip().pins(contact, _pressed(contact, FORCES_N[1], 0.0, 0.0)).tips_mm - REST.tips_mm
-    assert moved[0, 2] < -1.0 and np.hypot(*moved[0, :2]) < 1e-3
-    outward = np.sum(moved[:, :2] * REST.tips_mm[:, :2], axis=1)
+    displacement = TacTip().pins(contact, _pressed(contact, FORCES_N[1], 0.0, 0.0)).tips_mm - REST.tips_mm
+    assert displacement[0, 2] < -1.0 and np.hypot(*displacement[0, :2]) < 1e-3
+    outward = np.sum(displacement[:, :2] * REST.tips_mm[:, :2], axis=1)
     assert np.all(outward[1:25] > 0.0)
-    rings = np.split(np.linalg.norm(moved[1:], axis=1), np.cumsum([count for count, *_ in RINGS[1:]])[:-1])
+    rings = np.split(np.linalg.norm(displacement[1:], axis=1), np.cumsum([count for count, *_ in RINGS[1:]])[:-1])
     for ring in rings:
         assert np.ptp(ring) < 0.02
     assert rings[-1].max() < 0.05
@@ -226,22 +226,22 @@ def test_the_simulated_sensor_follows_the_stage() -> None:
         contact = contact_for(PRINTED, HOLDER)
         pose = _pressed(contact, 1.9)
         carriage.at = FRAME.to_stage(pose)
-        reading = sensor.read()
-        assert reading.shape == sensor.shape == (480, 640, 3)
+        frame = sensor.read()
+        assert frame.shape == sensor.shape == (480, 640, 3)
         expected = TacTip(flicker=0.0).image(contact, FRAME.to_work(carriage.at), _rng(5))
-        assert np.mean(np.abs(reading.astype(int) - expected)) < 0.01
-        assert frame_faults(sensor.read(), reading) == ()
+        assert np.mean(np.abs(frame.astype(int) - expected)) < 0.01
+        assert frame_faults(sensor.read(), frame) == ()
         assert sensor.settings["requested"]["colour"] is True and sensor.settings["actual"]["colour"] is True
 
 
 def test_two_sensors_without_a_seed_never_give_the_same_frame() -> None:
-    one, two = (SimulatedSensor(_Carriage().position, FAST).read() for _ in range(2))
-    assert one.shape == (480, 640) and not np.array_equal(one, two)
+    first, second = (SimulatedSensor(_Carriage().position, FAST).read() for _ in range(2))
+    assert first.shape == (480, 640) and not np.array_equal(first, second)
 
 
 @pytest.mark.parametrize(
-    ("options", "said"), [({"exposure": 3}, "exposure"), ({"colour": 1}, "colour"), ({"flicker": 2.0}, "flicker")]
+    ("options", "message"), [({"exposure": 3}, "exposure"), ({"colour": 1}, "colour"), ({"flicker": 2.0}, "flicker")]
 )
-def test_an_unknown_setting_of_the_simulated_sensor_is_refused(options: dict[str, object], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_an_unknown_setting_of_the_simulated_sensor_is_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         SimulatedSensor(_Carriage().position, FAST, options)

@@ -26,23 +26,23 @@ def _read(tmp_path: Path, text: str) -> StudyFile:
 
 
 def test_a_single_block_with_the_papers_protocol(tmp_path: Path) -> None:
-    found = _read(tmp_path, BLOCK + RIG)
-    (one,) = found.study.blocks
-    assert one.printed.name == "texture-4_paper_x1_bambu-p1p_pla-minus_copy01"
-    assert one.printed.object_label == 4 and one.levels == (1, 2, 3)
-    assert found.study.protocol == Protocol() and found.study.presses == 150
-    assert found.required_rig.stage.limits_mm == ((0.0, 9.0), (0.0, 9.0), (-9.0, 0.0))
-    assert found.required_rig.sensor.options == {"exposure": 3} and found.out is None
+    file = _read(tmp_path, BLOCK + RIG)
+    (block,) = file.study.blocks
+    assert block.printed.name == "texture-4_paper_x1_bambu-p1p_pla-minus_copy01"
+    assert block.printed.object_label == 4 and block.levels == (1, 2, 3)
+    assert file.study.protocol == Protocol() and file.study.presses == 150
+    assert file.required_rig.stage.limits_mm == ((0.0, 9.0), (0.0, 9.0), (-9.0, 0.0))
+    assert file.required_rig.sensor.options == {"exposure": 3} and file.out is None
 
 
 def test_a_study_lists_every_print_and_scales_its_grid(tmp_path: Path) -> None:
-    found = _read(
+    file = _read(
         tmp_path,
         'out = "runs"\n[study]\ntextures = [1, "texture-6"]\nscale = 2\n'
         'prints = [{printer = "ender", filament = "PLA+", copies = 2}, {printer = "own-1", filament = "abs", '
         "copies = [4], force_levels = [2]}]\n",
     )
-    assert [(p.printed.texture, p.printed.combination, p.printed.copy, p.levels) for p in found.study.blocks] == [
+    assert [(p.printed.texture, p.printed.combination, p.printed.copy, p.levels) for p in file.study.blocks] == [
         ("texture-1", "ender-3_pla-plus", 1, (1, 2, 3)),
         ("texture-6", "ender-3_pla-plus", 1, (1, 2, 3)),
         ("texture-1", "ender-3_pla-plus", 2, (1, 2, 3)),
@@ -50,16 +50,16 @@ def test_a_study_lists_every_print_and_scales_its_grid(tmp_path: Path) -> None:
         ("texture-1", "own-1_abs", 4, (2,)),
         ("texture-6", "own-1_abs", 4, (2,)),
     ]
-    assert found.study.protocol.grid == PressGrid.paper(2.0) and found.out == tmp_path / "runs"
-    assert found.study.presses == 4 * 150 + 2 * 50 and found.rig is None
+    assert file.study.protocol.grid == PressGrid.paper(2.0) and file.out == tmp_path / "runs"
+    assert file.study.presses == 4 * 150 + 2 * 50 and file.rig is None
 
 
 def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
     (tmp_path / "wave.toml").write_text(
         '[texture]\nname = "wave"\nfamily = "plane-waves"\n[[wave]]\namplitude = 1\nf = 1\ng = 1\n'
     )
-    found = _read(tmp_path, BLOCK.replace("4", '"wave.toml"'))
-    assert found.study.blocks[0].printed.object_label == "wave"
+    file = _read(tmp_path, BLOCK.replace("4", '"wave.toml"'))
+    assert file.study.blocks[0].printed.object_label == "wave"
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_depth_mode_has_depths_and_no_forces() -> None:
 
 
 def test_the_blocks_of_a_study_may_be_shuffled() -> None:
-    blocks = tuple(one for texture in "123456" for one in virtual_study(texture=texture).study.blocks)
+    blocks = tuple(block for texture in "123456" for block in virtual_study(texture=texture).study.blocks)
     study = Study(blocks=blocks, protocol=Protocol(block_order="random", seed=1))
     assert block_order(study) != blocks and set(block_order(study)) == set(blocks)
     assert block_order(Study(blocks=blocks, protocol=Protocol())) == blocks
@@ -173,6 +173,6 @@ def test_values_out_of_range_are_refused() -> None:
         HolderRim(gap_mm=float("nan"))
     with pytest.raises(InputError, match="quarter_turns"):
         WorkFrame(origin_mm=(0.0, 0.0, 0.0), quarter_turns=4)
-    one = virtual_study().study.blocks[0]
+    block = virtual_study().study.blocks[0]
     with pytest.raises(InputError, match="force_levels"):
-        Study(blocks=(PlannedBlock(printed=one.printed, levels=(0,)),), protocol=Protocol())
+        Study(blocks=(PlannedBlock(printed=block.printed, levels=(0,)),), protocol=Protocol())

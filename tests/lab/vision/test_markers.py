@@ -39,13 +39,13 @@ def counted(shots: list[Shot], finder: MarkerFinder) -> tuple[float, float, floa
 @pytest.mark.parametrize("name", LOOKS)
 def test_markers_of_every_public_look_are_found(name: str) -> None:
     finder = MarkerFinder.learn([draw(LOOKS[name], 100).image])
-    found, false, error = counted(
+    recall, false, error = counted(
         [draw(LOOKS[name], 1), draw(LOOKS[name], 2, 12.0), draw(LOOKS[name], 3, 23.0)], finder
     )
-    least, most, rms = LIMITS[name]
-    assert found >= least
-    assert false <= most
-    assert error <= rms
+    min_recall, max_false, max_rms = LIMITS[name]
+    assert recall >= min_recall
+    assert false <= max_false
+    assert error <= max_rms
 
 
 def test_dark_markers_of_a_gel_are_found() -> None:
@@ -70,8 +70,8 @@ def test_a_darker_and_a_noisier_frame() -> None:
     shot = draw(LOOKS["A"], 3)
     noisy = shot.image + np.random.default_rng(0).normal(0.0, 6.0, shot.image.shape)
     noisy_shot = replace(shot, image=np.clip(noisy, 0, 255).astype(np.uint8))
-    found, false, _ = counted([noisy_shot], MarkerFinder.learn([noisy_shot.image]))
-    assert found > 0.99
+    recall, false, _ = counted([noisy_shot], MarkerFinder.learn([noisy_shot.image]))
+    assert recall > 0.99
     assert false < 0.005
 
 

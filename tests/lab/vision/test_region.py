@@ -48,7 +48,7 @@ def dots() -> Frame:
     for radius in (0, 40, 80, 120):
         for angle in np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / max(1, radius // 5)):
             place = (320 + radius * np.cos(angle), 240 + radius * np.sin(angle))
-            cv2.circle(image, tuple(round(each) for each in place), 6, 200, -1)  # type: ignore[arg-type]
+            cv2.circle(image, tuple(round(coordinate) for coordinate in place), 6, 200, -1)  # type: ignore[arg-type]
     return image
 
 

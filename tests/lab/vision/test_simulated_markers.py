@@ -21,8 +21,8 @@ LIMITS = {"tactip-bristol": (0.99, 0.005), "tactip-sussex": (0.95, 0.05), "clean
 def test_markers_of_the_looks_are_found_and_followed(look: str, presses: int) -> None:
     frames = list(simulated_frames(look, presses, seed=3))
     finder = MarkerFinder.learn([frames[0][0]])
-    found, false, error = detection_rates(frames[1:], finder.find)
-    assert found >= LIMITS[look][0]
+    recall, false, error = detection_rates(frames[1:], finder.find)
+    assert recall >= LIMITS[look][0]
     assert false <= LIMITS[look][1]
     assert error <= 0.2
     reference = finder.find(frames[0][0]).centres_px
@@ -31,8 +31,8 @@ def test_markers_of_the_looks_are_found_and_followed(look: str, presses: int) ->
     errors = []
     for frame, truth in frames[1:]:
         track = tracker.follow(finder.find(frame).centres_px)
-        moved = (truth.centres_px - frames[0][1].centres_px)[number]
-        errors.append(np.hypot(*(track.displacement_px - moved).T)[track.found])
+        displacement = (truth.centres_px - frames[0][1].centres_px)[number]
+        errors.append(np.hypot(*(track.displacement_px - displacement).T)[track.found])
         assert np.mean(track.found) > 0.9
         assert np.mean(errors[-1] < 1.0) > 0.9
     assert np.mean(np.concatenate(errors) < 1.0) > 0.985

@@ -11,23 +11,23 @@ from tacbench_cad.util.errors import InputError
 
 
 @pytest.mark.parametrize("name", ["A", "C", "E"])
-@pytest.mark.parametrize("most", [5.0, 12.0, 23.0])
-def test_every_marker_is_followed(name: str, most: float) -> None:
+@pytest.mark.parametrize("max_px", [5.0, 12.0, 23.0])
+def test_every_marker_is_followed(name: str, max_px: float) -> None:
     look = LOOKS[name]
     rest = lattice(look)
     tracker = MarkerTracker(reference_px=rest)
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        places = pressed(rest, look, most, rng)
-        seen = np.flatnonzero(rng.uniform(size=len(rest)) > 0.03)
+        places = pressed(rest, look, max_px, rng)
+        visible = np.flatnonzero(rng.uniform(size=len(rest)) > 0.03)
         strays = rng.uniform(-100.0, 100.0, (3, 2)) + look.centre
-        order = rng.permutation(len(seen) + 3)
-        centres = np.concatenate([places[seen] + rng.normal(0.0, 0.1, (len(seen), 2)), strays])[order]
+        order = rng.permutation(len(visible) + 3)
+        centres = np.concatenate([places[visible] + rng.normal(0.0, 0.1, (len(visible), 2)), strays])[order]
         track = tracker.follow(centres)
-        number = np.where(track.found, np.append(seen, [-1, -1, -1])[order][track.index], -1)
+        number = np.where(track.found, np.append(visible, [-1, -1, -1])[order][track.index], -1)
         right = number == np.arange(len(rest))
         assert np.sum(track.found & ~right) <= 1  # a stray one may lie where a marker is missing
-        assert np.mean(right[seen]) > 0.98
+        assert np.mean(right[visible]) > 0.98
         error = np.hypot(*(track.displacement_px - (places - rest)).T)
         assert np.median(error) < 0.2
         assert error[~track.found].max(initial=0.0) < 8.0
@@ -46,8 +46,8 @@ def test_a_shift_of_everything_is_followed() -> None:
 def test_the_frame_before_helps_and_nothing_is_found_in_an_empty_frame() -> None:
     rest = lattice(LOOKS["C"])
     tracker = MarkerTracker(reference_px=rest)
-    moved = rest + np.array([45.0, 0.0])  # three spacings: beyond what is tried without a start
-    assert tracker.follow(moved, start_px=rest * 0.0 + np.array([43.0, 0.0])).found.all()
+    positions = rest + np.array([45.0, 0.0])  # three spacings: beyond what is tried without a start
+    assert tracker.follow(positions, start_px=rest * 0.0 + np.array([43.0, 0.0])).found.all()
     nothing = tracker.follow(np.zeros((0, 2)))
     assert not nothing.found.any()
     assert nothing.cost == 1.0

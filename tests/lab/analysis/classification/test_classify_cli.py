@@ -44,26 +44,30 @@ def test_leak_free_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Pa
     assert (
         "simulated: sensor (see run.json)\n" in output and "printer-filament" in output and "chance is 50.0" in output
     )
-    table, confusion, predictions = (rows(out / f"{one}.csv") for one in ("classification", "confusion", "predictions"))
-    assert list(table[0]) == [*(one.name for one in COLUMNS), "simulated"]
+    table, confusion, predictions = (
+        rows(out / f"{name}.csv") for name in ("classification", "confusion", "predictions")
+    )
+    assert list(table[0]) == [*(column.name for column in COLUMNS), "simulated"]
     assert (
-        ",".join(one.name for one in COLUMNS)
+        ",".join(column.name for column in COLUMNS)
         == "protocol,estimator,train_on,tested_on,hold_out,accuracy,low,high,trials,images"
     )
-    assert list(confusion[0]) == [*(one.name for one in CONFUSION_COLUMNS), "simulated"]
-    assert list(predictions[0]) == [*(one.name for one in PREDICTION_COLUMNS), "simulated"]
+    assert list(confusion[0]) == [*(column.name for column in CONFUSION_COLUMNS), "simulated"]
+    assert list(predictions[0]) == [*(column.name for column in PREDICTION_COLUMNS), "simulated"]
     assert {row["trial"] for row in predictions} == {"1", "2"}
     for row in table:
         key = {name: row[name] for name in ("estimator", "hold_out")}
         mine = [
-            one for one in predictions if key.items() <= one.items() and row["tested_on"] in ("all", one["tested_on"])
+            prediction
+            for prediction in predictions
+            if key.items() <= prediction.items() and row["tested_on"] in ("all", prediction["tested_on"])
         ]
-        right = sum(one["texture"] == one["predicted"] for one in mine)
+        right = sum(prediction["texture"] == prediction["predicted"] for prediction in mine)
         assert float(row["accuracy"]) == pytest.approx(right / len(mine), abs=1e-12)
         assert int(row["images"]) * 2 == len(mine)
-        cells = [one for one in confusion if {**key, "tested_on": row["tested_on"]}.items() <= one.items()]
-        assert sum(int(one["count"]) for one in cells) == len(mine)
-        assert sum(int(one["count"]) for one in cells if one["texture"] == one["predicted"]) == right
+        cells = [cell for cell in confusion if {**key, "tested_on": row["tested_on"]}.items() <= cell.items()]
+        assert sum(int(cell["count"]) for cell in cells) == len(mine)
+        assert sum(int(cell["count"]) for cell in cells if cell["texture"] == cell["predicted"]) == right
     for stem in ("hold_out_levels", "confusion_forest"):
         assert (out / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
@@ -77,7 +81,7 @@ def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, t
     trials = sorted((out / "trials").iterdir())
     assert len(trials) == 2
     first = (out / "predictions.csv").read_bytes()
-    stamps = [one.stat().st_mtime_ns for one in trials]
+    stamps = [path.stat().st_mtime_ns for path in trials]
     trials[1].write_bytes(trials[1].read_bytes()[:100])
     assert main([*command, "-o", str(out)]) == 0
     assert trials[0].stat().st_mtime_ns == stamps[0] and trials[1].stat().st_mtime_ns != stamps[1]
@@ -183,8 +187,8 @@ def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> No
     command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--hold-out", "copy"]
     assert main([*command, "-o", "a", "--estimator", "own_model:pipeline"]) == 0
     assert main([*command, "-o", "b", "--estimator", "own_model:made"]) == 0
-    one, other = (rows(Path(name) / "classification.csv") for name in "ab")
-    assert one[0]["accuracy"] == other[0]["accuracy"] and float(one[0]["accuracy"]) > 0.5
+    first, second = (rows(Path(name) / "classification.csv") for name in "ab")
+    assert first[0]["accuracy"] == second[0]["accuracy"] and float(first[0]["accuracy"]) > 0.5
     assert main([*command, "-o", "a", "--estimator", "own_model:Slow", "--components", "3"]) == 0
 
 
@@ -235,8 +239,8 @@ def test_bad_input_is_refused_in_one_line(
 ) -> None:
     monkeypatch.setattr("tacbench_cad.lab.parallel.ANSWER_S", 0.5)
     base = {"--jobs": "1", "--trials": "1", "--resolution": "0.5"}
-    given = {key: value for key, value in base.items() if key not in words}
-    command = ["classify", str(runs), "-o", "out", *[word for pair in given.items() for word in pair], *words]
+    remaining = {key: value for key, value in base.items() if key not in words}
+    command = ["classify", str(runs), "-o", "out", *[word for pair in remaining.items() for word in pair], *words]
     assert main(command) == 2
     output = capsys.readouterr().err.strip().splitlines()
     assert len([line for line in output if line.startswith("error:")]) == 1 and named in output[-1]
@@ -256,11 +260,11 @@ def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, 
     process.send_signal(signal.SIGINT)
     _, output = process.communicate(timeout=30)
     assert process.returncode == 130 and "interrupted" in output and "Traceback" not in output
-    kept = {one: one.stat().st_mtime_ns for one in trials.glob("leak-free-*.json")}
-    assert 1 <= len(kept) < 3 and {one.suffix for one in trials.iterdir()} == {".json"}
+    kept = {path: path.stat().st_mtime_ns for path in trials.glob("leak-free-*.json")}
+    assert 1 <= len(kept) < 3 and {path.suffix for path in trials.iterdir()} == {".json"}
     assert not (own / "out" / "classification.csv").exists()
     assert main(words) == 0
-    assert all(one.stat().st_mtime_ns == stamp for one, stamp in kept.items())
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
     assert len(list(trials.iterdir())) == 3 and (own / "out" / "classification.csv").exists()
 
 

@@ -80,7 +80,7 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
         expected = pipeline.predict(features.rows[fold.test].astype(float))
         assert np.array_equal(np.array(study.textures)[outcome.predicted], expected), (fold.hold_out, fold.group, name)
         assert np.array_equal(outcome.press, fold.test) and outcome.hold_out == fold.hold_out
-    accuracies = [one.accuracy for one in scores(outcomes, presses, "leak-free") if one.tested_on == "all"]
+    accuracies = [score.accuracy for score in scores(outcomes, presses, "leak-free") if score.tested_on == "all"]
     assert max(accuracies) > 0.9 and min(accuracies) < 1.0
 
 
@@ -103,16 +103,16 @@ def test_copies_are_the_ones_that_are_named(study: Collection) -> None:
 
 def test_labels_of_noise_are_predicted_at_chance_at_every_level(tmp_path: Path) -> None:
     write_study(tmp_path / "runs", textures=(1, 2, 3), levels=(1, 2), still=1, image=noise_image)
-    found = Collection.open([tmp_path / "runs"])
+    collection = Collection.open([tmp_path / "runs"])
     with workers() as executor:
         settings = ClassificationSettings(resolution=1.0, components=10, epochs=200)
-        result = classify(found, settings, 2, tmp_path, executor)
-    whole = [one for one in result.scores if one.tested_on == "all"]
-    assert [one.hold_out for one in whole] == list(HOLD_OUT_LEVELS)
-    for one in whole:
-        assert one.low is not None and one.high is not None
-        assert one.low <= result.chance <= one.high, (one.estimator, one.hold_out, one.low, one.high)
-        assert abs(one.accuracy - result.chance) < 0.12
+        result = classify(collection, settings, 2, tmp_path, executor)
+    overall = [score for score in result.scores if score.tested_on == "all"]
+    assert [score.hold_out for score in overall] == list(HOLD_OUT_LEVELS)
+    for score in overall:
+        assert score.low is not None and score.high is not None
+        assert score.low <= result.chance <= score.high, (score.estimator, score.hold_out, score.low, score.high)
+        assert abs(score.accuracy - result.chance) < 0.12
 
 
 @pytest.mark.parametrize("units", [6, 24])
@@ -139,9 +139,11 @@ def test_an_interval_says_nothing_from_one_unit_and_never_leaves_0_to_1() -> Non
     assert low == 0.0 and high == pytest.approx(1 - 0.5407, abs=1e-4)
 
 
-def run(found: Collection, out: Path, **changes: object) -> None:
+def run(collection: Collection, out: Path, **changes: object) -> None:
     with workers() as executor:
-        classify(found, ClassificationSettings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, executor)  # type: ignore[arg-type]
+        classify(
+            collection, ClassificationSettings(**{"resolution": 1.0, "components": 5, **changes}), 1, out, executor
+        )  # type: ignore[arg-type]
 
 
 def test_constant_images_are_refused(tmp_path: Path) -> None:
@@ -152,15 +154,17 @@ def test_constant_images_are_refused(tmp_path: Path) -> None:
 
 def test_a_damaged_image_is_named_and_finished_trials_stay(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", still=1)
-    found = Collection.open([tmp_path / "runs"])
-    run(found, tmp_path, hold_out=("copy",))
+    collection = Collection.open([tmp_path / "runs"])
+    run(collection, tmp_path, hold_out=("copy",))
     before = sorted((tmp_path / "trials").iterdir())
     (folders[3] / "sensor_images" / "image_5.png").write_bytes(b"torn")
     (folders[5] / "sensor_images" / "image_2.png").write_bytes(b"torn")
     with workers() as executor, pytest.raises(CheckFailedError, match=r"sensor_images/image_[25]\.png.*1 more of 64"):
-        classify(found, ClassificationSettings(resolution=1.0, components=5, hold_out=("copy",)), 2, tmp_path, executor)
+        classify(
+            collection, ClassificationSettings(resolution=1.0, components=5, hold_out=("copy",)), 2, tmp_path, executor
+        )
     assert len(before) == 1 and sorted((tmp_path / "trials").iterdir()) == before
-    run(found, tmp_path, hold_out=("copy",))
+    run(collection, tmp_path, hold_out=("copy",))
 
 
 def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) -> None:
@@ -169,15 +173,15 @@ def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) ->
         return rng.normal(number * np.arange(16.0), 1.0).reshape(4, 4)
 
     write_study(tmp_path / "runs", still=1, image=taxels, shape=(4, 4), units="kPa")
-    found = Collection.open([tmp_path / "runs"])
+    collection = Collection.open([tmp_path / "runs"])
     settings = ClassificationSettings(
         components=5, augmentation=Augmentation(noise=None, brightness=()), hold_out=("copy",)
     )
     with workers() as executor:
-        result = classify(found, settings, 1, tmp_path, executor)
+        result = classify(collection, settings, 1, tmp_path, executor)
         assert result.scores[0].accuracy > 0.95
         with pytest.raises(InputError, match="is for images"):
-            classify(found, ClassificationSettings(protocol="paper"), 1, tmp_path, executor)
+            classify(collection, ClassificationSettings(protocol="paper"), 1, tmp_path, executor)
 
     def broken(printed: object, press: object, rng: np.random.Generator) -> np.ndarray:
         values = taxels(printed, press, rng)
@@ -195,9 +199,9 @@ def test_more_components_than_a_training_set_has_are_refused(study: Collection, 
 
 
 def test_one_print_of_each_texture_leaves_two_levels(study: Collection, tmp_path: Path) -> None:
-    one = study.chosen((study.copy == 1) & (study.combination == study.combinations[0]) & (study.level == 1))
+    subset = study.chosen((study.copy == 1) & (study.combination == study.combinations[0]) & (study.level == 1))
     with workers() as executor:
-        result = classify(one, ClassificationSettings(resolution=1.0, components=5), 1, tmp_path, executor)
+        result = classify(subset, ClassificationSettings(resolution=1.0, components=5), 1, tmp_path, executor)
     assert {score.hold_out for score in result.scores} == {"press", "position"}
     assert sum("is left out" in note for note in result.notes) == 3
 
@@ -208,6 +212,6 @@ def test_a_process_of_its_own_gives_the_same(study: Collection, tmp_path: Path) 
     def accuracies(jobs: int, out: Path) -> list[float]:
         with workers(jobs) as executor:
             assert isinstance(executor, Executor)
-            return [one.accuracy for one in classify(study, settings, 2, out, executor).scores]
+            return [score.accuracy for score in classify(study, settings, 2, out, executor).scores]
 
     assert accuracies(1, tmp_path / "one") == accuracies(2, tmp_path / "two")

@@ -92,7 +92,7 @@ def test_float32_stays_float32_as_in_scikit_learn() -> None:
     narrow = values.astype(np.float32)
     ours = NetworkClassifier(**PAPER, max_iter=20, random_state=3).fit(narrow, labels)
     theirs = peer(ours).fit(narrow, labels)
-    assert {one.dtype for one in ours.coefs_ + ours.intercepts_} == {np.dtype(np.float32)}
+    assert {array.dtype for array in ours.coefs_ + ours.intercepts_} == {np.dtype(np.float32)}
     assert ours.predict_proba(narrow).dtype == np.float32
     np.testing.assert_allclose(ours.loss_curve_, theirs.loss_curve_, rtol=1e-4)
 
@@ -114,11 +114,13 @@ def test_trained_together_or_one_by_one_is_the_same(monkeypatch: pytest.MonkeyPa
 def test_labels_may_be_words_and_the_seed_is_the_only_chance() -> None:
     values, labels = clusters(300, 5, 3, noise=0.2)
     words = np.array(["texture-1", "texture-2", "texture-6"])[labels]
-    one, two, other = (NetworkClassifier(**PAPER, max_iter=80, random_state=s).fit(values, words) for s in (1, 1, 2))
-    assert list(one.classes_) == ["texture-1", "texture-2", "texture-6"]
-    assert one.loss_curve_ == two.loss_curve_ != other.loss_curve_
-    assert one.score(values, words) > 0.95
-    np.testing.assert_allclose(one.predict_proba(values).sum(axis=1), 1)
+    first, second, other = (
+        NetworkClassifier(**PAPER, max_iter=80, random_state=s).fit(values, words) for s in (1, 1, 2)
+    )
+    assert list(first.classes_) == ["texture-1", "texture-2", "texture-6"]
+    assert first.loss_curve_ == second.loss_curve_ != other.loss_curve_
+    assert first.score(values, words) > 0.95
+    np.testing.assert_allclose(first.predict_proba(values).sum(axis=1), 1)
 
 
 @pytest.mark.parametrize(

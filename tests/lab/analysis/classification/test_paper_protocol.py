@@ -37,9 +37,9 @@ def study(make_study: Callable[..., Collection]) -> Collection:
     return make_study(textures=(1, 2, 3), still=1)
 
 
-def run(found: Collection, out: Path, settings: ClassificationSettings, trials: int = 1) -> Result:
+def run(collection: Collection, out: Path, settings: ClassificationSettings, trials: int = 1) -> Result:
     with workers() as executor:
-        return classify(found, settings, trials, out, executor)
+        return classify(collection, settings, trials, out, executor)
 
 
 def test_without_noise_it_is_the_script_from_the_text(study: Collection, tmp_path: Path) -> None:
@@ -56,11 +56,11 @@ def test_without_noise_it_is_the_script_from_the_text(study: Collection, tmp_pat
         train, test = train_test_split(np.arange(len(labels)), test_size=0.2, random_state=seed)
         forest = RandomForestClassifier(max_depth=50, random_state=seed)
         forest.fit(pca.transform(copies[train]), labels[train])
-        for rung, images in (("train", copies[train]), ("test", copies[test]), ("unseen", rows[~chosen])):
+        for hold_out, images in (("train", copies[train]), ("test", copies[test]), ("unseen", rows[~chosen])):
             outcome = next(outcomes)
-            assert (outcome.hold_out, outcome.train_on) == (rung, train_on)
-            said = forest.predict(pca.transform(images))
-            assert np.array_equal(np.array(study.textures)[outcome.predicted], said)
+            assert (outcome.hold_out, outcome.train_on) == (hold_out, train_on)
+            predicted = forest.predict(pca.transform(images))
+            assert np.array_equal(np.array(study.textures)[outcome.predicted], predicted)
     assert result.settings.train_on == ("bambu-p1p_pla-minus",)
 
 
@@ -69,7 +69,7 @@ def test_the_test_column_is_far_above_chance_on_labels_of_noise(tmp_path: Path) 
     result = run(
         Collection.open([tmp_path / "runs"]), tmp_path, replace(PAPER, estimators=("forest",), components=25), 2
     )
-    by_rung = {one.hold_out: one for one in result.scores}
+    by_rung = {score.hold_out: score for score in result.scores}
     test, unseen = by_rung["test"], by_rung["unseen"]
     assert test.accuracy > 0.9 and test.low is not None and test.low > 2 * result.chance
     assert unseen.low is not None and unseen.high is not None and unseen.low <= result.chance <= unseen.high
@@ -179,7 +179,7 @@ def test_clipped_copies_are_another_computation(study: Collection, tmp_path: Pat
     names = ("train", "test", "unseen")
     settings = replace(PAPER, estimators=("forest",))
     clipped = run(study, tmp_path, replace(settings, clip=True))
-    assert [one.hold_out for one in clipped.scores] == list(names)
+    assert [score.hold_out for score in clipped.scores] == list(names)
     assert len(list((tmp_path / "trials").iterdir())) == 1
     run(study, tmp_path, settings)
     assert len(list((tmp_path / "trials").iterdir())) == 2
@@ -194,8 +194,8 @@ def test_a_combination_that_is_not_there_or_has_one_texture_is_refused(study: Co
 
 
 def test_one_combination_has_no_unseen_column(study: Collection, tmp_path: Path) -> None:
-    one = study.chosen(study.combination == "bambu-p1p_pla-minus")
-    result = run(one, tmp_path, replace(PAPER, estimators=("forest",)))
+    subset = study.chosen(study.combination == "bambu-p1p_pla-minus")
+    result = run(subset, tmp_path, replace(PAPER, estimators=("forest",)))
     assert [score.hold_out for score in result.scores] == ["train", "test"]
-    published_result = run(one.chosen(one.copy == 1), tmp_path, published(resolution=0.25, components=6))
+    published_result = run(subset.chosen(subset.copy == 1), tmp_path, published(resolution=0.25, components=6))
     assert beside_paper(published_result)[0].ours[3] is None

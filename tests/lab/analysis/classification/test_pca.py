@@ -43,11 +43,11 @@ def scores_of(pool: Pool, augmentation: Augmentation, components: int, seed: int
     return trial_scores(pool, augmentation, components, [seed])[0]
 
 
-def assert_scikit_learns(result: Scores, written: Floats, readings: Floats, variance: float = 1e-9) -> None:
+def assert_scikit_learns(result: Scores, written: Floats, frames: Floats, variance: float = 1e-9) -> None:
     """Scores are those of scikit-learn's PCA of a written-out set, with signs by its rows' largest scores."""
     components = result.train.shape[1]
     full = PCA(components, svd_solver="full").fit(written)
-    train, plain = full.transform(written), full.transform(readings)
+    train, plain = full.transform(written), full.transform(frames)
     signs = np.sign(train[np.argmax(np.abs(train), axis=0), np.arange(components)])
     size = np.abs(train).max()
     np.testing.assert_allclose(result.train, train * signs, atol=1e-9 * size)
@@ -129,8 +129,8 @@ def test_the_noise_has_the_law_of_drawn_pixels() -> None:
     random = np.random.default_rng(9)
     ours, theirs = [], []
     for seed in range(DRAWS):
-        one = scores_of(pool, Augmentation(noise=20.0), 8, seed)
-        ours.append(features(one.variance, one.train[12:24], one.plain[12:]))
+        scores = scores_of(pool, Augmentation(noise=20.0), 8, seed)
+        ours.append(features(scores.variance, scores.train[12:24], scores.plain[12:]))
     for _ in range(DRAWS):
         noisy = train + 20.0 * random.standard_normal(train.shape)
         written = np.concatenate([train, noisy, train + 10, train - 10])
@@ -150,9 +150,9 @@ def features(variance: Floats, noisy: Floats, others: Floats) -> Floats:
 
 def test_a_draw_depends_on_its_seed_alone() -> None:
     pool = Pool.of(images_of(40, 300), np.arange(0, 40, 2), components=5, seeds=(1, 2))
-    one, again, other = (scores_of(pool, Augmentation(), 5, seed) for seed in (1, 1, 2))
-    assert np.array_equal(one.train, again.train) and np.array_equal(one.plain, again.plain)
-    assert np.abs(one.train - other.train).max() > 1
+    first, second, other = (scores_of(pool, Augmentation(), 5, seed) for seed in (1, 1, 2))
+    assert np.array_equal(first.train, second.train) and np.array_equal(first.plain, second.plain)
+    assert np.abs(first.train - other.train).max() > 1
 
 
 @pytest.mark.parametrize("pixels", [1, 1023, 1024, 3000])
@@ -189,12 +189,12 @@ def test_clipped_copies_are_those_of_the_set_written_out() -> None:
 
 def test_clipped_noise_is_rounded_drawn_by_seed_and_near_the_unclipped_on_bright_images() -> None:
     images = np.asarray(images_of(60, 400) // 2 + 70, dtype=np.uint8)
-    one, two, again = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
-    np.testing.assert_array_equal(one.train, again.train)
-    assert np.abs(one.train[40:80] - two.train[40:80]).max() > 1
+    first, other, again = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
+    np.testing.assert_array_equal(first.train, again.train)
+    assert np.abs(first.train[40:80] - other.train[40:80]).max() > 1
     free = scores_of(Pool.of(images, np.arange(40), components=4, seeds=(7,)), Augmentation(), 4)
-    np.testing.assert_allclose(one.variance, free.variance, rtol=0.05)
-    assert one.train.shape == free.train.shape == (160, 4)
+    np.testing.assert_allclose(first.variance, free.variance, rtol=0.05)
+    assert first.train.shape == free.train.shape == (160, 4)
 
 
 SPECTRA = {
@@ -220,11 +220,11 @@ def test_leading_eigenvectors(spectrum: str) -> None:
     assert np.all(vectors[np.argmax(np.abs(vectors), axis=0), np.arange(4)] > 0)
 
 
-@pytest.mark.parametrize(("values", "most"), [((3.0, 2.0), 2), ((), 0)])
-def test_a_matrix_with_fewer_directions_is_refused(values: tuple[float, ...], most: int) -> None:
+@pytest.mark.parametrize(("values", "max_components"), [((3.0, 2.0), 2), ((), 0)])
+def test_a_matrix_with_fewer_directions_is_refused(values: tuple[float, ...], max_components: int) -> None:
     diagonal = np.zeros((WRITTEN_OUT + 100, 1))
     diagonal[: len(values), 0] = values
-    with pytest.raises(InputError, match=f"components = 4: must be at most {most}, the number of directions"):
+    with pytest.raises(InputError, match=f"components = 4: must be at most {max_components}, the number of directions"):
         leading(lambda v: diagonal * v, len(diagonal), 4)
 
 

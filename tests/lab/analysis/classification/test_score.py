@@ -40,7 +40,7 @@ def split() -> Split:
         for copy in (1, 2)
         for position in range(1, 6)
     )
-    copies = [[i for i, one in enumerate(presses) if one.key[0].endswith(str(copy))] for copy in (1, 2)]
+    copies = [[i for i, press in enumerate(presses) if press.key[0].endswith(str(copy))] for copy in (1, 2)]
     folds = tuple(SplitFold(name=f"copy {i + 1}", train=tuple(copies[1 - i]), test=tuple(copies[i])) for i in range(2))
     return Split(hold_out="copy", seed=0, presses=presses, folds=folds)
 
@@ -138,9 +138,9 @@ def test_every_fault_is_named(
     change(rows)
     with pytest.raises(PredictionsError) as caught:
         score(write_rows(tmp_path / "p.csv", rows), split)
-    assert [one.kind for one in caught.value.faults] == [kind for kind, _ in faults]
-    for one, (_, words) in zip(caught.value.faults, faults, strict=True):
-        assert words in one.text
+    assert [fault.kind for fault in caught.value.faults] == [kind for kind, _ in faults]
+    for fault, (_, words) in zip(caught.value.faults, faults, strict=True):
+        assert words in fault.text
     assert caught.value.exit_code == 1
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
 
@@ -165,10 +165,10 @@ def test_prints_count_and_not_presses() -> None:
     """Prints that are all right or all wrong are as many trials as there are prints."""
     right = [i < 3 for i in range(6) for _ in range(100)]
     prints = [i for i in range(6) for _ in range(100)]
-    whole = accuracy_of(right, prints)
+    uniform = accuracy_of(right, prints)
     mixed = accuracy_of([i % 2 == 0 for i in range(600)], prints)
-    assert whole.low is not None and whole.high is not None and mixed.low is not None and mixed.high is not None
-    assert whole.high - whole.low > 0.7 > 0.12 > mixed.high - mixed.low
+    assert uniform.low is not None and uniform.high is not None and mixed.low is not None and mixed.high is not None
+    assert uniform.high - uniform.low > 0.7 > 0.12 > mixed.high - mixed.low
 
 
 def test_all_right_says_as_much_as_so_many_prints_can_say() -> None:

@@ -36,13 +36,13 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def splits(runs: Path) -> dict[str, Split]:
     result, notes = make_splits(Collection.open([runs]), seed=3, folds=2)
     assert not notes
-    return {one.hold_out: one for one in result}
+    return {split.hold_out: split for split in result}
 
 
 def test_every_level_has_a_split_and_names_its_presses(splits: dict[str, Split], runs: Path) -> None:
     assert list(splits) == ["press", "position", "force", "copy", "printer-filament"]
     copy = splits["copy"]
-    assert [one.name for one in copy.folds] == ["copy 1", "copy 2"]
+    assert [fold.name for fold in copy.folds] == ["copy 1", "copy 2"]
     assert len(copy.presses) == 8 * 2 * 2 * 4 and copy.simulated == ("sensor: a formula",)
     row = (runs / copy.presses[0].key[0] / schema.TARGETS_FILE).read_text().splitlines()[1]
     assert copy.presses[0].image_sha256 in row
@@ -53,12 +53,12 @@ def test_every_level_has_a_split_and_names_its_presses(splits: dict[str, Split],
 
 
 def test_a_file_comes_back_equal_and_is_the_same_each_time(splits: dict[str, Split], tmp_path: Path) -> None:
-    for one in splits.values():
-        first, second = write_split(tmp_path / "a.json", one), write_split(tmp_path / "b.json", one)
+    for split in splits.values():
+        first, second = write_split(tmp_path / "a.json", split), write_split(tmp_path / "b.json", split)
         assert first.read_bytes() == second.read_bytes()
-        assert read_split(first) == one
+        assert read_split(first) == split
         document = json.loads(first.read_bytes())
-        assert document["protocol"] == f"tacbench-split/1:{one.hold_out}:{one.design_sha256[:12]}"
+        assert document["protocol"] == f"tacbench-split/1:{split.hold_out}:{split.design_sha256[:12]}"
 
 
 def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
@@ -67,19 +67,19 @@ def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
     from helpers.studies import noise_image
 
     write_study(tmp_path, levels=(1, 2), image=noise_image)
-    others = {one.hold_out: one for one in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}
-    for level, one in splits.items():
-        assert others[level].protocol == one.protocol
-        assert others[level].data_sha256 != one.data_sha256
-    reseeded = {one.hold_out: one for one in make_splits(Collection.open([tmp_path]), seed=4, folds=2)[0]}
+    others = {split.hold_out: split for split in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}
+    for level, split in splits.items():
+        assert others[level].protocol == split.protocol
+        assert others[level].data_sha256 != split.data_sha256
+    reseeded = {split.hold_out: split for split in make_splits(Collection.open([tmp_path]), seed=4, folds=2)[0]}
     assert reseeded["press"].protocol != splits["press"].protocol
 
 
 def test_a_level_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_path: Path) -> None:
     write_study(tmp_path, prints=[("ender-3", "pla-plus")], copies=1)
     result, notes = make_splits(Collection.open([tmp_path]))
-    assert [one.hold_out for one in result] == ["press", "position"]
-    assert len(notes) == 3 and all("is left out: " in one for one in notes)
+    assert [split.hold_out for split in result] == ["press", "position"]
+    assert len(notes) == 3 and all("is left out: " in note for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_the_command_writes_the_files_and_says_what_they_are(runs: Path, tmp_pat
     answer = CliRunner().invoke(command.command, [str(runs), "-o", str(out), "--hold-out", "copy,force", "--json"])
     assert answer.exit_code == 0, answer.output
     document = json.loads(answer.stdout)
-    assert sorted(one.name for one in out.glob("*.json")) == ["split_copy.json", "split_force.json"]
-    assert [one["hold_out"] for one in document["splits"]] == ["force", "copy"]
-    for one in document["splits"]:
-        assert read_split(Path(one["file"])).protocol == one["protocol"]
+    assert sorted(path.name for path in out.glob("*.json")) == ["split_copy.json", "split_force.json"]
+    assert [entry["hold_out"] for entry in document["splits"]] == ["force", "copy"]
+    for entry in document["splits"]:
+        assert read_split(Path(entry["file"])).protocol == entry["protocol"]

@@ -26,8 +26,8 @@ def table(
 ) -> PressTable:
     """Presses of (texture, combination, copy) prints, each pressed at all levels and positions."""
     rows = [
-        (run, *one, level, position)
-        for run, one in enumerate(prints)
+        (run, *printed, level, position)
+        for run, printed in enumerate(prints)
         for level, position, _ in itertools.product(levels, range(1, positions + 1), range(repeats))
     ]
     run, texture, combination, copy, level, position = zip(*rows, strict=True)

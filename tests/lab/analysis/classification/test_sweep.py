@@ -42,7 +42,7 @@ def swept(
     ("text", "values"),
     [
         ("resolution=0.025:0.475", tuple(round(0.025 + 0.05 * i, 6) for i in range(10))),
-        ("components=5:50:10", tuple(float(one) for one in range(5, 51, 5))),
+        ("components=5:50:10", tuple(float(number) for number in range(5, 51, 5))),
         ("copies=1:3", (1.0, 2.0, 3.0)),
         ("forces=3,1", (1.0, 3.0)),
     ],
@@ -64,8 +64,8 @@ def test_what_cannot_be_read_is_refused(text: str) -> None:
 
 
 def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collection, tmp_path: Path) -> None:
-    found = swept(study, tmp_path, "resolution=0.1,0.5,1")
-    (path,) = write_tables(found, tmp_path)
+    result = swept(study, tmp_path, "resolution=0.1,0.5,1")
+    (path,) = write_tables(result, tmp_path)
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert list(rows[0]) == [*(column.name for column in SWEEP_COLUMNS), "simulated"]
@@ -76,7 +76,7 @@ def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collec
     again = swept(study, tmp_path, "resolution=0.5,1")
     assert [score.accuracy for score in again.scores] == [float(row["accuracy"]) for row in rows[1:]]
     assert len(list((tmp_path / "trials").iterdir())) == 6
-    png, pdf = draw_result(found, tmp_path)
+    png, pdf = draw_result(result, tmp_path)
     assert png.name == "sweep_resolution.png" and pdf.read_bytes().startswith(b"%PDF")
 
 
@@ -113,7 +113,7 @@ def test_the_figure_says_what_is_drawn_and_no_more(
         images=24,
         confusion=np.eye(2, dtype=np.int64),
     )
-    found = Result(
+    result = Result(
         settings=LEAK_FREE,
         outcomes=(),
         scores=(score,) * 3,
@@ -124,13 +124,13 @@ def test_the_figure_says_what_is_drawn_and_no_more(
     )
     drawn: list[Figure] = []
     monkeypatch.setattr(figures_classify, "save", lambda figure, *rest: drawn.append(figure) or ())
-    draw_result(found, tmp_path)
+    draw_result(result, tmp_path)
     (figure,) = drawn
     assert figure.legends[0].get_title().get_text() == title
     (axes,) = figure.axes
     upright = [line for line in axes.lines if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2]
     assert [list(line.get_ydata()) for line in upright] == [[40.0, 80.0]] * bars
-    heights = [np.ptp(one.get_paths()[0].vertices[:, 1]) for one in axes.collections]
+    heights = [np.ptp(collection.get_paths()[0].vertices[:, 1]) for collection in axes.collections]
     assert heights == pytest.approx([20.0] * bands)
 
 
@@ -155,6 +155,6 @@ def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection,
 
 def test_the_papers_columns_can_be_swept(study: Collection, tmp_path: Path) -> None:
     settings = ClassificationSettings(protocol="paper", resolution=1.0, estimators=("forest",))
-    found = swept(study, tmp_path, "components=2,4", settings, trials=1)
-    levels = [(value, score.hold_out) for value, score in zip(found.values, found.scores, strict=True)]
-    assert levels == [(value, rung) for value in (2.0, 4.0) for rung in ("train", "test", "unseen")]
+    result = swept(study, tmp_path, "components=2,4", settings, trials=1)
+    levels = [(value, score.hold_out) for value, score in zip(result.values, result.scores, strict=True)]
+    assert levels == [(value, level) for value in (2.0, 4.0) for level in ("train", "test", "unseen")]

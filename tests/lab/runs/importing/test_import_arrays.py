@@ -68,7 +68,7 @@ def test_rows_may_name_frames_by_their_index(table: Any, tmp_path: Path) -> None
     np.save(tmp_path / "X.npy", frames())
     table(tmp_path / "X.csv", ("index", "label"), [(11, "a"), (0, "a"), (12, "a"), ("x", "a")])
     report = import_samples([tmp_path / "X.npy"], tmp_path / "out")
-    assert [each.reason for each in report.left_out] == ["is not a frame of X.npy, which has 0 to 11"] * 2
+    assert [sample.reason for sample in report.left_out] == ["is not a frame of X.npy, which has 0 to 11"] * 2
     run = Run.open(tmp_path / "out" / "a")
     assert np.array_equal(run.frame(run.rows[0]), frames()[11])
 
@@ -93,8 +93,8 @@ def test_bad_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
     assert not report.runs and len(report.left_out) == len(messages)
     import re
 
-    for each, message in zip(report.left_out, messages, strict=True):
-        assert re.search(message, each.reason), each
+    for sample, message in zip(report.left_out, messages, strict=True):
+        assert re.search(message, sample.reason), sample
     pytest.importorskip("h5py")
     (left_out,) = import_samples([tmp_path / "f.h5"], tmp_path / "out").left_out
     assert "not a complete HDF5 file" in left_out.reason
@@ -132,7 +132,7 @@ def test_frames_of_a_video_at_the_times_of_a_table(video: Path, table: Any, tmp_
     run = Run.open(tmp_path / "out" / "a")
     levels = [round(float(run.frame(row).mean()) / 10) for row in run.rows]
     assert levels == [0, 5, 19, 1]
-    assert [each.where.partition(" (")[0] for each in report.left_out] == [
+    assert [sample.where.partition(" (")[0] for sample in report.left_out] == [
         "times.csv line 8",
         "times.csv line 9",
         "times.csv line 7",

@@ -44,19 +44,21 @@ def arrays(tmp_path: Path) -> Path:
 def test_all_names_that_occur_are_known(arrays: Path) -> None:
     items = list(sources_of([arrays], ImportOptions()))
     left_out = [item for item in items if isinstance(item, LeftOut)]
-    assert [Path(each.where).name for each in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
+    assert [Path(sample.where).name for sample in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
     assert "a table (CSV) with a row for each" in left_out[0].reason
     assert "P35 is not a force level; --force-levels has" in left_out[1].reason
     groups, faults = grouped([item for item in items if isinstance(item, Source)], Names())
     assert not faults and sum(len(group.samples) for group in groups) == len(NAMES) * 25 == 210 * 25
     printed = [group.specimen for group in groups]
-    assert {each.printer for each in printed} == {"bambu", "ender", "creality", "crealty", "resin"}
-    assert {each.filament for each in printed} == {"plaminus", "plaplus", "petg", "resin", "wood"}
+    assert {print_.printer for print_ in printed} == {"bambu", "ender", "creality", "crealty", "resin"}
+    assert {print_.filament for print_ in printed} == {"plaminus", "plaplus", "petg", "resin", "wood"}
     # A set without a number is a print of its own, beside the numbered ones.
-    bambu = {each.copy for each in printed if (each.combination, each.texture) == ("bambu_plaminus", "texture-1")}
+    bambu = {
+        print_.copy for print_ in printed if (print_.combination, print_.texture) == ("bambu_plaminus", "texture-1")
+    }
     assert bambu == {1, 2, 3, 4, 5, 6, "unnumbered"}
     prints = {(name.partition("_P")[0] + name.rpartition("_")[2]).lower() for name in NAMES}
-    assert len({each.name for each in printed}) == len(groups) == len(prints)
+    assert len({print_.name for print_ in printed}) == len(groups) == len(prints)
     assert {group.levels for group in groups} == {(1,), (1, 2), (1, 2, 3)}
 
 
@@ -154,7 +156,7 @@ def test_names_make_two_spellings_one_printer_and_equal_prints_are_left_out(tmp_
     paths = [save(tmp_path, f"PLAminus_z0_P30_{word}.npy", images(len(word))) for word in ("creality", "crealty")]
     report = import_samples(paths, tmp_path / "out", ImportOptions(names=names))
     assert [run.folder.name for run in report.runs] == ["texture-1_ender-3-v3-se_pla-minus_unnumbered"]
-    assert sum(each.count for each in report.left_out) == 50
+    assert sum(sample.count for sample in report.left_out) == 50
 
 
 def test_one_array_cannot_become_two_prints(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_a_folder_with_a_table_becomes_one_run_for_each_print(images: Any, table
         index = 4 * (row.position or 0) - 4 + 12 * (row.force_level or 0) - 12
         assert (run.folder / row.path).read_bytes() == (folder / f"{index}.png").read_bytes()
         assert np.array_equal(run.frame(row, verify=True), cv2.imread(str(folder / f"{index}.png")))
-    assert all(check_run(each).ok for each in find_runs([tmp_path / "out"]))
+    assert all(check_run(folder).ok for folder in find_runs([tmp_path / "out"]))
 
 
 def test_everything_is_optional(images: Any, table: Any, tmp_path: Path) -> None:
@@ -82,10 +82,10 @@ def test_everything_is_optional(images: Any, table: Any, tmp_path: Path) -> None
 
 def test_jpeg_files_are_kept_as_they_are(images: Any, tmp_path: Path) -> None:
     folder = images(3, suffix=".jpg")
-    whole = (folder / "2.jpg").read_bytes()
-    (folder / "2.jpg").write_bytes(whole[: len(whole) // 2])
+    content = (folder / "2.jpg").read_bytes()
+    (folder / "2.jpg").write_bytes(content[: len(content) // 2])
     report = import_samples([folder], tmp_path / "out")
-    assert [each.reason for each in report.left_out] == [
+    assert [sample.reason for sample in report.left_out] == [
         "is not a readable JPEG image; the file is incomplete or damaged"
     ]
     run = Run.open(tmp_path / "out" / "unknown")
@@ -93,12 +93,14 @@ def test_jpeg_files_are_kept_as_they_are(images: Any, tmp_path: Path) -> None:
     for number, row in enumerate(run.rows):
         assert (run.folder / row.path).read_bytes() == (folder / f"{number}.jpg").read_bytes()
         assert np.array_equal(run.frame(row, verify=True), cv2.imread(str(folder / f"{number}.jpg")))
-    assert not [each for each in check_run(run.folder).findings if each.kind in ("unreadable", "shape", "checksum")]
+    assert not [
+        finding for finding in check_run(run.folder).findings if finding.kind in ("unreadable", "shape", "checksum")
+    ]
     export_runs([run.folder], "imagefolder", tmp_path / "exported")
     names = [path.name for path in sorted((tmp_path / "exported" / UNLABELLED).iterdir())]
     assert names == ["00000001.jpg", "00000002.jpg"]
-    (run.folder / run.rows[0].path).write_bytes(whole)
-    assert [each.kind for each in check_run(run.folder).findings if each.kind == "checksum"] == ["checksum"]
+    (run.folder / run.rows[0].path).write_bytes(content)
+    assert [finding.kind for finding in check_run(run.folder).findings if finding.kind == "checksum"] == ["checksum"]
 
 
 @pytest.mark.parametrize("suffix", [".bmp", ".tif"])
@@ -132,7 +134,7 @@ def test_one_folder_for_each_class(images: Any, tmp_path: Path) -> None:
     (tmp_path / "classes/felt/notes.txt").write_text("by hand")
     report = import_samples([tmp_path / "classes"], tmp_path / "out")
     assert [(run.folder.name, run.imported) for run in report.runs] == [("cork", 3), ("felt", 3)]
-    assert [each.where for each in report.left_out] == [str(Path("felt/notes.txt"))]
+    assert [sample.where for sample in report.left_out] == [str(Path("felt/notes.txt"))]
 
 
 def test_folders_of_a_split_are_no_classes(images: Any, tmp_path: Path) -> None:
@@ -160,7 +162,7 @@ def test_absolute_paths_in_the_folder_are_its_own(images: Any, table: Any, tmp_p
     labels = table(tmp_path / "labels.csv", ("image", "label"), [(path, "cork") for path in paths])
     report = import_samples([folder, labels], tmp_path / "out")
     assert report.runs[0].imported == 2
-    assert [each.reason for each in report.left_out] == ["is a path outside the folder"]
+    assert [sample.reason for sample in report.left_out] == ["is a path outside the folder"]
 
 
 def test_a_toolchains_folder_comes_back(run_folder: Path, tmp_path: Path) -> None:
@@ -303,14 +305,14 @@ def test_an_interrupted_import_is_resumed(
     monkeypatch.undo()
     report = import_samples([folder, labels], out, OPTIONS)
     assert report.ok and [(run.present, run.imported) for run in report.runs] == [(3, 3), (0, 6), (0, 6), (0, 6)]
-    whole = import_samples([folder, labels], tmp_path / "whole", OPTIONS)
-    for run in whole.runs:
+    complete = import_samples([folder, labels], tmp_path / "whole", OPTIONS)
+    for run in complete.runs:
         ours = out / run.folder.name
         assert (ours / "targets.csv").read_bytes() == (run.folder / "targets.csv").read_bytes()
     shutil.copy(folder / "0.png", folder / "new.png")
     table(labels, HEADER, [*rows_of(24), ("new.png", "cork", "b0", "a", 0.5)])
     changed = import_samples([folder, labels], out, OPTIONS)
-    assert [each.where for each in changed.left_out] == ["cork_b0"] and len(changed.runs) == 3
+    assert [sample.where for sample in changed.left_out] == ["cork_b0"] and len(changed.runs) == 3
 
 
 def test_two_samples_of_one_place_and_repeat(images: Any, table: Any, tmp_path: Path) -> None:
@@ -338,8 +340,8 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
     columns = "label=material,copy=block_id,position=place,force=newtons"
     words = ["import-frames", str(folder), str(labels), "--columns", columns, "-o", str(tmp_path / "out")]
     assert main(words) == 0
-    said = capsys.readouterr()
-    assert "24 samples in 4 runs" in said.out and "Next: tacbench check-runs" in said.out
+    output = capsys.readouterr()
+    assert "24 samples in 4 runs" in output.out and "Next: tacbench check-runs" in output.out
     (folder / "7.png").unlink()
     shutil.rmtree(tmp_path / "out")
     assert main([*words, "--json"]) == 1
@@ -359,8 +361,8 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
 )
 def test_wrong_words_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
     assert main(["import-frames", *words, "-o", str(tmp_path / "out")]) != 0
-    said = capsys.readouterr()
-    assert message in said.out + said.err
+    output = capsys.readouterr()
+    assert message in output.out + output.err
     assert not (tmp_path / "out").exists()
 
 
