@@ -1,4 +1,4 @@
-"""The public names of ``tacbench_cad.lab``: they exist, they are lazy, and type checkers see the same ones."""
+"""Test the public names of ``tacbench_cad.lab``: they exist, load lazily, and are the same for type checkers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tacbench_cad import lab
 
 FOLDER = Path(lab.__file__).parent
 STUB = ast.parse((FOLDER / "__init__.pyi").read_text(encoding="utf-8"))
-#: Public name: module that defines it.
+#: The module that defines each public name.
 DEFINED_IN = {
     alias.name: f"tacbench_cad.lab.{node.module}"
     for node in STUB.body
@@ -31,7 +31,7 @@ def test_the_stub_declares_every_public_name_as_an_export() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(DEFINED_IN))
-def test_a_public_name_is_what_its_module_defines(name: str) -> None:
+def test_a_public_name_is_the_object_of_its_module(name: str) -> None:
     value = getattr(lab, name)
     assert value is getattr(sys.modules[DEFINED_IN[name]], name)
     assert getattr(value, "__module__", DEFINED_IN[name]) in (DEFINED_IN[name], "typing", "types")
@@ -41,7 +41,7 @@ def test_no_public_name_is_also_a_folder_or_a_module() -> None:
     assert {path.stem for path in FOLDER.iterdir()} & set(DEFINED_IN) == set()
 
 
-def test_the_import_loads_nothing_else() -> None:
+def test_importing_the_lab_loads_no_other_module() -> None:
     code = "import sys; before = set(sys.modules); import tacbench_cad.lab; print(*(set(sys.modules) - before))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(result.stdout.split())

@@ -1,4 +1,4 @@
-"""The lab where no CAD package can be imported, as on a small computer beside a rig."""
+"""Test the lab without CAD packages, as on a small computer next to a rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ assert not [name for name in sys.modules if name.split(".")[0] in {BLOCKED!r}]
 
 
 def _tacbench(*commands: tuple[str | Path, ...]) -> str:
-    """What commands print that are run one after the other in a new process."""
+    """Return the output of commands that run one after the other in a new process."""
     lines = ["\n".join(map(str, command)) for command in commands]
     result = subprocess.run([sys.executable, "-c", CODE, *lines], capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
@@ -48,7 +48,7 @@ def test_a_study_is_simulated_and_checked(tmp_path: Path) -> None:
 
 
 def _checked(command: tuple[str | Path, ...], runs: Path) -> None:
-    """A run of two presses is written, whole and marked as simulated. One process loads for both commands."""
+    """Check that a complete simulated run of two presses was written. One process runs both commands to save time."""
     assert "1 run, 2 presses: nothing wrong" in _tacbench(command, ("check-runs", runs))
     (info,) = runs.glob("*/run.json")
     assert "simulated TacTip" in info.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a person sees: the time left, the force, the newest image."""
+"""Test the progress that a person sees: the time left, the force and the newest image."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def shown(stream: io.StringIO, out: Path, presses: int, step_s: float) -> str:
     return stream.getvalue()
 
 
-def test_a_terminal_has_one_line_that_is_written_over(tmp_path: Path) -> None:
+def test_a_terminal_shows_one_line_that_is_overwritten(tmp_path: Path) -> None:
     text = shown(Terminal(), tmp_path, 4, 2.0)
     last = text.rstrip("\n").split("\r")
     assert len(last) == 5
@@ -38,20 +38,20 @@ def test_a_terminal_has_one_line_that_is_written_over(tmp_path: Path) -> None:
     assert text.count("\n") == 2
 
 
-def test_elsewhere_there_is_a_line_every_ten_seconds_and_one_at_the_end(tmp_path: Path) -> None:
+def test_other_output_gets_a_line_every_ten_seconds_and_a_last_line(tmp_path: Path) -> None:
     text = shown(io.StringIO(), tmp_path, 9, 4.0)
     counts = [line.split()[1] for line in text.splitlines()[1:]]
     assert counts == ["1/9", "4/9", "7/9", "9/9"]
 
 
-def test_the_newest_image_is_a_copy_of_its_own(tmp_path: Path) -> None:
+def test_the_newest_image_is_a_separate_copy(tmp_path: Path) -> None:
     shown(io.StringIO(), tmp_path, 1, 1.0)
     (tmp_path / "last.png").write_bytes(b"edited in a viewer")
     assert (tmp_path / "image_3.png").read_bytes() == b"picture"
     assert not list(tmp_path.glob(".tacbench*"))
 
 
-def test_an_image_that_cannot_be_copied_stops_nothing(tmp_path: Path) -> None:
+def test_an_image_that_cannot_be_copied_does_not_stop_the_run(tmp_path: Path) -> None:
     lines = ProgressLines(tmp_path / "missing", io.StringIO())
     lines.begin("texture-1", 0, 1)
     lines.pressed(1, None, None, tmp_path / "image_1.png")

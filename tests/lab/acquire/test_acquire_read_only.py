@@ -1,4 +1,4 @@
-"""Folders that cannot be written: exit code 2, one line, and what was recorded before stays as it is."""
+"""Test folders that cannot be written: exit code 2, a one-line message, and no change of the recorded data."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere, and Windows has other rights"
+    not hasattr(os, "geteuid") or os.geteuid() == 0,
+    reason="root may write everywhere, and Windows has other permissions",
 )
 
 
 class ThreePresses(Silent):
-    """The gauge fails after the third press."""
+    """A progress report that raises an error of the gauge after the third press."""
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
         if done == 3:
@@ -51,8 +52,8 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture
-def begun(tmp_path: Path) -> Path:
-    """An output folder with a run that was cut short after three presses."""
+def interrupted(tmp_path: Path) -> Path:
+    """Return an output folder with a run that was interrupted after three presses."""
     with pytest.raises(NoAnswerError):
         session(tmp_path, ThreePresses())
     return tmp_path
@@ -67,29 +68,29 @@ def read_only(folder: Path) -> Iterator[None]:
         folder.chmod(0o700)
 
 
-def test_an_output_folder_that_cannot_be_written(begun: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = contents(begun)
-    with read_only(begun):
-        for out in (begun, begun / "inner"):
+def test_a_read_only_output_folder_is_refused(interrupted: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = contents(interrupted)
+    with read_only(interrupted):
+        for out in (interrupted, interrupted / "inner"):
             assert main(["acquire", "--virtual", "--out", str(out)]) == 2
             output, error = capsys.readouterr()
             assert output == ""
             assert error.count("\n") == 1 and error.startswith("error: ")
-            assert "not writable" in error and str(begun) in error
-        assert contents(begun) == before
+            assert "not writable" in error and str(interrupted) in error
+        assert contents(interrupted) == before
 
 
 @pytest.mark.parametrize("inner", ["", "sensor_images"])
-def test_a_run_that_can_no_longer_be_written_goes_on_once_it_can(begun: Path, inner: str) -> None:
-    run = begun / printed().name
+def test_a_run_is_resumed_when_its_folder_is_writable_again(interrupted: Path, inner: str) -> None:
+    run = interrupted / printed().name
     before = contents(run)
     assert len(Run.open(run).rows) == 3
     with read_only(run / inner), pytest.raises(InputError, match="not writable") as caught:
-        session(begun, Silent())
+        session(interrupted, Silent())
     assert caught.value.exit_code == 2
     assert "\n" not in str(caught.value)
     after = contents(run)
-    # Tables may have grown; nothing that stood in them, and no image, is another.
+    # Tables may have grown, but their old rows and all images are unchanged.
     assert all(after[name].startswith(content) for name, content in before.items())
-    session(begun, Silent())
+    session(interrupted, Silent())
     assert [row.number for row in Run.open(run).rows] == list(range(1, 9))

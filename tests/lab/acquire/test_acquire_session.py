@@ -1,4 +1,4 @@
-"""A whole study: trays, labels, resuming any block, and refusals before a device is opened."""
+"""Test the acquisition of a study: trays, labels, resuming, and errors before a device is opened."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def short(**changes: object) -> Protocol:
     return small_protocol(repeats=1, stationary_frames=1, **changes)
 
 
-def test_a_study_asks_for_each_block_and_opens_the_rig_once(tmp_path: Path) -> None:
+def test_a_study_requests_each_block_and_opens_the_rig_once(tmp_path: Path) -> None:
     rig, script = FakeRig(), Script("t1 paper x1 01", "T4 PAPER X1 01")
     results = run(rig, study_of(short(), 1, 4), tmp_path, script)
     assert [result.folder.name for result in results] == [printed(1).name, printed(4).name]
@@ -63,7 +63,7 @@ def test_a_study_asks_for_each_block_and_opens_the_rig_once(tmp_path: Path) -> N
     assert script.prompts == ["Its label (T1 PAPER X1 01): ", "Its label (T4 PAPER X1 01): "]
 
 
-def test_a_wrong_label_is_asked_for_again_and_then_refused(tmp_path: Path) -> None:
+def test_a_wrong_label_is_requested_again_and_then_refused(tmp_path: Path) -> None:
     script = Script("T4 PAPER X1 01", printed(1).name, "T5 PAPER X1 01", *["no"] * 9)
     with pytest.raises(InputError, match="must be T4 PAPER X1 01"):
         run(FakeRig(), study_of(short(), 1, 4), tmp_path, script)
@@ -72,12 +72,12 @@ def test_a_wrong_label_is_asked_for_again_and_then_refused(tmp_path: Path) -> No
     assert not (tmp_path / printed(4).name).exists()
 
 
-def test_an_input_that_ends_is_named(tmp_path: Path) -> None:
+def test_the_end_of_the_input_is_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"standard input: ended before the answer to: Its label"):
         run(FakeRig(), study_of(short(), 1, 4), tmp_path, Script())
 
 
-def test_a_single_block_is_taken_to_lie_in_the_rig(tmp_path: Path) -> None:
+def test_a_single_block_is_assumed_to_be_in_the_rig(tmp_path: Path) -> None:
     script = Script()
     run(FakeRig(), study_of(short(), 1), tmp_path, script)
     assert script.prompts == []
@@ -91,12 +91,12 @@ def test_a_tray_is_filled_slot_by_slot(tmp_path: Path) -> None:
     assert [Run.open(result.folder).info.slot for result in results] == [0, 1, 0]
     assert [Run.open(result.folder).info.frame.origin_mm[0] for result in results] == [0.0, 60.0, 0.0]
     assert {round(x) for x, _, _ in rig.stage.path} == {0, 4, 9, 64, 69}
-    # Both blocks of the first tray are asked for before the first is pressed; a later session keeps their slots.
+    # Both blocks of the first tray are requested before the first is pressed; a later session keeps their slots.
     assert [line.split(":")[0] for line in script.shown] == ["Put into slot 1", "Put into slot 2", "Put into slot 1"]
     assert [place.slot for place in places(study, settings, tmp_path)] == [0, 1, 0]
 
 
-def test_a_study_goes_on_at_the_first_missing_press_of_any_block(tmp_path: Path) -> None:
+def test_a_study_is_resumed_at_the_first_missing_press_of_any_block(tmp_path: Path) -> None:
     rig, study = FakeRig(), study_of(short(), 1, 4)
     rig.stage.faults[700] = NoAnswerError("silent")
     with pytest.raises(NoAnswerError):
@@ -108,7 +108,7 @@ def test_a_study_goes_on_at_the_first_missing_press_of_any_block(tmp_path: Path)
     assert result.presses == 8 - len(there)
     again = FakeRig()
     assert run(again, study, tmp_path, Script()) == ()
-    assert again.opened == 0, "a study that is complete opens no device"
+    assert again.opened == 0, "a complete study opens no device"
 
 
 def test_other_settings_are_refused_before_a_device_is_opened(tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_other_settings_are_refused_before_a_device_is_opened(tmp_path: Path) ->
     assert rig.opened == 0
 
 
-def test_a_run_without_a_press_may_be_deleted_when_settings_change(tmp_path: Path) -> None:
+def test_a_run_without_presses_may_be_deleted_after_settings_changed(tmp_path: Path) -> None:
     run(FakeRig(), study_of(short(), 1), tmp_path, Script())
     with pytest.raises(InputError, match="restore these settings, or choose another output folder"):
         run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script())
@@ -140,7 +140,7 @@ def test_a_second_process_is_refused_before_a_device_is_opened(tmp_path: Path) -
     assert rig.opened == 0
 
 
-def test_positions_outside_of_the_stage_are_refused(tmp_path: Path) -> None:
+def test_positions_outside_the_stage_are_refused(tmp_path: Path) -> None:
     rig = FakeRig()
     settings = rig_settings(limits_mm=((0.0, 200.0), (0.0, 200.0), (-5.0, 50.0)))
     with pytest.raises(InputError, match=r"limits_mm z = \[-5\.0, 50\.0\]: slot 1 needs -7\.000 to 5\.000 mm"):
@@ -158,7 +158,7 @@ def test_pressing_to_a_force_needs_a_gauge(tmp_path: Path) -> None:
         run(FakeRig(), study_of(short(), 1), tmp_path, Script(), without)
 
 
-def test_taught_heights_are_asked_for_once(tmp_path: Path) -> None:
+def test_taught_heights_are_requested_once(tmp_path: Path) -> None:
     study = study_of(short(contact="depth", touch="taught"), 1)
     rig, script = FakeRig(gauge=False), Script("-0.5, -0.6, -0.7, -0.8")
     run(rig, study, tmp_path, script)
@@ -171,7 +171,7 @@ def test_taught_heights_are_asked_for_once(tmp_path: Path) -> None:
     assert (result.presses, again.prompts) == (2, [])
 
 
-def test_heights_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+def test_heights_that_are_not_numbers_are_refused(tmp_path: Path) -> None:
     study = study_of(short(contact="depth", touch="taught"), 1)
     with pytest.raises(InputError, match="first touch = 'low': must be numbers"):
         run(FakeRig(gauge=False), study, tmp_path, Script("low"))

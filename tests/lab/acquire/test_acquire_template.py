@@ -1,4 +1,4 @@
-"""The file of ``acquire --init``: refused until it is filled in, every key in it, every default the true one."""
+"""Test the file of ``acquire --init``: it is refused until it is filled in, and shows every key and default."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, Protocol, Sens
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
-#: Begins the keys of a second sensor, which stand in place of those of the first.
+#: The line before the keys of a second sensor, which replace those of the first.
 TAXELS = "# For taxels instead:"
-#: Not defaults but examples of what has none.
+#: The commented keys whose values are examples, because they have no defaults.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
-#: What only the user knows, and something for a test.
+#: The keys that a user has to fill in, with values for the tests.
 FILLED = {
     "texture": "1",
     "printer": '"bambu-p1p"',
@@ -39,7 +39,7 @@ def read(folder: Path, text: str) -> StudyFile:
 
 
 def with_defaults(text: str) -> str:
-    """The text with every commented default in force, except those that are only examples."""
+    """Return the text with every commented default as a key; keys that are only examples stay comments."""
     return re.sub(rf"(?m)^# (?!(?:{'|'.join(EXAMPLES)}) =)([a-z_]+ = )", r"\1", text.partition(TAXELS)[0])
 
 
@@ -48,7 +48,7 @@ def without_study(text: str) -> str:
     return before + rest[rest.index("[holder]") :]
 
 
-def test_it_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
+def test_the_template_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     write_template(path)
     keys = "[block] texture, [block] printer, [block] filament, [stage] origin_mm, [stage] limits_mm, [sensor] exposure"
@@ -61,7 +61,7 @@ def test_it_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
             read(tmp_path, READY.replace(f"{key} = {FILLED[key]}", f"{key} = {empty[1]}"))
 
 
-def test_the_origin_alone_may_be_empty_where_it_is_taught(tmp_path: Path) -> None:
+def test_only_the_origin_may_be_empty_before_teaching(tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     path.write_text(READY.replace(FILLED["origin_mm"], "[]", 1))
     assert read_study(path, teaching=True).required_rig.stage.limits_mm[0] == (0.0, 200.0)
@@ -70,7 +70,7 @@ def test_the_origin_alone_may_be_empty_where_it_is_taught(tmp_path: Path) -> Non
         read_study(tmp_path / "new.toml", teaching=True)
 
 
-def test_it_is_valid_when_it_is_filled_in(tmp_path: Path) -> None:
+def test_the_filled_in_template_is_valid(tmp_path: Path) -> None:
     file = read(tmp_path, READY)
     assert file.study.protocol == Protocol()
     assert file.out == tmp_path / "runs"
@@ -84,12 +84,12 @@ def test_the_gap_follows_the_fit_of_the_holder(tmp_path: Path, fit: str, gap_mm:
     assert read(tmp_path, text.replace("# gap_mm = 0.15", "gap_mm = 0.2")).study.holder == HolderRim(gap_mm=0.2)
 
 
-def test_a_fit_that_there_is_not_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"study.toml: \[holder\] fit = 'slop': did you mean \"slip\""):
         read(tmp_path, READY.replace('# fit = "slip"', 'fit = "slop"'))
 
 
-def test_the_defaults_that_it_shows_are_the_true_ones(tmp_path: Path) -> None:
+def test_the_commented_values_are_the_defaults(tmp_path: Path) -> None:
     plain = read(tmp_path, READY)
     explicit = read(tmp_path, with_defaults(without_study(READY)))
     assert explicit.study == plain.study
@@ -100,7 +100,7 @@ def test_the_defaults_that_it_shows_are_the_true_ones(tmp_path: Path) -> None:
     assert explicit.required_rig.gauge.timeout_s == plain.required_rig.gauge.timeout_s
 
 
-def test_its_study_is_valid_too(tmp_path: Path) -> None:
+def test_the_example_study_is_valid(tmp_path: Path) -> None:
     text = re.sub(r"(?s)\[block\].*?# \[study\]\n", "[study]\n", READY)
     head, _, rest = text.partition("[study]\n")
     own, _, rest = rest.partition("[holder]")
@@ -117,7 +117,7 @@ def test_every_key_is_explained(kind: type) -> None:
             assert re.search(rf"(?m)^(?:# )?{field.name} = ", TEMPLATE), field.name
 
 
-def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
+def test_the_sensor_drivers_accept_the_shown_keys() -> None:
     from tacbench_cad.lab.rig.camera import CameraOptions
     from tacbench_cad.lab.rig.taxels import TaxelOptions
 
@@ -127,7 +127,7 @@ def test_the_sensors_drivers_know_the_keys_that_are_shown() -> None:
         from_plain(options, {key: value for key, value in values.items() if key not in ("driver", "device")})
 
 
-def test_it_never_overwrites(tmp_path: Path) -> None:
+def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("mine")
     with pytest.raises(InputError, match="already exists"):

@@ -1,4 +1,4 @@
-"""Faults injected into the virtual rig in mid-run: a named error, the sensor lifted, and a run that goes on."""
+"""Inject faults into the virtual rig during a run: a specific error, a lifted sensor, and a run that can be resumed."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from tacbench_cad.virtual_rig.process import VirtualRig
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
 )
-#: Height of travel of the virtual rigs' blocks, in the stage's frame.
+#: The travel height over the virtual rigs' blocks, in the work frame, in mm.
 CLEARANCE_MM = 1.5
 
 
 class Trial(Silent):
-    """One session on a virtual rig that gets a fault after the second press.
+    """A session on a virtual rig with a fault after the second press.
 
     Args:
-        file: Study and rig.
-        fault: Makes the fault at that instant of rig time, or None for no fault.
-        delay_s: Rig time from the second press to the fault.
+        file: The study and the rig.
+        fault: The fault; None for no fault.
+        delay_s: The rig time from the second press to the fault, in s.
     """
 
     def __init__(self, file: StudyFile, fault: Fault | None, delay_s: float) -> None:
@@ -56,7 +56,7 @@ class Trial(Silent):
         self.messages.append(message)
 
     def run(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Go on with the run; whatever ends it, where the carriage truly is when the devices are let go is kept."""
+        """Start or resume the run, and store the true height of the carriage when the devices are closed."""
         start = devices.launch
 
         def launched(*values: Any, **named: Any) -> VirtualRig:
@@ -84,7 +84,7 @@ class Trial(Silent):
 
 
 def short_file(driver: str) -> StudyFile:
-    """Four presses at four positions, impatient enough for a test."""
+    """Return a study of four presses at four positions with short timeouts."""
     file = virtual_study(driver=driver, speed=100.0)
     protocol = small_protocol(repeats=1, stationary_frames=1, clearance_mm=CLEARANCE_MM)
     blocks = tuple(replace(block, levels=(2,)) for block in file.study.blocks)
@@ -97,7 +97,11 @@ def short_file(driver: str) -> StudyFile:
 def try_fault(
     driver: str, fault: Fault, delay_s: float, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[RigError | None, Trial]:
-    """A session with the fault, then one without, after which the run is whole; the error of the first."""
+    """Run a session with the fault and a session without it, after which the run must be complete.
+
+    Returns:
+        The error of the first session, or None, and the first session.
+    """
     file = short_file(driver)
     trial = Trial(file, fault, delay_s)
     caught: RigError | None = None
@@ -126,7 +130,7 @@ def test_an_alarm_on_grbl_lifts_the_sensor(tmp_path: Path, monkeypatch: pytest.M
     assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.messages)
 
 
-#: Faults with which nothing, or nothing known, can lift the sensor: the port is gone for good, or stays silent.
+#: Faults after which the program cannot lift the sensor: the port is gone or stays silent.
 DEAD = {
     "unplugged": Fault(kind="unplug"),
     "silent": Fault(kind="silence", direction="both"),
@@ -163,7 +167,7 @@ def test_every_fault_on_every_driver(name: str, driver: str, tmp_path: Path, mon
             assert error is not None
             assert any("by hand" in message for message in trial.messages)
         elif name == "alarm" and driver == "virtual-marlin":
-            # A halted Marlin hears nothing until somebody presses its reset: where it stands, it stays.
+            # A halted Marlin ignores everything until a person presses its reset button, so it may stay down.
             assert error is not None and "reset button" in str(error)
             assert trial.left_at_mm >= CLEARANCE_MM - 0.4 or any("by hand" in message for message in trial.messages)
         else:

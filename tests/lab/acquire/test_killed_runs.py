@@ -1,4 +1,4 @@
-"""SIGKILL at random instants, while writing too: after resuming, every press is there exactly once and sound."""
+"""Kill runs with SIGKILL at random times, also during writing; resumed runs must contain every press exactly once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TESTS = CHILD.parents[1]
 
 
 def session(folder: Path, seed: int, rig: str, kill_after_s: float | None) -> bool:
-    """Go on with the run in a process of its own; whether it came to its end before it was killed."""
+    """Start or resume the run in a child process; return whether it finished before it was killed."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), str(TESTS.parent)])}
     with subprocess.Popen(
         [sys.executable, str(CHILD), str(folder), str(seed), rig],
@@ -45,20 +45,24 @@ def session(folder: Path, seed: int, rig: str, kill_after_s: float | None) -> bo
     return finished
 
 
-def require_sound(folder: Path) -> None:
-    """All 150 presses exactly once, every image readable and what its checksum says, by two readers."""
+def check_complete(folder: Path) -> None:
+    """Check with two readers that all 150 presses exist exactly once and that every image matches its checksum."""
     run = Run.open(folder)
     assert sorted(row.number for row in run.rows) == list(range(1, 151))
     assert len(run.by_key) == 150
     for row in run.rows:
         run.frame(row, verify=True)
     findings = check_run(folder).findings
-    # The doubles' pattern is not judged: it is no TacTip.
+    # The quality of the test double's images is ignored, because they do not look like a TacTip's.
     assert [finding for finding in findings if finding.kind not in ("dark", "blurred")] == []
 
 
 def kill_and_resume(folder: Path, kills: int, seed: int, rig: str, span_s: float) -> int:
-    """Kill a run at random instants until it is whole or was killed so often, then let it end; the number of kills."""
+    """Kill a run at random times until it is complete or was killed ``kills`` times, then let it finish.
+
+    Returns:
+        The number of kills.
+    """
     dice = random.Random(seed)
     killed, rows = 0, 0
     while killed < kills:
@@ -71,12 +75,12 @@ def kill_and_resume(folder: Path, kills: int, seed: int, rig: str, span_s: float
             rows = now
     else:
         assert session(folder, 999, rig, None)
-    require_sound(folder / printed().name)
+    check_complete(folder / printed().name)
     return killed
 
 
-def kill_so_often(folder: Path, kills: int, seed: int, span_s: float) -> int:
-    """As many kills as are asked for, on as many runs as they take: how far a run gets between two is a matter of luck.
+def kill_repeatedly(folder: Path, kills: int, seed: int, span_s: float) -> int:
+    """Kill runs ``kills`` times in total, with as many runs as that takes.
 
     Returns:
         The number of runs.
@@ -89,14 +93,14 @@ def kill_so_often(folder: Path, kills: int, seed: int, span_s: float) -> int:
     return runs
 
 
-def test_a_run_that_is_killed_twice_is_whole_in_the_end(tmp_path: Path) -> None:
-    kill_so_often(tmp_path, 2, 1, 0.3)
+def test_a_run_that_is_killed_twice_is_complete_in_the_end(tmp_path: Path) -> None:
+    kill_repeatedly(tmp_path, 2, 1, 0.3)
 
 
 @pytest.mark.long
 def test_two_hundred_kills(tmp_path: Path) -> None:
-    runs = kill_so_often(tmp_path, 200, 1000, 0.4)
-    assert runs > 1, "no run was interrupted more often than it takes to end it"
+    runs = kill_repeatedly(tmp_path, 200, 1000, 0.4)
+    assert runs > 1, "all kills hit the same run"
 
 
 @pytest.mark.long

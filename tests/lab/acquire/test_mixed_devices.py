@@ -1,4 +1,4 @@
-"""Rigs of mixed devices: a stage of a user's own with a simulated gauge and sensor that follow it."""
+"""Test rigs of mixed devices: a user's own stage with a simulated gauge and a simulated sensor that follow it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RIG = RigSettings(
 )
 
 
-def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
+def test_simulated_devices_follow_a_users_stage(tmp_path: Path) -> None:
     protocol = small_protocol(
         grid=PressGrid(x_mm=(4.0,), y_mm=(18.0,)),
         forces_n=(0.5,),
@@ -57,7 +57,7 @@ def test_simulated_devices_follow_a_stage_of_ones_own(tmp_path: Path) -> None:
     )
     contact = contact_for(printed(4), RIG.holder)
     for row in run.rows:
-        # Band, noise of eight samples, and a quarter of the band for the zero.
+        # The tolerance is the band, plus a quarter of it for the zero, plus the noise of eight samples.
         assert contact.force_n(*row.pose_mm) == pytest.approx(0.5, abs=0.02 + 0.005 + 0.001)
 
 
@@ -76,7 +76,7 @@ def test_a_device_that_fails_to_open_closes_the_others() -> None:
     assert stages[0].closed
 
 
-def test_a_gauge_that_is_not_there_is_named() -> None:
+def test_a_missing_gauge_is_reported() -> None:
     settings = replace(RIG, gauge=GaugeSettings(driver="serial", port="/dev/no-such-gauge"))
     with (
         pytest.raises((InputError, RigError), match="/dev/no-such-gauge"),
@@ -152,7 +152,7 @@ driver = "own_rig:{sensor}"
         ("Gauge", "LostSensor", "read() failed: ZeroDivisionError: a driver's own mistake"),
     ],
 )
-def test_an_exception_of_ones_own_driver_lifts_the_sensor_and_is_one_line(
+def test_an_exception_of_a_users_driver_lifts_the_sensor_and_takes_one_line(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -171,7 +171,7 @@ def test_an_exception_of_ones_own_driver_lifts_the_sensor_and_is_one_line(
 
 
 @pytest.mark.parametrize("command", [["acquire"], ["rig", "align"]])
-def test_a_driver_that_is_not_there_is_named_with_both_files(
+def test_a_missing_driver_is_reported_with_both_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""One block: every press once, resumed at the first missing one, the sensor lifted whatever ends the run."""
+"""Test the pressing of a block: each press once, resuming at the first missing one, and lifting at every end."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ TRAVEL_MM = 5.0
 
 
 class Notes(Silent):
-    """Keeps what was said."""
+    """A progress report that keeps its messages."""
 
     def __init__(self) -> None:
         self.messages: list[str] = []
@@ -58,8 +58,8 @@ def pressed(rig: FakeRig, folder: Path, protocol: Protocol, notes: Notes | None 
         )
 
 
-def require_whole(folder: Path, protocol: Protocol) -> Run:
-    """Every press exactly once, each reading there and what its checksum says; the stationary ones too."""
+def check_complete(folder: Path, protocol: Protocol) -> Run:
+    """Check that every press exists once, that frames match their checksums, and that all stationary frames exist."""
     run = Run.open(folder)
     count = protocol.levels * protocol.repeats * len(protocol.grid.positions_mm)
     assert sorted(row.number for row in run.rows) == list(range(1, count + 1))
@@ -72,22 +72,22 @@ def require_whole(folder: Path, protocol: Protocol) -> Run:
     return run
 
 
-def test_a_block_is_pressed_whole(tmp_path: Path) -> None:
+def test_every_press_of_a_block_is_made(tmp_path: Path) -> None:
     rig, protocol = FakeRig(), small_protocol()
     result = pressed(rig, tmp_path / "run", protocol)
     assert (result.presses, result.missed) == (16, 0)
-    run = require_whole(tmp_path / "run", protocol)
+    run = check_complete(tmp_path / "run", protocol)
     for row in run.rows:
         assert row.in_band
         assert row.target_force_n is not None
         assert row.force_after_n == pytest.approx(row.target_force_n, abs=0.012)
         assert row.reference_age_s is not None
-        # Its pose is where this plate carries the force.
+        # At the recorded pose this plate carries the target force.
         assert rig.plate.force_n(row.pose_mm) == pytest.approx(row.target_force_n, abs=0.012)
     assert rig.stage.at[2] == pytest.approx(TRAVEL_MM)
 
 
-def test_sideways_only_at_the_travel_height(tmp_path: Path) -> None:
+def test_the_stage_moves_sideways_only_at_the_travel_height(tmp_path: Path) -> None:
     rig = FakeRig()
     pressed(rig, tmp_path / "run", small_protocol())
     for before, after in zip(rig.stage.path, rig.stage.path[1:], strict=False):
@@ -95,8 +95,8 @@ def test_sideways_only_at_the_travel_height(tmp_path: Path) -> None:
             assert min(before[2], after[2]) >= TRAVEL_MM - 0.01
 
 
-def test_a_reference_at_the_chosen_interval(tmp_path: Path) -> None:
-    # The doubles' clock runs so fast that every press is due.
+def test_references_are_taken_at_the_chosen_interval(tmp_path: Path) -> None:
+    # The test clock runs so fast that a reference is due at every press.
     rig, protocol = FakeRig(), small_protocol()
     pressed(rig, tmp_path / "run", protocol)
     assert len(Run.open(tmp_path / "run").references) == 1 + 16
@@ -106,7 +106,7 @@ def test_a_reference_at_the_chosen_interval(tmp_path: Path) -> None:
 def test_a_rig_without_a_gauge(tmp_path: Path, touch: str) -> None:
     rig, protocol = FakeRig(gauge=False), small_protocol(contact="depth", touch=touch)
     pressed(rig, tmp_path / "run", protocol)
-    for row in require_whole(tmp_path / "run", protocol).rows:
+    for row in check_complete(tmp_path / "run", protocol).rows:
         assert (row.target_force_n, row.measured_force_n, row.force_after_n, row.in_band) == (None,) * 4
 
 
@@ -130,7 +130,7 @@ FAULTS = [
 
 @pytest.mark.parametrize("error", FAULTS, ids=lambda error: type(error).__name__)
 @pytest.mark.parametrize("where", ["stage", "gauge", "sensor"])
-def test_a_fault_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, where: str, error: RigError) -> None:
+def test_a_fault_lifts_the_sensor_and_the_run_can_be_resumed(tmp_path: Path, where: str, error: RigError) -> None:
     rig, protocol = FakeRig(), small_protocol()
     assert rig.gauge is not None
     faults = {"stage": rig.stage.faults, "gauge": rig.gauge.faults, "sensor": rig.sensor.faults}[where]
@@ -141,7 +141,7 @@ def test_a_fault_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, where: str
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
     assert 0 < len(Run.open(tmp_path / "run").rows) < 16
     pressed(rig, tmp_path / "run", protocol)
-    require_whole(tmp_path / "run", protocol)
+    check_complete(tmp_path / "run", protocol)
 
 
 def test_a_locked_stage_is_homed_to_lift_the_sensor(tmp_path: Path) -> None:
@@ -154,18 +154,18 @@ def test_a_locked_stage_is_homed_to_lift_the_sensor(tmp_path: Path) -> None:
     assert rig.stage.at[2] == 20.0
 
 
-def test_a_dead_stage_is_named_and_nothing_is_lost(tmp_path: Path) -> None:
+def test_a_dead_stage_is_reported_and_no_press_is_lost(tmp_path: Path) -> None:
     protocol, notes = small_protocol(), Notes()
     rig = FakeRig(dead_after=(300, DeviceLostError("/dev/stage is gone")))
     with pytest.raises(DeviceLostError, match="/dev/stage is gone"):
         pressed(rig, tmp_path / "run", protocol, notes)
     assert any("was not lifted" in message and "by hand" in message for message in notes.messages)
     pressed(FakeRig(), tmp_path / "run", protocol)
-    require_whole(tmp_path / "run", protocol)
+    check_complete(tmp_path / "run", protocol)
 
 
 def test_the_force_limit_stops_the_run(tmp_path: Path) -> None:
-    # A load that grows so fast that one approach step passes from below the target to beyond the limit.
+    # The load is so stiff that one approach step leads from below the target to above the limit.
     plate = Plate(stiffness=90.0, power=1.0)
     rig, protocol = FakeRig(plate=plate), small_protocol()
     with pytest.raises(ForceLimitError, match="above the hard limit of 5 N"):
@@ -175,7 +175,7 @@ def test_the_force_limit_stops_the_run(tmp_path: Path) -> None:
     assert max(rig.gauge.readings) <= protocol.hard_limit_n + protocol.approach_step_mm * 90.0
 
 
-def test_an_image_that_repeats_is_a_stuck_sensor(tmp_path: Path) -> None:
+def test_a_repeated_image_means_a_stuck_sensor(tmp_path: Path) -> None:
     rig = FakeRig()
     frozen = rig.sensor.read()
     rig.sensor.read = lambda: frozen  # type: ignore[method-assign]
@@ -185,9 +185,9 @@ def test_an_image_that_repeats_is_a_stuck_sensor(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_stops_lifts_and_leaves_the_run_resumable(tmp_path: Path, name: str) -> None:
+def test_a_signal_lifts_the_sensor_and_the_run_can_be_resumed(tmp_path: Path, name: str) -> None:
     if not hasattr(signal, name):
-        pytest.skip(f"{name} does not exist on this system: this end of a run is not tested here")
+        pytest.skip(f"{name} does not exist on this system")
     rig, protocol = FakeRig(), small_protocol()
     before = signal.getsignal(getattr(signal, name))
     rig.stage.on_move = lambda _: signal.raise_signal(getattr(signal, name)) if rig.stage.calls == 250 else None
@@ -199,7 +199,7 @@ def test_a_signal_stops_lifts_and_leaves_the_run_resumable(tmp_path: Path, name:
     assert signal.getsignal(getattr(signal, name)) == before
     rig.stage.on_move = lambda _: None
     pressed(rig, tmp_path / "run", protocol)
-    require_whole(tmp_path / "run", protocol)
+    check_complete(tmp_path / "run", protocol)
 
 
 def test_a_second_signal_does_not_disturb_the_lift(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_a_second_signal_does_not_disturb_the_lift(tmp_path: Path) -> None:
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
 
 
-def test_an_interruption_says_that_the_lift_failed(tmp_path: Path) -> None:
+def test_an_interruption_reports_that_the_lift_failed(tmp_path: Path) -> None:
     rig = FakeRig()
 
     def gone(_: object) -> None:
@@ -229,7 +229,9 @@ def test_an_interruption_says_that_the_lift_failed(tmp_path: Path) -> None:
         pressed(rig, tmp_path / "run", small_protocol())
 
 
-def test_a_full_disk_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_lifts_the_sensor_and_the_run_can_be_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig, protocol = FakeRig(), small_protocol()
     real, calls = os.fsync, []
 
@@ -246,10 +248,10 @@ def test_a_full_disk_lifts_the_sensor_and_the_run_goes_on(tmp_path: Path, monkey
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
     monkeypatch.undo()
     pressed(rig, tmp_path / "run", protocol)
-    require_whole(tmp_path / "run", protocol)
+    check_complete(tmp_path / "run", protocol)
 
 
-def test_a_folder_that_cannot_be_written_moves_nothing(tmp_path: Path) -> None:
+def test_nothing_moves_if_the_folder_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "run").write_text("a file")
     rig = FakeRig()
     with pytest.raises(InputError, match="is not a folder"):
@@ -267,8 +269,8 @@ def test_other_settings_are_refused_before_anything_moves(tmp_path: Path) -> Non
     assert len(rig.stage.path) == moves
 
 
-def one_random_fault(seed: int, folder: Path) -> None:
-    """A run with random faults, resumed until it is complete. The invariants of the press loop hold after each part."""
+def run_with_random_faults(seed: int, folder: Path) -> None:
+    """Resume a run with random faults until it is complete, and check the invariants of the press loop each time."""
     dice = random.Random(seed)
     protocol = small_protocol()
     plate = dice.choice([Plate(), Plate(stiffness=8.0, power=1.0), Plate(stiffness=30.0, power=1.5)])
@@ -308,16 +310,16 @@ def one_random_fault(seed: int, folder: Path) -> None:
             break
     else:
         pressed(rig, folder, protocol)
-    require_whole(folder, protocol)
+    check_complete(folder, protocol)
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_invariants_under_random_faults(seed: int, tmp_path: Path) -> None:
-    one_random_fault(seed, tmp_path / "run")
+def test_the_invariants_hold_under_random_faults(seed: int, tmp_path: Path) -> None:
+    run_with_random_faults(seed, tmp_path / "run")
 
 
 @pytest.mark.long
-def test_the_invariants_under_many_random_faults(tmp_path: Path) -> None:
+def test_the_invariants_hold_under_many_random_faults(tmp_path: Path) -> None:
     for seed in range(1000, 1400):
-        one_random_fault(seed, tmp_path / "run")
+        run_with_random_faults(seed, tmp_path / "run")
         shutil.rmtree(tmp_path / "run")

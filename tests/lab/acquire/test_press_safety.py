@@ -1,4 +1,4 @@
-"""The carriage: bounds before anything is sent, upwards before sideways, a retreat that tries what there is."""
+"""Test the carriage: limits before any command, up before sideways, and every way of a retreat."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def test_travel_is_above_block_and_rim() -> None:
     assert travel_height_mm(Protocol(), HolderRim(rim_mm=-2.0)) == 7.0
 
 
-def test_up_first_then_sideways() -> None:
+def test_the_stage_moves_up_before_sideways() -> None:
     stage = FakeStage(at=(0.0, 0.0, -1.0))
     carriage(stage).over(4.0, 18.0)
     assert stage.path == [(0.0, 0.0, -1.0), (0.0, 0.0, 5.0), (4.0, 18.0, 5.0)]
 
 
-def test_from_a_high_slot_to_a_low_one_sideways_comes_before_down() -> None:
+def test_the_stage_moves_sideways_before_down_to_a_lower_slot() -> None:
     stage = FakeStage(at=(0.0, 0.0, 5.0))
     carriage(stage, z_mm=-10.0).over(64.0, 18.0)
     assert stage.path[1:] == [(64.0, 18.0, 5.0), (64.0, 18.0, -5.0)]
@@ -42,13 +42,13 @@ def test_nothing_is_sent_below_the_depth_limit(z_mm: float) -> None:
     assert len(stage.path) == 1
 
 
-def test_a_stage_that_goes_deeper_than_it_was_sent_is_stopped() -> None:
+def test_a_stage_that_goes_deeper_than_its_target_is_stopped() -> None:
     stage = FakeStage(step_mm=4.0)
     with pytest.raises(DepthLimitError, match=r"the stage reports z = -8\.000 mm"):
         carriage(stage).to_height(-6.5)
 
 
-def test_a_retreat_lifts_and_says_nothing() -> None:
+def test_a_successful_retreat_reports_nothing() -> None:
     stage = FakeStage(at=(1.0, 2.0, -3.0))
     assert carriage(stage).retreat() == ""
     assert stage.at == (1.0, 2.0, 5.0)
@@ -66,19 +66,19 @@ def test_a_stage_without_end_stops_is_not_homed() -> None:
     assert stage.homed == 0
 
 
-def test_a_retreat_from_a_lost_stage_says_so() -> None:
+def test_a_retreat_from_a_lost_stage_is_reported() -> None:
     stage = FakeStage(at=(1.0, 2.0, -3.0), dead_after=(2, DeviceLostError("unplugged")))
     assert "(unplugged): lift it by hand" in carriage(stage, may_home=True).retreat()
 
 
-def test_a_failing_last_lift_is_tried_again() -> None:
+def test_a_failed_last_lift_is_repeated() -> None:
     stage = FakeStage(at=(1.0, 2.0, -3.0), faults={3: NoAnswerError("silent")})
     with pytest.raises(NoAnswerError), carriage(stage).safely(pytest.fail):
         pass
     assert stage.at[2] == 5.0
 
 
-def test_positions_are_within_the_stage_in_every_slot() -> None:
+def test_positions_must_be_within_the_stage_in_every_slot() -> None:
     turned = WorkFrame(origin_mm=(0.0, 0.0, 0.0), quarter_turns=1)
     require_reach(small_protocol(), HolderRim(), (turned,), LIMITS)
     limits = ((0.0, 100.0), LIMITS[1], LIMITS[2])

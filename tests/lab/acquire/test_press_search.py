@@ -1,4 +1,4 @@
-"""The search for a force: reached within the band on loads of every kind, by bounded steps, always from above."""
+"""Test the search for a force: within the band on loads of every kind, with bounded steps, and always from above."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLATES = {
 
 
 def pressed(rig: FakeRig, protocol: Protocol) -> list[bool | None]:
-    """Press the whole plan; whether each press was in its band."""
+    """Press the whole plan and return whether each press was in its band."""
     presser = rig.presser(protocol)
     in_band = []
     for press in plan_presses(protocol, (1, 2), "block"):
@@ -47,12 +47,12 @@ def test_every_target_is_reached(name: str, step_mm: float, noise_n: float) -> N
     assert rig.gauge is not None
     rig.gauge.noise_n = noise_n
     in_band = pressed(rig, small_protocol())
-    # 2 N/mm and steps of 2.5 micrometres: at 0.08 N some places have no step inside of a band of 3.9 mN.
+    # 2 N/mm and steps of 2.5 micrometres: at 0.08 N some places have no step inside a band of 3.9 mN.
     allowed = 2 if name == "linear" and step_mm else 0
     assert in_band.count(False) <= allowed
 
 
-def test_every_step_down_in_contact_is_an_approach_step_at_most() -> None:
+def test_steps_down_in_contact_are_at_most_an_approach_step() -> None:
     rig = FakeRig()
     protocol = small_protocol()
     pressed(rig, protocol)
@@ -70,7 +70,7 @@ def test_the_last_move_of_every_press_goes_down() -> None:
         presser.carriage.lift()
 
 
-def test_a_first_approach_goes_by_steps_from_the_travel_height() -> None:
+def test_the_first_approach_takes_steps_from_the_travel_height() -> None:
     rig = FakeRig(plate=Plate(top=lambda x, y: 4.95))
     protocol = small_protocol()
     presser = rig.presser(protocol)
@@ -78,14 +78,14 @@ def test_a_first_approach_goes_by_steps_from_the_travel_height() -> None:
     assert max(rig.gauge.readings if rig.gauge else []) < 0.2
 
 
-def test_a_band_that_the_stage_cannot_hit_keeps_the_best_approach() -> None:
+def test_the_best_approach_is_kept_if_the_stage_cannot_reach_the_band() -> None:
     rig = FakeRig(plate=Plate(stiffness=10.0, power=1.0, top=lambda x, y: 0.0003), step_mm=0.005)
     protocol = small_protocol(search_steps=12)
     presser = rig.presser(protocol)
     contact = presser.press(plan_presses(protocol, (1,), "block")[0])
     assert contact.in_band is False
     assert contact.measured is not None
-    # The two heights next to the target carry 0.053 and 0.103 N.
+    # At the two heights next to the target the force is 0.053 and 0.103 N.
     assert contact.measured.mean_n == pytest.approx(0.103, abs=0.003)
 
 
@@ -109,7 +109,7 @@ def test_a_drifting_gauge_is_zeroed_before_each_press() -> None:
         assert press.target_n is not None
         assert press.band_n is not None
         true_n = rig.plate.force_n(rig.stage.at)
-        # One press takes some 30 to 80 readings, so the zero is 0.8 mN old at most, plus a quarter of a band.
+        # A press takes 30 to 80 samples, so the zero drifts by at most 0.8 mN; a quarter of a band is added.
         assert abs(true_n - press.target_n) <= press.band_n + 0.0008 + 0.0005
         presser.carriage.lift()
 
@@ -124,7 +124,7 @@ def test_a_force_on_a_free_sensor_is_refused() -> None:
             presser.press(press)
 
 
-def test_a_gauge_that_gives_no_number_is_refused() -> None:
+def test_a_force_that_is_not_a_number_is_refused() -> None:
     rig = FakeRig()
     assert rig.gauge is not None
     presser = rig.presser(small_protocol())
@@ -133,7 +133,7 @@ def test_a_gauge_that_gives_no_number_is_refused() -> None:
         presser.press(plan_presses(small_protocol(), (1,), "block")[0])
 
 
-def test_slope_needs_two_heights_and_a_force_that_grows_with_depth() -> None:
+def test_the_slope_needs_two_heights_and_a_force_that_grows_with_depth() -> None:
     slope = Slope(reach_mm=0.1, min_mm=0.002)
     assert slope.at(0.0) is None
     slope.add(0.0, 0.1)
@@ -143,13 +143,13 @@ def test_slope_needs_two_heights_and_a_force_that_grows_with_depth() -> None:
     slope.add(-0.05, 0.125)
     assert slope.at(0.0) == pytest.approx(0.5, rel=0.02)
     slope.add(-1.0, 50.0)
-    assert slope.at(0.0) == pytest.approx(0.5, rel=0.02), "what lies far away does not count"
+    assert slope.at(0.0) == pytest.approx(0.5, rel=0.02), "heights far away are ignored"
     falling = Slope(reach_mm=0.1, min_mm=0.002, seen=[(0.0, 0.2), (-0.05, 0.1)])
     assert falling.at(0.0) is None
 
 
 @pytest.mark.parametrize("contact", ["force", "depth"])
-def test_steps_smaller_than_the_stages_own_come_to_an_end(contact: str) -> None:
+def test_the_search_ends_if_steps_are_smaller_than_the_stages_resolution(contact: str) -> None:
     rig = FakeRig(step_mm=0.05)
     protocol = small_protocol(contact=contact, touch="taught", approach_step_mm=0.02, search_steps=5)
     presser = rig.presser(protocol)

@@ -1,4 +1,4 @@
-"""Depth mode: first touch by gauge, by a change of the sensor, and taught; stated depths below it."""
+"""Test depth mode: first touch by gauge, by a change of the sensor and as taught, and stated depths below it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BUMPY = Plate(top=lambda x, y: 0.1 * x - 1.0)
 
 
 def depths(rig: FakeRig, presser: Presser) -> list[float]:
-    """How deep below the plate's top each press of the plan went."""
+    """Return the depth below the plate's top of each press of the plan, in mm."""
     depths_mm = []
     for press in plan_presses(presser.protocol, (1, 2), "block"):
         contact = presser.press(press)
@@ -28,7 +28,7 @@ def depths(rig: FakeRig, presser: Presser) -> list[float]:
 
 
 @pytest.mark.parametrize("touch", ["gauge", "sensor"])
-def test_stated_depths_below_first_touch(touch: str) -> None:
+def test_presses_reach_stated_depths_below_first_touch(touch: str) -> None:
     rig = FakeRig(plate=BUMPY, gauge=touch == "gauge")
     protocol = small_protocol(contact="depth", touch=touch)
     presser = rig.presser(protocol)
@@ -38,7 +38,7 @@ def test_stated_depths_below_first_touch(touch: str) -> None:
         presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
     measured = depths(rig, presser)
     expected = [press.depth_mm for press in plan_presses(protocol, (1, 2), "block")]
-    # First touch is known to a fine step and what the gauge (5 mN) or the image needs to show it.
+    # The error of first touch is a fine step plus the depth at which the gauge (5 mN) or the image shows a change.
     assert measured == pytest.approx(expected, abs=0.12 if touch == "gauge" else 0.2)
     assert float(np.std(np.subtract(measured, expected))) < 0.03
 
@@ -61,7 +61,7 @@ def test_taught_heights_are_one_or_one_for_each_position() -> None:
             taught(wrong, 4)
 
 
-def test_a_depth_below_the_limit_is_not_sent() -> None:
+def test_a_depth_below_the_limit_is_refused() -> None:
     rig = FakeRig(gauge=False)
     protocol = small_protocol(contact="depth", touch="taught")
     presser = rig.presser(protocol)
@@ -71,7 +71,7 @@ def test_a_depth_below_the_limit_is_not_sent() -> None:
     assert min(z for _, _, z in rig.stage.path) >= -7.0
 
 
-def test_a_sensor_that_never_changes_ends_at_the_depth_limit() -> None:
+def test_the_search_ends_at_the_depth_limit_if_the_sensor_never_changes() -> None:
     rig = FakeRig(plate=Plate(top=lambda x, y: -40.0), gauge=False)
     protocol = small_protocol(contact="depth", touch="sensor")
     presser = rig.presser(protocol)
@@ -81,7 +81,7 @@ def test_a_sensor_that_never_changes_ends_at_the_depth_limit() -> None:
 
 
 @pytest.mark.parametrize("shape", [(40, 50), (16,)])
-def test_a_change_in_a_few_numbers_stands_out_of_the_free_readings(shape: tuple[int, ...]) -> None:
+def test_a_change_in_a_few_numbers_exceeds_the_noise_of_free_frames(shape: tuple[int, ...]) -> None:
     random = np.random.default_rng(0)
 
     def frame(more: float) -> np.ndarray:

@@ -79,12 +79,7 @@ def test_distances_of_textures_are_those_of_their_means(study: Collection, strea
     here = at(study, place.level, place.position)
     for combination, (names, distances) in place.distances.items():
         mine = study.combination[here] == combination
-        means = [
-            frames_of(study, here[(study.combination[here] == combination) & (study.texture[here] == name)]).mean(
-                axis=0
-            )
-            for name in names
-        ]
+        means = [frames_of(study, here[mine & (study.texture[here] == name)]).mean(axis=0) for name in names]
         assert distances[0, 1] == pytest.approx(((means[0] - means[1]) ** 2).mean(), rel=1e-9)
         assert distances[0, 0] == 0.0
 
@@ -94,9 +89,8 @@ def test_the_floor_is_the_variance_of_the_frames_of_a_sitting(study: Collection,
     run = study.runs[7]
     sessions = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
     assert streamed.floors[7].dof == 4
-    assert streamed.floors[7].squares == pytest.approx(
-        sum(2.0 * frames.var(axis=0, ddof=1).mean() for frames in sessions)
-    )
+    squares = sum(2.0 * frames.var(axis=0, ddof=1).mean() for frames in sessions)
+    assert streamed.floors[7].squares == pytest.approx(squares)
 
 
 def test_maps_are_the_sum_of_the_pixels_variances(study: Collection, streamed: Pass) -> None:

@@ -1,4 +1,4 @@
-"""Trials that are kept, read again through the door for files from outside."""
+"""Test stored trials, which are read again like untrusted files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def study(make_study: Callable[..., Collection]) -> Collection:
 
 
 @pytest.fixture(scope="module")
-def kept(study: Collection, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trials_folder(study: Collection, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("kept")
     run(study, folder)
     return folder
@@ -52,19 +52,19 @@ def link(path: Path) -> None:
     path.symlink_to(elsewhere)
 
 
-def whole_number_of_400_digits(path: Path) -> None:
+def a_number_of_400_digits(path: Path) -> None:
     path.write_text(path.read_text().replace('"trial":1', f'"trial":{"9" * 400}'))
 
 
-def a_list(path: Path) -> None:
+def a_list_as_trial(path: Path) -> None:
     path.write_text("[1, 2]")
 
 
-@pytest.mark.parametrize("damage", [pipe, link, whole_number_of_400_digits, a_list])
+@pytest.mark.parametrize("damage", [pipe, link, a_number_of_400_digits, a_list_as_trial])
 def test_a_kept_trial_that_cannot_be_used_is_computed_again(
-    study: Collection, kept: Path, tmp_path: Path, damage: Callable[[Path], None]
+    study: Collection, trials_folder: Path, tmp_path: Path, damage: Callable[[Path], None]
 ) -> None:
-    out = shutil.copytree(kept, tmp_path / "out")
+    out = shutil.copytree(trials_folder, tmp_path / "out")
     (trial,) = (out / "trials").iterdir()
     good = trial.read_bytes()
     damage(trial)
@@ -73,9 +73,9 @@ def test_a_kept_trial_that_cannot_be_used_is_computed_again(
 
 
 def test_a_kept_trial_that_is_too_large_is_computed_again(
-    study: Collection, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Collection, trials_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = shutil.copytree(kept, tmp_path / "out")
+    out = shutil.copytree(trials_folder, tmp_path / "out")
     (trial,) = (out / "trials").iterdir()
     before = trial.stat().st_mtime_ns
     run(study, out)
@@ -95,7 +95,7 @@ def test_trials_of_an_older_algorithm_are_not_used(monkeypatch: pytest.MonkeyPat
     assert SETTINGS.key("data") not in (key, newer)
 
 
-def test_the_file_of_an_estimator_comes_through_the_door(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_of_an_estimator_must_be_a_regular_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "piped_model.py").write_text("from sklearn.dummy import DummyClassifier\n\nModel = DummyClassifier\n")
     monkeypatch.syspath_prepend(tmp_path)
     own = ClassificationSettings(estimators=("piped_model:Model",))

@@ -1,4 +1,4 @@
-"""``tacbench classify``: files, resuming, an interruption, estimators of one's own, bad input."""
+"""Test ``tacbench classify``: files, resuming, an interruption, users' estimators and bad input."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_C
 pytestmark = pytest.mark.usefixtures("single_thread", "few_trees")
 
 Capture = pytest.CaptureFixture[str]
-#: Small enough to be quick.
+#: Settings for a short computation.
 QUICK = ("--resolution", "1", "--components", "4", "--jobs", "1", "--trials", "2", "--epochs", "200")
 
 
@@ -36,7 +36,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_leak_free_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_leak_free_tables_and_figures_agree(runs: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     assert main(["classify", str(runs), "-o", str(out), *QUICK]) == 0
     output = capsys.readouterr().out
@@ -74,7 +74,7 @@ def test_leak_free_writes_tables_and_figures_that_agree(runs: Path, tmp_path: Pa
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_finished_trials_are_kept_and_numbers_follow_from_the_seed(runs: Path, tmp_path: Path) -> None:
+def test_finished_trials_are_kept_and_results_depend_on_the_seed_only(runs: Path, tmp_path: Path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
     command = ["classify", str(runs), *QUICK, "--hold-out", "press", "--folds", "2"]
     assert main([*command, "-o", str(out)]) == 0
@@ -113,7 +113,7 @@ def test_paper_prints_the_warning_and_not_the_papers_figures(
     assert (tmp_path / "confusion_network_bambu-p1p_pla-minus.pdf").is_file()
 
 
-def test_as_published_prints_the_papers_figures_beside_ours(
+def test_as_published_prints_the_papers_figures_next_to_the_results(
     runs: Path, tmp_path: Path, capsys: Capture, request: pytest.FixtureRequest
 ) -> None:
     command = ["classify", str(runs), "-o", str(tmp_path), "--trials", "1", "--components", "3", "--protocol"]
@@ -140,7 +140,7 @@ from sklearn.pipeline import make_pipeline
 
 pipeline = make_pipeline(PCA(3), LinearDiscriminantAnalysis())
 
-def made():
+def build():
     return make_pipeline(PCA(3), LinearDiscriminantAnalysis())
 
 class Slow(LinearDiscriminantAnalysis):
@@ -183,10 +183,10 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> None:
+def test_a_users_estimator_gets_the_frames(runs: Path, own: Path) -> None:
     command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--hold-out", "copy"]
     assert main([*command, "-o", "a", "--estimator", "own_model:pipeline"]) == 0
-    assert main([*command, "-o", "b", "--estimator", "own_model:made"]) == 0
+    assert main([*command, "-o", "b", "--estimator", "own_model:build"]) == 0
     first, second = (rows(Path(name) / "classification.csv") for name in "ab")
     assert first[0]["accuracy"] == second[0]["accuracy"] and float(first[0]["accuracy"]) > 0.5
     assert main([*command, "-o", "a", "--estimator", "own_model:Slow", "--components", "3"]) == 0
@@ -201,9 +201,7 @@ def test_an_estimator_of_ones_own_gets_the_readings(runs: Path, own: Path) -> No
         (["--estimator", "own_model:Shaped", "--components", "3"], "None 3"),
     ],
 )
-def test_an_estimator_of_ones_own_learns_the_shape_of_what_it_gets(
-    runs: Path, own: Path, words: list[str], shape: str
-) -> None:
+def test_a_users_estimator_gets_the_frame_shape(runs: Path, own: Path, words: list[str], shape: str) -> None:
     command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "0.5", "--hold-out", "copy"]
     assert main([*command, *words]) == 0
     assert set((own / "shapes.txt").read_text().splitlines()) == {f"{shape} True"}
@@ -248,7 +246,7 @@ def test_bad_input_is_refused_in_one_line(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
 @pytest.mark.usefixtures("no_figures")
-def test_an_interruption_ends_with_130_and_the_same_command_goes_on(runs: Path, own: Path) -> None:
+def test_an_interruption_ends_with_130_and_the_same_command_resumes(runs: Path, own: Path) -> None:
     words = ["classify", str(runs), "-o", "out", "--estimator", "own_model:Slow", "--hold-out", "copy"]
     words += ["--trials", "3", "--jobs", "1", "--resolution", "0.1"]
     command = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *words]

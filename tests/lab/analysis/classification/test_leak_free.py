@@ -1,4 +1,4 @@
-"""The leak-free protocol beside plain scikit-learn, on noise, and on data that are not as they should be."""
+"""Test the leak-free protocol against plain scikit-learn, on noise and on faulty data."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def study(make_study: Callable[..., Collection]) -> Collection:
 
 
 class SignedPCA(PCA):  # type: ignore[misc]
-    """scikit-learn's components, each with the sign that makes the largest training score positive."""
+    """scikit-learn's PCA with the sign of each component such that the largest training score is positive."""
 
     def fit_transform(self, rows: np.ndarray, labels: object = None) -> np.ndarray:
         scores = self.fit(rows).transform(rows)
@@ -47,7 +47,7 @@ class SignedPCA(PCA):  # type: ignore[misc]
 
 
 def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:
-    """The augmented training set as one would write it: as it is, with noise, brighter, darker."""
+    """Return the augmented training set in the plainest way: original, with noise, brighter, darker."""
     count, numbers = features.rows.shape
     blocks = [noise_block(seed, first, count, min(BLOCK, numbers - first)) for first in range(0, numbers, BLOCK)]
     noise = 5.0 * np.concatenate(blocks, axis=1).astype(float)
@@ -62,7 +62,7 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     )
     features = read_features(study, Preprocess(resolution=0.5))
     task, pool = Study(features=features, presses=presses, settings=settings), Pool.of(features.rows, components=12)
-    assert pool.factor is None  # few pixels: noise is drawn for each
+    assert pool.factor is None  # few pixels: noise is drawn for each pixel
     outcomes = leak_free_trial(task, pool, 1)[0]
     seed = trial_seed(4, 1)
     folds = trial_folds(presses, settings, 1).folds
@@ -90,7 +90,7 @@ class _nothing:  # noqa: N801
     def __exit__(self, *_: object) -> None: ...
 
 
-def test_copies_are_the_ones_that_are_named(study: Collection) -> None:
+def test_augmentation_makes_the_named_copies(study: Collection) -> None:
     features = read_features(study, Preprocess())
     augmentation = Augmentation()
     assert augmentation.names == ("none", "noise 5", "+10", "-10")
@@ -101,7 +101,7 @@ def test_copies_are_the_ones_that_are_named(study: Collection) -> None:
     assert abs(noise.mean()) < 0.15 and abs(noise.std() - 5) < 0.15
 
 
-def test_labels_of_noise_are_predicted_at_chance_at_every_level(tmp_path: Path) -> None:
+def test_noise_images_are_predicted_at_chance_at_every_level(tmp_path: Path) -> None:
     write_study(tmp_path / "runs", textures=(1, 2, 3), levels=(1, 2), still=1, image=noise_image)
     collection = Collection.open([tmp_path / "runs"])
     with workers() as executor:
@@ -117,23 +117,23 @@ def test_labels_of_noise_are_predicted_at_chance_at_every_level(tmp_path: Path) 
 
 @pytest.mark.parametrize("units", [6, 24])
 @pytest.mark.parametrize("mean", [0.6, 0.9])
-def test_intervals_cover_when_presses_of_a_print_go_together(units: int, mean: float) -> None:
+def test_intervals_cover_if_presses_of_a_print_are_correlated(units: int, mean: float) -> None:
     random = np.random.default_rng(units)
     inside, studies, size = 0, 500, 40
     for _ in range(studies):
-        shares = random.beta(6 * mean, 6 * (1 - mean), units)
-        right = random.random((units, size)) < shares[:, None]
+        accuracies = random.beta(6 * mean, 6 * (1 - mean), units)
+        right = random.random((units, size)) < accuracies[:, None]
         low, high = interval(right.ravel().astype(float), np.ones(units * size), np.repeat(np.arange(units), size))
         assert low is not None and high is not None
         inside += low <= mean <= high
     assert 0.90 <= inside / studies <= 0.995
 
 
-def test_an_interval_says_nothing_from_one_unit_and_never_leaves_0_to_1() -> None:
+def test_an_interval_needs_two_units_and_stays_within_0_and_1() -> None:
     ones = np.ones(30)
     assert interval(ones, ones, np.zeros(30)) == (None, None)
     low, high = interval(ones, ones, np.arange(30) // 5)
-    # Six units, all right: as six trials in a row, whatever the number of presses (0.025 to the power 1/6).
+    # Six units that are all right count as six trials, whatever the number of presses (0.025 to the power 1/6).
     assert high == 1.0 and low == pytest.approx(0.5407, abs=1e-4)
     low, high = interval(0 * ones, ones, np.arange(30) // 5)
     assert low == 0.0 and high == pytest.approx(1 - 0.5407, abs=1e-4)
@@ -152,7 +152,7 @@ def test_constant_images_are_refused(tmp_path: Path) -> None:
         run(Collection.open([tmp_path / "runs"]), tmp_path)
 
 
-def test_a_damaged_image_is_named_and_finished_trials_stay(tmp_path: Path) -> None:
+def test_a_damaged_image_is_reported_and_finished_trials_are_kept(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", still=1)
     collection = Collection.open([tmp_path / "runs"])
     run(collection, tmp_path, hold_out=("copy",))
@@ -167,7 +167,7 @@ def test_a_damaged_image_is_named_and_finished_trials_stay(tmp_path: Path) -> No
     run(collection, tmp_path, hold_out=("copy",))
 
 
-def test_readings_of_other_sensors_are_taken_and_nan_is_named(tmp_path: Path) -> None:
+def test_frames_of_other_sensors_are_accepted_and_nan_is_reported(tmp_path: Path) -> None:
     def taxels(printed: object, press: object, rng: np.random.Generator) -> np.ndarray:
         number = int(printed.object_label)  # type: ignore[attr-defined]
         return rng.normal(number * np.arange(16.0), 1.0).reshape(4, 4)
@@ -198,7 +198,7 @@ def test_more_components_than_a_training_set_has_are_refused(study: Collection, 
         run(study, tmp_path, components=800)
 
 
-def test_one_print_of_each_texture_leaves_two_levels(study: Collection, tmp_path: Path) -> None:
+def test_one_print_of_each_texture_allows_two_hold_out_levels(study: Collection, tmp_path: Path) -> None:
     subset = study.chosen((study.copy == 1) & (study.combination == study.combinations[0]) & (study.level == 1))
     with workers() as executor:
         result = classify(subset, ClassificationSettings(resolution=1.0, components=5), 1, tmp_path, executor)
@@ -206,7 +206,7 @@ def test_one_print_of_each_texture_leaves_two_levels(study: Collection, tmp_path
     assert sum("is left out" in note for note in result.notes) == 3
 
 
-def test_a_process_of_its_own_gives_the_same(study: Collection, tmp_path: Path) -> None:
+def test_worker_processes_give_the_same_results(study: Collection, tmp_path: Path) -> None:
     settings = ClassificationSettings(resolution=0.5, components=5, hold_out=("copy", "press"))
 
     def accuracies(jobs: int, out: Path) -> list[float]:

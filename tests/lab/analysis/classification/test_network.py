@@ -1,4 +1,4 @@
-"""The batched network against scikit-learn's MLPClassifier."""
+"""Compare the batched network with scikit-learn's MLPClassifier."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tacbench_cad.lab.analysis.classification import network as module
 from tacbench_cad.lab.analysis.classification.network import NetworkClassifier, fit_together
 from tacbench_cad.util.types import Floats, Ints
 
-#: The paper's network.
+#: The settings of the paper's network.
 PAPER: dict[str, Any] = {"hidden_layer_sizes": (50,), "batch_size": 200}
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning", "ignore:Got `batch_size`")
@@ -25,15 +25,15 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 def clusters(
     rows: int, features: int, classes: int, seed: int = 0, noise: float = 1.0, scale: float = 1.0
 ) -> tuple[Floats, Ints]:
-    """Rows around one centre a class; with much noise the classes cannot be told apart."""
+    """Return rows around a centre for each class; with much noise the classes cannot be distinguished."""
     random = np.random.default_rng(seed)
     labels = random.permutation(np.arange(rows) % classes)
     centres = random.normal(size=(classes, features))
     return scale * (centres[labels] + noise * random.normal(size=(rows, features))), labels
 
 
-def peer(network: NetworkClassifier) -> MLPClassifier:
-    """The scikit-learn network that ours follows."""
+def scikit_network(network: NetworkClassifier) -> MLPClassifier:
+    """Return scikit-learn's network with the same settings."""
     return MLPClassifier(**{**network.get_params(), "n_iter_no_change": network.max_iter, "tol": 0})
 
 
@@ -57,7 +57,7 @@ def test_the_loss_curve_and_weights_are_those_of_scikit_learn(
 ) -> None:
     values, labels = clusters(rows, features, classes, noise=noise, scale=scale)
     ours = NetworkClassifier(**{**PAPER, "max_iter": 60, "random_state": 7, **options})
-    theirs = peer(ours).fit(values, labels)
+    theirs = scikit_network(ours).fit(values, labels)
     ours.fit(values, labels)
     assert len(ours.loss_curve_) == ours.n_iter_ == 60
     np.testing.assert_allclose(ours.loss_curve_, theirs.loss_curve_, rtol=1e-9, atol=1e-9)
@@ -73,12 +73,12 @@ def test_the_loss_curve_and_weights_are_those_of_scikit_learn(
 def test_the_loss_curve_follows_through_all_epochs_of_the_paper(noise: float, scale: float) -> None:
     values, labels = clusters(5760, 25, 6, noise=noise, scale=scale)
     ours = NetworkClassifier(**PAPER, max_iter=1500, random_state=1)
-    theirs = peer(ours).fit(values, labels)
+    theirs = scikit_network(ours).fit(values, labels)
     ours.fit(values, labels)
     assert len(ours.loss_curve_) == 1500
-    # On numbers in the hundreds training is chaotic late on: scikit-learn then leaves itself when the data change in
-    # their last digit. What follows is compared up to there, which is far.
-    nudged = peer(ours).fit(np.nextafter(values, np.inf), labels)
+    # With values in the hundreds late training is chaotic: scikit-learn's own curve changes if the data change in the
+    # last digit. The curves are compared up to the epoch where that happens.
+    nudged = scikit_network(ours).fit(np.nextafter(values, np.inf), labels)
     apart = np.flatnonzero(np.abs(np.subtract(nudged.loss_curve_, theirs.loss_curve_)) > 1e-7)
     until = int(apart[0]) if apart.size else 1500
     assert until >= 500 and (until == 1500 or scale > 1.0)
@@ -91,13 +91,13 @@ def test_float32_stays_float32_as_in_scikit_learn() -> None:
     values, labels = clusters(400, 10, 6)
     narrow = values.astype(np.float32)
     ours = NetworkClassifier(**PAPER, max_iter=20, random_state=3).fit(narrow, labels)
-    theirs = peer(ours).fit(narrow, labels)
+    theirs = scikit_network(ours).fit(narrow, labels)
     assert {array.dtype for array in ours.coefs_ + ours.intercepts_} == {np.dtype(np.float32)}
     assert ours.predict_proba(narrow).dtype == np.float32
     np.testing.assert_allclose(ours.loss_curve_, theirs.loss_curve_, rtol=1e-4)
 
 
-def test_trained_together_or_one_by_one_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_together_or_separately_gives_the_same_networks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "TOGETHER", 3)
     sizes = [(300, 6), (300, 6), (300, 6), (300, 6), (260, 6), (300, 2)]
     data = [clusters(rows, 8, classes, seed=i) for i, (rows, classes) in enumerate(sizes)]
@@ -111,7 +111,7 @@ def test_trained_together_or_one_by_one_is_the_same(monkeypatch: pytest.MonkeyPa
         np.testing.assert_array_equal(network.predict(values), alone.predict(values))
 
 
-def test_labels_may_be_words_and_the_seed_is_the_only_chance() -> None:
+def test_labels_may_be_words_and_results_depend_on_the_seed_only() -> None:
     values, labels = clusters(300, 5, 3, noise=0.2)
     words = np.array(["texture-1", "texture-2", "texture-6"])[labels]
     first, second, other = (

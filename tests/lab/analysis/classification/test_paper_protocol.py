@@ -1,4 +1,4 @@
-"""The paper's protocols beside the script from its text and the cells of its notebooks, and what inflates them."""
+"""Compare the paper's protocols with the script from its text and with its notebooks, and show what inflates them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def run(collection: Collection, out: Path, settings: ClassificationSettings, tri
         return classify(collection, settings, trials, out, executor)
 
 
-def test_without_noise_it_is_the_script_from_the_text(study: Collection, tmp_path: Path) -> None:
+def test_without_noise_results_equal_the_script_from_the_text(study: Collection, tmp_path: Path) -> None:
     settings = replace(PAPER, estimators=("forest",), augmentation=Augmentation(noise=None), seed=3)
     result = run(study, tmp_path, settings)
     rows = read_features(study, Preprocess()).rows.astype(float)
@@ -64,7 +64,7 @@ def test_without_noise_it_is_the_script_from_the_text(study: Collection, tmp_pat
     assert result.settings.train_on == ("bambu-p1p_pla-minus",)
 
 
-def test_the_test_column_is_far_above_chance_on_labels_of_noise(tmp_path: Path) -> None:
+def test_the_test_column_is_far_above_chance_on_noise_images(tmp_path: Path) -> None:
     write_study(tmp_path / "runs", textures=(1, 2, 3), copies=3, still=1, image=noise_image)
     result = run(
         Collection.open([tmp_path / "runs"]), tmp_path, replace(PAPER, estimators=("forest",), components=25), 2
@@ -76,7 +76,7 @@ def test_the_test_column_is_far_above_chance_on_labels_of_noise(tmp_path: Path) 
     assert any("inflated" in note for note in result.notes)
 
 
-def test_the_printed_accuracies_do_not_stand_beside_the_texts_protocol(study: Collection, tmp_path: Path) -> None:
+def test_the_printed_accuracies_are_not_shown_for_the_texts_protocol(study: Collection, tmp_path: Path) -> None:
     settings = replace(PAPER, estimators=("forest", "network"), train_on=study.combinations)
     result = run(study, tmp_path, settings)
     assert beside_paper(result) == []
@@ -88,9 +88,9 @@ def published(estimator: str = "forest", **changes: Any) -> ClassificationSettin
 
 
 def plain_cell(study: Collection, train_on: str, components: int, seed: int) -> tuple[Floats, Floats, Strings, Bools]:
-    """The notebooks' preparation: scores of the training rows and of all copies, labels, and which copies are new.
+    """Prepare the data as the notebooks do: scores of the training rows and of all copies, labels, and new copies.
 
-    Each component's sign is such that the training row farthest out has a positive score.
+    The sign of each component is such that the training row with the largest absolute score has a positive score.
     """
     images = []
     for i in range(len(study)):
@@ -111,7 +111,7 @@ def plain_cell(study: Collection, train_on: str, components: int, seed: int) -> 
 
 
 @pytest.mark.parametrize("estimator", ["forest", "network"])
-def test_as_published_is_the_plain_cell(study: Collection, tmp_path: Path, estimator: str) -> None:
+def test_as_published_equals_the_notebooks_cell(study: Collection, tmp_path: Path, estimator: str) -> None:
     train_on = "bambu-p1p_pla-minus"
     settings = published(
         estimator, resolution=0.25, components=6, seed=3, **{"epochs": 30} if estimator == "network" else {}
@@ -143,7 +143,7 @@ def test_as_published_is_the_plain_cell(study: Collection, tmp_path: Path, estim
     assert beside.paper == (100.0, *((99.7, 63.98) if estimator == "forest" else (99.8, 53.73)), None)
 
 
-def test_as_published_says_what_leaks_and_what_differs_from_the_notebooks(study: Collection, tmp_path: Path) -> None:
+def test_as_published_warns_of_leaks_and_differences_from_the_notebooks(study: Collection, tmp_path: Path) -> None:
     result = run(study, tmp_path, published(resolution=0.25, components=6))
     notes = " ".join(result.notes)
     assert '"all copies", printed in the paper as unseen prints, includes the training images' in notes
@@ -152,7 +152,7 @@ def test_as_published_says_what_leaks_and_what_differs_from_the_notebooks(study:
     assert "other copies: without copy 1" in titles[0]
 
 
-def test_the_training_copy_among_the_tested_lifts_the_accuracy_on_labels_of_noise(tmp_path: Path) -> None:
+def test_testing_on_the_training_copy_raises_the_accuracy_on_noise_images(tmp_path: Path) -> None:
     write_study(tmp_path / "runs", textures=(1, 2, 3), copies=2, still=1, image=noise_image)
     result = run(Collection.open([tmp_path / "runs"]), tmp_path, published(components=25), 2)
     by_column = {score.hold_out: score for score in result.scores}
@@ -170,12 +170,12 @@ def test_the_notebooks_settings_are_those_of_the_estimator() -> None:
         replace(forest, clip=True)
 
 
-def test_several_forces_are_refused_as_published(make_study: Callable[..., Collection], tmp_path: Path) -> None:
+def test_as_published_refuses_several_forces(make_study: Callable[..., Collection], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="must be one for the protocol as-published"):
         run(make_study(levels=(1, 2), still=0), tmp_path, published(resolution=0.25, components=6))
 
 
-def test_clipped_copies_are_another_computation(study: Collection, tmp_path: Path) -> None:
+def test_clipped_copies_give_other_results(study: Collection, tmp_path: Path) -> None:
     names = ("train", "test", "unseen")
     settings = replace(PAPER, estimators=("forest",))
     clipped = run(study, tmp_path, replace(settings, clip=True))
@@ -185,7 +185,7 @@ def test_clipped_copies_are_another_computation(study: Collection, tmp_path: Pat
     assert len(list((tmp_path / "trials").iterdir())) == 2
 
 
-def test_a_combination_that_is_not_there_or_has_one_texture_is_refused(study: Collection, tmp_path: Path) -> None:
+def test_an_unknown_combination_or_one_with_a_single_texture_is_refused(study: Collection, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="train-on = 'form-3_grey-v4': must be a combination of the runs"):
         run(study, tmp_path, replace(PAPER, train_on=("form-3_grey-v4",)))
     few = study.chosen((study.combination == "ender-3_pla-plus") | (study.texture == "texture-1"))

@@ -1,4 +1,4 @@
-"""Principal components from inner products against scikit-learn's PCA of sets that are written out."""
+"""Compare principal components from inner products with scikit-learn's PCA of explicit training sets."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PLAIN = Augmentation(noise=None, brightness=())
 
 
 def images_of(count: int, pixels: int, seed: int = 0) -> Bytes:
-    """Six kinds of images with some noise."""
+    """Return images of six kinds with some noise."""
     random = np.random.default_rng(seed)
     kinds = random.integers(0, 120, (6, pixels))
     return np.asarray(kinds[np.arange(count) % 6] + random.integers(0, 30, (count, pixels)), dtype=np.uint8)
@@ -43,8 +43,8 @@ def scores_of(pool: Pool, augmentation: Augmentation, components: int, seed: int
     return trial_scores(pool, augmentation, components, [seed])[0]
 
 
-def assert_scikit_learns(result: Scores, written: Floats, frames: Floats, variance: float = 1e-9) -> None:
-    """Scores are those of scikit-learn's PCA of a written-out set, with signs by its rows' largest scores."""
+def assert_equals_scikit_learn(result: Scores, written: Floats, frames: Floats, variance: float = 1e-9) -> None:
+    """Check scores against scikit-learn's PCA of an explicit set, with signs by its rows' largest scores."""
     components = result.train.shape[1]
     full = PCA(components, svd_solver="full").fit(written)
     train, plain = full.transform(written), full.transform(frames)
@@ -69,28 +69,28 @@ def assert_scikit_learns(result: Scores, written: Floats, frames: Floats, varian
         pytest.param(260, 2500, 25, Augmentation(noise=None), id="not-written-out-and-several-blocks"),
     ],
 )
-def test_scores_are_those_of_the_set_written_out(
+def test_scores_equal_those_of_the_explicit_training_set(
     count: int, numbers: int, components: int, augmentation: Augmentation, kind: type
 ) -> None:
     rows = images_of(count, numbers).astype(kind)
     features = Features(rows=rows, shape=(numbers,))
     chosen = np.random.default_rng(1).permutation(count)[: count // 2]
-    # A fold of all readings: its noise is that of the copies which other estimators get.
+    # A fold of a pool of all frames: its noise equals that of the copies for other estimators.
     pool = Pool.of(rows, components=components)
     noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, 7)
     result = principal_scores(pool, noise, augmentation, components, chosen)
     written = augmentation.rows(features, chosen, 7)
-    assert_scikit_learns(result, written, rows.astype(float))
-    # A pool beside other readings, with noise of its own.
+    assert_equals_scikit_learn(result, written, rows.astype(float))
+    # A pool of the chosen frames only, with its own noise.
     result = scores_of(Pool.of(rows, chosen, components=components), augmentation, components)
     if augmentation.noise is not None:
         drawn = augmentation.noise * noise_block(7, 0, len(chosen), numbers).astype(float)
         written[len(chosen) : 2 * len(chosen)] = rows[chosen] + drawn
-    assert_scikit_learns(result, written, rows.astype(float))
+    assert_equals_scikit_learn(result, written, rows.astype(float))
 
 
 def explicit_noise(pool: Pool, noise: Noise) -> Floats:
-    """Numbers of noise with the inner products of a draw, (m, numbers); its directions beside the readings are free."""
+    """Return noise with the inner products of a draw, (m, numbers); its directions outside the frames are arbitrary."""
     assert pool.factor is not None
     count = len(pool.inside)
     rows = np.vstack([np.ones(pool.rows.shape[1]), pool.rows[pool.inside].astype(float) - 128.0])
@@ -101,8 +101,8 @@ def explicit_noise(pool: Pool, noise: Noise) -> Floats:
     return np.asarray(along @ frame + beside @ rest[:count])
 
 
-def test_scores_of_the_training_set_are_those_of_noise_with_the_drawn_inner_products() -> None:
-    """Where noise is not drawn number by number, any noise with the drawn products gives the same scores."""
+def test_training_scores_equal_those_of_noise_with_the_drawn_inner_products() -> None:
+    """If noise is not drawn number by number, any noise with the drawn inner products gives the same scores."""
     rows = images_of(45, 400)
     pool = Pool.of(rows, np.arange(0, 45, 2), components=8, seeds=(3,))
     assert pool.factor is not None
@@ -113,15 +113,15 @@ def test_scores_of_the_training_set_are_those_of_noise_with_the_drawn_inner_prod
     train = rows[pool.inside].astype(float)
     np.testing.assert_allclose(noise.cross[1:], (train - 128) @ drawn.T, atol=1e-6)
     written = np.concatenate([train, train + drawn, train + 10, train - 10])
-    assert_scikit_learns(result, written, train)
+    assert_equals_scikit_learn(result, written, train)
 
 
-#: Draws of which the means are compared.
+#: The number of draws whose means are compared.
 DRAWS = 200
 
 
-def test_the_noise_has_the_law_of_drawn_pixels() -> None:
-    """Means over many draws agree with those over explicit draws of all pixels, within their standard errors."""
+def test_the_noise_has_the_distribution_of_drawn_pixels() -> None:
+    """Means over many draws agree with means over explicit draws of all pixels, within their standard errors."""
     images = images_of(24, 90)
     train = images[:12].astype(float)
     pool = Pool.of(images, np.arange(12), components=8, seeds=range(DRAWS))
@@ -136,19 +136,19 @@ def test_the_noise_has_the_law_of_drawn_pixels() -> None:
         written = np.concatenate([train, noisy, train + 10, train - 10])
         full = PCA(8, svd_solver="full").fit(written)
         theirs.append(features(full.explained_variance_, full.transform(noisy), full.transform(images[12:])))
-    one_mean, other = np.array(ours), np.array(theirs)
-    error = np.sqrt((one_mean.var(axis=0) + other.var(axis=0)) / DRAWS)
-    assert np.all(np.abs(one_mean.mean(axis=0) - other.mean(axis=0)) < 4.5 * error)
-    ratio = one_mean.std(axis=0) / other.std(axis=0)
+    mine, other = np.array(ours), np.array(theirs)
+    error = np.sqrt((mine.var(axis=0) + other.var(axis=0)) / DRAWS)
+    assert np.all(np.abs(mine.mean(axis=0) - other.mean(axis=0)) < 4.5 * error)
+    ratio = mine.std(axis=0) / other.std(axis=0)
     assert np.all((ratio > 0.75) & (ratio < 1.33))
 
 
 def features(variance: Floats, noisy: Floats, others: Floats) -> Floats:
-    """Numbers of one trial that do not depend on signs: where noise matters much and little."""
+    """Return numbers of a trial that do not depend on signs; noise affects some much and others little."""
     return np.concatenate([variance, (noisy**2).mean(axis=0), (others**2).mean(axis=0)])
 
 
-def test_a_draw_depends_on_its_seed_alone() -> None:
+def test_a_draw_depends_on_its_seed_only() -> None:
     pool = Pool.of(images_of(40, 300), np.arange(0, 40, 2), components=5, seeds=(1, 2))
     first, second, other = (scores_of(pool, Augmentation(), 5, seed) for seed in (1, 1, 2))
     assert np.array_equal(first.train, second.train) and np.array_equal(first.plain, second.plain)
@@ -164,8 +164,8 @@ def test_inner_products_of_images_are_exact(pixels: int) -> None:
 
 
 @pytest.mark.parametrize("numbers", [64, 4000])
-def test_a_trial_needs_two_matrices_beside_those_of_the_readings(numbers: int) -> None:
-    """Readings with noise, and noise with noise; a study of the paper's size has 0.5 GB in each."""
+def test_a_trial_needs_memory_for_two_more_matrices(numbers: int) -> None:
+    """They are frames times noise and noise times noise; for a study of the paper's size each has 0.5 GB."""
     rows = np.random.default_rng(0).integers(0, 256, (1500, numbers), dtype=np.uint8)
     pool = Pool.of(rows, components=5)
     tracemalloc.start()
@@ -175,22 +175,22 @@ def test_a_trial_needs_two_matrices_beside_those_of_the_readings(numbers: int) -
     assert peak < (2.6 if numbers == 64 else 4.2) * pool.plain.nbytes
 
 
-def test_clipped_copies_are_those_of_the_set_written_out() -> None:
+def test_clipped_copies_equal_those_of_the_explicit_training_set() -> None:
     images = images_of(40, 150)
     images[:, :75] = 3  # a dark background: darker copies are clipped there
     augmentation = Augmentation(noise=None)
     result = clipped_scores(images, np.arange(20), augmentation, 5, seed=4)
     train = images[:20].astype(float)
     written = np.concatenate([np.clip(train + level, 0, 255) for level in (0, 10, -10)])
-    assert_scikit_learns(result, written, images.astype(float))
+    assert_equals_scikit_learn(result, written, images.astype(float))
     unclipped = scores_of(Pool.of(images, np.arange(20), components=5, seeds=(7,)), augmentation, 5)
     assert not np.allclose(result.variance, unclipped.variance, rtol=1e-3)
 
 
-def test_clipped_noise_is_rounded_drawn_by_seed_and_near_the_unclipped_on_bright_images() -> None:
+def test_clipped_noise_is_rounded_and_seeded_and_close_to_unclipped_noise_on_bright_images() -> None:
     images = np.asarray(images_of(60, 400) // 2 + 70, dtype=np.uint8)
-    first, other, again = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
-    np.testing.assert_array_equal(first.train, again.train)
+    first, other, repeated = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
+    np.testing.assert_array_equal(first.train, repeated.train)
     assert np.abs(first.train[40:80] - other.train[40:80]).max() > 1
     free = scores_of(Pool.of(images, np.arange(40), components=4, seeds=(7,)), Augmentation(), 4)
     np.testing.assert_allclose(first.variance, free.variance, rtol=0.05)
@@ -228,7 +228,7 @@ def test_a_matrix_with_fewer_directions_is_refused(values: tuple[float, ...], ma
         leading(lambda v: diagonal * v, len(diagonal), 4)
 
 
-def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
+def test_white_noise_needs_no_more_memory_than_its_eigenvectors() -> None:
     """Its spectrum is flat; a matrix of this size would be 18 MB."""
     noise = np.random.default_rng(3).standard_normal((1500, 300))
     expected = np.linalg.eigvalsh(noise.T @ noise)[::-1][:25]
@@ -239,8 +239,8 @@ def test_white_noise_takes_no_more_memory_than_its_eigenvectors() -> None:
     assert peak < 2e6
     np.testing.assert_allclose(result, expected, rtol=1e-8)
     np.testing.assert_allclose(noise @ (noise.T @ vectors), vectors * result, atol=1e-8 * expected[-1])
-    again, same = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
-    assert np.array_equal(result, again) and np.array_equal(vectors, same)
+    repeated, same = leading(lambda v: noise @ (noise.T @ v), 1500, 25)
+    assert np.array_equal(result, repeated) and np.array_equal(vectors, same)
 
 
 def test_more_components_than_directions_are_refused() -> None:
@@ -256,8 +256,8 @@ def test_more_components_than_directions_are_refused() -> None:
         clipped_scores(images_of(20, 50), np.arange(5), Augmentation(), 25, seed=1)
 
 
-def test_constant_images_have_no_directions_but_their_noise_and_brightness() -> None:
-    """Images that are alike have no coordinates of full rank; they are set apart by a trifle."""
+def test_constant_images_vary_only_by_noise_and_brightness() -> None:
+    """Equal images have no coordinates of full rank, so the program adds tiny differences."""
     images = np.full((10, 64), 80, np.uint8)
     with pytest.raises(InputError, match="at most 1, the number of directions"):
         scores_of(Pool.of(images, components=2), Augmentation(noise=None), 2)

@@ -1,4 +1,4 @@
-"""Scoring predictions against a split."""
+"""Test the score of predictions for a split."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Rows = list[dict[str, str]]
 
 @pytest.fixture
 def split() -> Split:
-    """Two textures, two prints each, five positions; each copy is held out in turn."""
+    """Return a split of two textures with two prints each and five positions; each copy is held out in turn."""
     presses = tuple(
         SplitPress(
             run=f"{texture}_copy0{copy}",
@@ -76,62 +76,71 @@ def test_accuracy_recall_and_confusion_of_known_answers(split: Split, tmp_path: 
     assert 0.0 < result.accuracy.low < 0.85 < result.accuracy.high < 1.0
 
 
-def test_order_and_other_columns_mean_nothing(split: Split, tmp_path: Path) -> None:
+def test_order_and_other_columns_do_not_matter(split: Split, tmp_path: Path) -> None:
     rows = [{"confidence": "0.5", **row} for row in reversed(right_rows(split))]
     result = score(write_rows(tmp_path / "p.csv", rows), split)
     assert result.accuracy.fraction == 1.0 and result.confusion.trace() == 20
 
 
-def twice(rows: Rows) -> None:
+def a_repeated_row(rows: Rows) -> None:
     rows.append(dict(rows[4]))
 
 
-def lost(rows: Rows) -> None:
+def a_missing_row(rows: Rows) -> None:
     del rows[2], rows[7]
 
 
-def other_fold(rows: Rows) -> None:
+def a_row_of_another_fold(rows: Rows) -> None:
     rows[0]["fold"] = "copy 2"
 
 
-def no_fold(rows: Rows) -> None:
+def an_unknown_fold(rows: Rows) -> None:
     rows[0]["fold"] = "copy 9"
 
 
-def no_press(rows: Rows) -> None:
+def an_unknown_press(rows: Rows) -> None:
     rows[0]["position"] = "77"
 
 
-def no_texture(rows: Rows) -> None:
+def an_unknown_texture(rows: Rows) -> None:
     rows[0]["predicted"] = "texture-9"
 
 
-def no_number(rows: Rows) -> None:
+def a_repeat_that_is_not_a_number(rows: Rows) -> None:
     rows[0]["repeat"] = "one"
 
 
 @pytest.mark.parametrize(
     ("change", "faults"),
     [
-        (twice, [("doubled", "line 22: fold copy 1, texture-1_copy01 force level 1 repeat 1 position 5")]),
+        (a_repeated_row, [("doubled", "line 22: fold copy 1, texture-1_copy01 force level 1 repeat 1 position 5")]),
         (
-            lost,
+            a_missing_row,
             [
                 ("missing", "fold copy 1, texture-1_copy01 force level 1 repeat 1 position 3: has no prediction"),
                 ("missing", "fold copy 1, texture-2_copy01 force level 1 repeat 1 position 4: has no prediction"),
             ],
         ),
-        (other_fold, [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")]),
-        (no_fold, [("unknown", "this fold is not in the split"), ("missing", "position 1: has no prediction")]),
-        (no_press, [("unknown", "this press is not in the split"), ("missing", "position 1: has no prediction")]),
         (
-            no_texture,
+            a_row_of_another_fold,
+            [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")],
+        ),
+        (an_unknown_fold, [("unknown", "this fold is not in the split"), ("missing", "position 1: has no prediction")]),
+        (
+            an_unknown_press,
+            [("unknown", "this press is not in the split"), ("missing", "position 1: has no prediction")],
+        ),
+        (
+            an_unknown_texture,
             [("unknown", "predicted = 'texture-9' is not a texture of the split file (texture-1, texture-2)")],
         ),
-        (no_number, [("unknown", "must be whole numbers"), ("missing", "position 1: has no prediction")]),
+        (
+            a_repeat_that_is_not_a_number,
+            [("unknown", "must be whole numbers"), ("missing", "position 1: has no prediction")],
+        ),
     ],
 )
-def test_every_fault_is_named(
+def test_every_fault_is_reported(
     split: Split, tmp_path: Path, change: Callable[[Rows], None], faults: list[tuple[str, str]]
 ) -> None:
     rows = right_rows(split)
@@ -154,15 +163,15 @@ def test_a_file_without_predictions_is_refused(split: Split, tmp_path: Path, tex
         score(path, split)
 
 
-def test_bytes_that_are_no_text_are_refused(split: Split, tmp_path: Path) -> None:
+def test_bytes_that_are_not_text_are_refused(split: Split, tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     path.write_bytes(b"fold,run\n\xff\xfe\x00")
     with pytest.raises(InputError, match="is not UTF-8 text"):
         score(path, split)
 
 
-def test_prints_count_and_not_presses() -> None:
-    """Prints that are all right or all wrong are as many trials as there are prints."""
+def test_intervals_count_prints_and_not_presses() -> None:
+    """If all presses of a print are right or all are wrong, the number of trials is the number of prints."""
     right = [i < 3 for i in range(6) for _ in range(100)]
     prints = [i for i in range(6) for _ in range(100)]
     uniform = accuracy_of(right, prints)
@@ -171,7 +180,7 @@ def test_prints_count_and_not_presses() -> None:
     assert uniform.high - uniform.low > 0.7 > 0.12 > mixed.high - mixed.low
 
 
-def test_all_right_says_as_much_as_so_many_prints_can_say() -> None:
+def test_the_interval_of_a_perfect_score_depends_on_the_number_of_prints() -> None:
     result = accuracy_of([True] * 600, [i // 100 for i in range(600)])
     assert result.high == 1.0 and result.low == pytest.approx(0.025 ** (1 / 6))
     assert accuracy_of([True] * 600, [0] * 600) == Accuracy(
@@ -192,7 +201,7 @@ def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: floa
     assert 0.90 <= covered / 400 <= 1.0
 
 
-def test_the_command_prints_the_score_or_names_every_fault(split: Split, tmp_path: Path) -> None:
+def test_the_command_prints_the_score_or_every_fault(split: Split, tmp_path: Path) -> None:
     path = write_split(tmp_path / "split.json", split)
     rows = right_rows(split)
     answer = CliRunner().invoke(command.command, [str(write_rows(tmp_path / "p.csv", rows)), str(path), "--json"])
@@ -200,13 +209,13 @@ def test_the_command_prints_the_score_or_names_every_fault(split: Split, tmp_pat
     assert json.loads(answer.stdout)["accuracy"]["fraction"] == 1.0
     plain = CliRunner().invoke(command.command, [str(tmp_path / "p.csv"), str(path)])
     assert "all folds" in plain.stdout and "texture-2 (recall)" in plain.stdout and "chance is 50.0%" in plain.stdout
-    lost(rows)
+    a_missing_row(rows)
     bad = CliRunner().invoke(command.command, [str(write_rows(tmp_path / "p.csv", rows)), str(path)])
     assert isinstance(bad.exception, PredictionsError)
     assert bad.stderr.count("missing: ") == 2
 
 
-def test_predictions_come_through_the_door(split: Split, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_prediction_files_are_refused(split: Split, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     good = write_rows(tmp_path / "p.csv", right_rows(split))
     os.mkfifo(tmp_path / "pipe.csv")
     with pytest.raises(InputError, match="is a pipe, a socket or a device"):

@@ -1,4 +1,4 @@
-"""Split files: what stands in them, their hashes, and what is refused."""
+"""Test split files: their contents, their hashes, and files that are refused."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def splits(runs: Path) -> dict[str, Split]:
     return {split.hold_out: split for split in result}
 
 
-def test_every_level_has_a_split_and_names_its_presses(splits: dict[str, Split], runs: Path) -> None:
+def test_every_level_has_a_split_that_lists_its_presses(splits: dict[str, Split], runs: Path) -> None:
     assert list(splits) == ["press", "position", "force", "copy", "printer-filament"]
     copy = splits["copy"]
     assert [fold.name for fold in copy.folds] == ["copy 1", "copy 2"]
@@ -52,7 +52,7 @@ def test_every_level_has_a_split_and_names_its_presses(splits: dict[str, Split],
         assert not held & {copy.presses[i].key[0][-6:] for i in fold.train}
 
 
-def test_a_file_comes_back_equal_and_is_the_same_each_time(splits: dict[str, Split], tmp_path: Path) -> None:
+def test_a_split_file_round_trips_and_is_reproducible(splits: dict[str, Split], tmp_path: Path) -> None:
     for split in splits.values():
         first, second = write_split(tmp_path / "a.json", split), write_split(tmp_path / "b.json", split)
         assert first.read_bytes() == second.read_bytes()
@@ -75,7 +75,7 @@ def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
     assert reseeded["press"].protocol != splits["press"].protocol
 
 
-def test_a_level_that_the_data_do_not_support_is_left_out_with_the_reason(tmp_path: Path) -> None:
+def test_a_level_that_the_data_do_not_support_is_left_out_with_a_reason(tmp_path: Path) -> None:
     write_study(tmp_path, prints=[("ender-3", "pla-plus")], copies=1)
     result, notes = make_splits(Collection.open([tmp_path]))
     assert [split.hold_out for split in result] == ["press", "position"]
@@ -111,7 +111,7 @@ def test_a_file_that_was_changed_is_refused(
 
 
 @pytest.mark.parametrize("text", [None, "{", "[]", "3"])
-def test_what_is_no_split_file_is_refused(tmp_path: Path, text: str | None) -> None:
+def test_other_files_are_refused(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "split.json"
     if text is not None:
         path.write_text(text)
@@ -125,7 +125,7 @@ def test_a_fold_must_train_and_test() -> None:
         Split(hold_out="copy", seed=0, presses=(press,), folds=(SplitFold(name="one", train=(), test=(0,)),))
 
 
-def test_the_command_writes_the_files_and_says_what_they_are(runs: Path, tmp_path: Path) -> None:
+def test_the_command_writes_and_describes_the_files(runs: Path, tmp_path: Path) -> None:
 
     out = tmp_path / "splits"
     answer = CliRunner().invoke(command.command, [str(runs), "-o", str(out), "--hold-out", "copy,force", "--json"])

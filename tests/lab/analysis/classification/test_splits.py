@@ -1,4 +1,4 @@
-"""Hold-out levels: nothing that is held out trains, and what cannot be held out is named."""
+"""Test hold-out levels: held-out data are never used for training, and impossible levels are reported."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tacbench_cad.util.errors import InputError
 def table(
     prints: list[tuple[str, str, int]], levels: tuple[int, ...] = (1, 2), positions: int = 4, repeats: int = 2
 ) -> PressTable:
-    """Presses of (texture, combination, copy) prints, each pressed at all levels and positions."""
+    """Return presses of (texture, combination, copy) prints at all levels and positions."""
     rows = [
         (run, *printed, level, position)
         for run, printed in enumerate(prints)
@@ -48,12 +48,12 @@ def prints(textures: str = "abc", combinations: str = "XY", copies: int = 2) -> 
 
 
 def of(result: Folds, level: str) -> list[Fold]:
-    """The folds of a hold-out level."""
+    """Return the folds of a hold-out level."""
     return [fold for fold in result.folds if fold.hold_out == level]
 
 
 def group(presses: PressTable, level: str) -> np.ndarray:
-    """What a level must keep whole."""
+    """Return the group of each press; a level must not divide groups."""
     number = np.arange(len(presses.run))
     return {
         "press": number,
@@ -64,7 +64,7 @@ def group(presses: PressTable, level: str) -> np.ndarray:
     }[level]
 
 
-def test_every_press_is_tested_once_a_level_and_no_group_is_on_both_sides() -> None:
+def test_every_level_tests_each_press_once_and_never_divides_a_group() -> None:
     presses = table(prints())
     result = folds_of(presses, seed=3)
     assert result.levels == HOLD_OUT_LEVELS and result.notes == ()
@@ -79,14 +79,14 @@ def test_every_press_is_tested_once_a_level_and_no_group_is_on_both_sides() -> N
     assert [fold.group for fold in of(result, "force")] == ["force level 1", "force level 2"]
 
 
-def test_presses_are_dealt_out_evenly_over_textures() -> None:
+def test_folds_have_equal_numbers_of_presses_of_each_texture() -> None:
     presses = table(prints())
     for fold in folds_of(presses, ["press"], seed=0).folds:
         _, counts = np.unique(presses.texture[fold.test], return_counts=True)
         assert len(counts) == 3 and counts.max() - counts.min() <= 1
 
 
-def test_the_seed_draws_presses_and_positions_and_nothing_else() -> None:
+def test_the_seed_affects_only_presses_and_positions() -> None:
     presses = table(prints(), positions=9)
 
     def tests(seed: int, level: str) -> list[list[int]]:
@@ -106,7 +106,7 @@ def test_the_seed_draws_presses_and_positions_and_nothing_else() -> None:
         (table(prints(), positions=1), "position", "one position"),
     ],
 )
-def test_a_level_without_enough_data_is_left_out_with_its_reason(presses: PressTable, level: str, reason: str) -> None:
+def test_a_level_without_enough_data_is_left_out_with_a_reason(presses: PressTable, level: str, reason: str) -> None:
     result = folds_of(presses, seed=0)
     assert level not in result.levels and set(result.levels) == set(HOLD_OUT_LEVELS) - {level}
     (note,) = result.notes
@@ -124,7 +124,7 @@ def test_a_single_copy_always_trains_and_is_not_tested_for_its_copy() -> None:
         assert "Y" in presses.combination[fold.train]
 
 
-def test_a_texture_that_only_the_held_out_printer_has_is_not_tested_and_named() -> None:
+def test_a_texture_of_only_the_held_out_printer_is_reported_and_not_tested() -> None:
     presses = table([*prints("ab", "XY"), *prints("c", "Y")])
     result = folds_of(presses, ["printer-filament"], seed=0)
     by_name = {fold.group: fold for fold in result.folds}
@@ -148,7 +148,7 @@ def test_the_units_of_an_interval_are_what_the_level_holds_out_or_repeats() -> N
     assert sizes == {"press": 12, "position": 4, "force": 2, "copy": 12, "printer-filament": 2}
 
 
-def test_fewer_copies_in_training_leave_the_test_set_alone() -> None:
+def test_fewer_training_copies_do_not_change_the_test_set() -> None:
     presses = table(prints(copies=4))
     for fold in folds_of(presses, ["copy", "printer-filament"], seed=0).folds:
         less = with_copies(presses, fold, 2, seed=5)
@@ -174,7 +174,7 @@ def test_fewer_copies_in_training_leave_the_test_set_alone() -> None:
     positions=st.integers(1, 4),
     seed=st.integers(0, 9),
 )
-def test_any_design_has_folds_without_leaks_or_reasons(
+def test_any_design_has_leak_free_folds_or_a_reason(
     there: list[tuple[str, str, int]], levels: tuple[int, ...], positions: int, seed: int
 ) -> None:
     presses = table(there, levels, positions)
@@ -186,10 +186,10 @@ def test_any_design_has_folds_without_leaks_or_reasons(
     for level in HOLD_OUT_LEVELS:
         assert of(result, level) or any(f"hold-out level {level} is left out" in note for note in result.notes)
         for fold in of(result, level):
-            _is_sound(presses, fold)
+            _check_leak_free(presses, fold)
 
 
-def _is_sound(presses: PressTable, fold: Fold) -> None:
+def _check_leak_free(presses: PressTable, fold: Fold) -> None:
     kept = group(presses, fold.hold_out)
     assert len(fold.test) and not set(kept[fold.train].tolist()) & set(kept[fold.test].tolist())
     assert set(presses.texture[fold.test]) <= set(presses.texture[fold.train])

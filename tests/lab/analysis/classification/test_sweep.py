@@ -1,4 +1,4 @@
-"""Accuracy against one setting."""
+"""Test sweeps: the accuracy as a function of a setting."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_values_are_a_range_or_a_list(text: str, values: tuple[float, ...]) -> N
     ["resolution", "resolution=", "resolution=a:b", "resolution=0.4:0.1", "resolution=0:1", "resolution=0.1:nan",
      "copies=1.5,2", "copies=0,1", "components=1:5:1", "resolution=0.1:0.2:3:4"],
 )  # fmt: skip
-def test_what_cannot_be_read_is_refused(text: str) -> None:
+def test_invalid_sweeps_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="sweep"):
         Sweep.parsed(text)
     with pytest.raises(InputError, match='did you mean "resolution"'):
@@ -88,7 +88,7 @@ def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collec
         ((None, None), None, "", 0, 0),
     ],
 )
-def test_the_figure_says_what_is_drawn_and_no_more(
+def test_the_legend_lists_exactly_what_is_drawn(
     study: Collection,
     bounds: tuple[float | None, float | None],
     deviation: float | None,
@@ -134,7 +134,7 @@ def test_the_figure_says_what_is_drawn_and_no_more(
     assert heights == pytest.approx([20.0] * bands)
 
 
-def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> None:
+def test_copies_and_forces_select_the_data(study: Collection, tmp_path: Path) -> None:
     copies = swept(study, tmp_path, "copies=1:2", trials=1)
     assert list(copies.values) == [1.0, 2.0]
     assert {score.images for score in copies.scores} == {len(study)}
@@ -146,7 +146,7 @@ def test_copies_and_forces_cut_the_data(study: Collection, tmp_path: Path) -> No
         swept(study, tmp_path, "forces=3", trials=1)
 
 
-def test_a_setting_that_the_protocol_does_not_have_is_refused(study: Collection, tmp_path: Path) -> None:
+def test_a_setting_of_another_protocol_is_refused(study: Collection, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs --protocol leak-free"):
         swept(study, tmp_path, "copies=1", ClassificationSettings(protocol="paper"))
     with pytest.raises(InputError, match="needs principal components"):
