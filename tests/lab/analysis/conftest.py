@@ -1,4 +1,4 @@
-"""What tests of classification share: studies on disk, opened, and one thread for matrices too small for several."""
+"""Fixtures of the tests of the analysis: studies on disk, and a single thread for small matrices."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 
 @pytest.fixture(scope="session")
 def make_study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collection]:
-    """Writes a study, by the fields of :class:`studies.Plan`, and opens it."""
+    """Return a function that writes a study with the given fields of :class:`studies.Plan` and opens it."""
 
     def make(**plan: Any) -> Collection:
         folder = tmp_path_factory.mktemp("study")
@@ -26,14 +26,14 @@ def make_study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collec
 
 @pytest.fixture(scope="module")
 def single_thread() -> Iterator[None]:
-    """Keep the matrices' libraries to one thread, as the command does."""
+    """Restrict the libraries for matrices to one thread, as the command does."""
     with one_thread():
         yield
 
 
 @pytest.fixture(scope="module")
 def few_trees() -> Iterator[None]:
-    """A forest of this process, ours and scikit-learn's own, has 10 trees instead of 100 unless its count is given."""
+    """Reduce the default number of trees of all forests in this process from 100 to 10."""
     ensemble = pytest.importorskip("sklearn.ensemble")
     defaults = ensemble.RandomForestClassifier.__init__.__defaults__
     assert defaults == (100,)

@@ -25,7 +25,7 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 
-Maker = Callable[[PrintedBlock, Press | None, np.random.Generator], Frame]
+DrawFrame = Callable[[PrintedBlock, Press | None, np.random.Generator], Frame]
 MakeStudy = Callable[..., Collection]
 
 ONE = (("ender-3", "pla-plus"),)
@@ -34,8 +34,8 @@ SHAPE = (40, 40)
 TEXTURE, REPEAT = 10.0, 0.5
 
 
-def frames(prints: float, **others: float) -> Maker:
-    """Frames whose prints differ by a standard deviation, which may be another one for some printers."""
+def frames(prints: float, **others: float) -> DrawFrame:
+    """Return a function that draws frames with a standard deviation between prints, which may depend on the printer."""
 
     def image(printed: PrintedBlock, press: Press | None, rng: np.random.Generator) -> Frame:
         texture = np.random.default_rng(int(printed.object_label)).standard_normal(SHAPE)
@@ -52,10 +52,10 @@ def answers_about(make_study: MakeStudy, between: float, **plan: object) -> dict
     return {answer.question: answer for answer in answers.print_answers(variance_table(study))}
 
 
-def test_a_printer_whose_prints_are_alike_is_repeatable(make_study: MakeStudy) -> None:
+def test_a_printer_with_similar_prints_is_repeatable(make_study: MakeStudy) -> None:
     result = answers_about(make_study, 1.0, levels=(1, 2))
     repeatable, differ = result[IS_REPEATABLE], result[PRINTS_DIFFER]
-    # The textures are these three: how far they lie apart is known.
+    # The true differences between the three textures are known.
     means = [TEXTURE * np.random.default_rng(number).standard_normal(SHAPE) for number in (1, 2, 3)]
     apart = np.mean([np.mean((a - b) ** 2) / 2.0 for a, b in combinations(means, 2)])
     expected = 100.0 / float(np.sqrt(apart))
@@ -66,7 +66,7 @@ def test_a_printer_whose_prints_are_alike_is_repeatable(make_study: MakeStudy) -
     assert differ.low is not None and differ.low > 1.0 and differ.answer == "yes"
 
 
-def test_a_printer_whose_prints_differ_as_textures_do_is_not(make_study: MakeStudy) -> None:
+def test_a_printer_whose_prints_differ_like_textures_is_not_repeatable(make_study: MakeStudy) -> None:
     result = answers_about(make_study, TEXTURE)[IS_REPEATABLE]
     assert result.figure == pytest.approx(100.0, rel=0.15) and result.answer == "no, above 30 %"
 
@@ -86,12 +86,12 @@ def test_equal_prints_are_not_shown_to_differ(make_study: MakeStudy) -> None:
         ({"textures": (1,)}, "cannot be said: there are no differences between textures to compare with"),
     ],
 )
-def test_what_cannot_be_said_has_its_reason(make_study: MakeStudy, plan: dict[str, object], reason: str) -> None:
+def test_an_impossible_answer_has_a_reason(make_study: MakeStudy, plan: dict[str, object], reason: str) -> None:
     result = answers_about(make_study, 1.0, **plan)[IS_REPEATABLE]
     assert (result.figure, result.answer) == (None, reason)
 
 
-def test_one_repeat_says_nothing_of_prints(make_study: MakeStudy) -> None:
+def test_one_repeat_gives_no_answer_about_prints(make_study: MakeStudy) -> None:
     study = make_study(still=0)
     result = answers.print_answers(variance_table(study.chosen(study.repeat == 1)))
     assert {answer.answer for answer in result if answer.question != MORE_ALIKE} == {
@@ -102,7 +102,7 @@ def test_one_repeat_says_nothing_of_prints(make_study: MakeStudy) -> None:
 TWO = (("ender", "pla"), ("bambu", "pla"))
 
 
-def test_the_printer_whose_prints_are_more_alike_is_named(make_study: MakeStudy) -> None:
+def test_the_printer_with_more_similar_prints_is_named(make_study: MakeStudy) -> None:
     result = answers_about(make_study, 1.0, prints=TWO, image=frames(1.0, ender=4.0))[MORE_ALIKE]
     assert result.about == "both printers" and result.answer.startswith("bambu pla (p 0.")
     assert result.figure == pytest.approx(16.0, rel=0.2) and (result.low, result.high) == (None, None)
@@ -118,7 +118,7 @@ def test_equal_printers_and_too_few_prints_have_no_winner(
     assert answers_about(make_study, 1.0, prints=TWO, **plan)[MORE_ALIKE].answer.startswith(answer)
 
 
-def textures(make_study: MakeStudy, out: Path, image: Maker, **settings: object) -> list[Answer]:
+def textures(make_study: MakeStudy, out: Path, image: DrawFrame, **settings: object) -> list[Answer]:
     study = make_study(copies=3, textures=(1, 2, 3), still=0, image=image)
     how = ClassificationSettings(**{"resolution": 0.5, "components": 5, "hold_out": ("copy",), **settings})  # type: ignore[arg-type]
     with workers() as executor:
@@ -126,7 +126,7 @@ def textures(make_study: MakeStudy, out: Path, image: Maker, **settings: object)
 
 
 @pytest.mark.usefixtures("few_trees", "single_thread")
-def test_textures_are_told_apart_on_prints_never_seen_or_not(make_study: MakeStudy, tmp_path: Path) -> None:
+def test_textures_on_unseen_prints_are_distinguished_or_not(make_study: MakeStudy, tmp_path: Path) -> None:
     result = textures(make_study, tmp_path / "a", texture_image)
     assert [answer.about for answer in result] == ["texture-1", "texture-2", "texture-3"]
     assert {answer.answer for answer in result} == {"yes"} and all((a.low or 0.0) > 50.0 for a in result)
@@ -135,7 +135,7 @@ def test_textures_are_told_apart_on_prints_never_seen_or_not(make_study: MakeStu
     assert (none.question, none.answer) == (WHICH_TEXTURES, "cannot be said: hold-out level copy was not computed")
 
 
-def test_the_view_begins_with_them_and_reads_them_again(make_study: MakeStudy, tmp_path: Path) -> None:
+def test_the_view_begins_with_the_answers_and_reads_them_again(make_study: MakeStudy, tmp_path: Path) -> None:
     study = make_study(still=0)
     view = VarianceView.of(variance_table(study))
     name, first = next(iter(view.shown()))

@@ -1,4 +1,4 @@
-"""The quantity that the paper's printed variances are, beside the notebooks' own loop on the raw images."""
+"""Compare the quantity of the paper's printed variances with the notebooks' loop over the raw images."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Sides that 40 % does not divide evenly.
+#: An image size of which 40 % is not a whole number.
 SHAPE = (34, 47, 3)
 BAMBU = ("bambu-p1p", "pla-minus")
 
 
 def coloured(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
-    """A picture in colour: a print of its own, with noise that depends on the texture."""
+    """Return a colour image that depends on the print, with noise that depends on the texture."""
     own = np.random.default_rng(list(f"{printed.name} {press.position}".encode()))
     clean = own.integers(60, 200, SHAPE)
     return np.asarray(clean + rng.normal(0.0, 2.0 + int(printed.object_label), SHAPE)).clip(0, 255).astype(np.uint8)
 
 
 def notebook_grey(image: Frame) -> Floats:
-    """An image as the notebooks load it."""
+    """Load an image as the notebooks do."""
     grey = np.dot(image, [0.2989, 0.5870, 0.1140])
     return cv2.resize(grey, (int(0.4 * image.shape[1]), int(0.4 * image.shape[0])), interpolation=cv2.INTER_AREA)
 
 
 def notebook_variance(study: Collection, combination: str, texture: str, level: int) -> float:
-    """The notebooks' loop over prints, without the row numbers of 8 bits."""
+    """Compute the variance with the notebooks' loop over prints, but without their 8-bit row numbers."""
     frames = []
     for copy in np.unique(study.copy):
         here = (study.combination == combination) & (study.texture == texture) & (study.level == level)
@@ -64,7 +64,7 @@ def result(study: Collection) -> VarianceResult:
     return variance_table(study, protocol="as-published")
 
 
-def test_each_figure_is_that_of_the_notebooks_loop(study: Collection, result: VarianceResult) -> None:
+def test_each_figure_equals_the_notebooks_loop(study: Collection, result: VarianceResult) -> None:
     assert len(result.cells) == 4
     for cell in result.cells:
         expected = notebook_variance(study, cell.combination, cell.texture, 1)
@@ -76,7 +76,7 @@ def test_each_figure_is_that_of_the_notebooks_loop(study: Collection, result: Va
     assert cell is not None and values.mean() == pytest.approx(cell.variance, rel=1e-12)
 
 
-def test_another_level_is_taken_where_it_is_the_only_one(study: Collection) -> None:
+def test_another_level_is_used_if_it_is_the_only_one(study: Collection) -> None:
     result = variance_table(study.at_level(2), protocol="as-published")
     expected = notebook_variance(study, "bambu-p1p_pla-minus", "texture-2", 2)
     cell = result.cell(2, "bambu-p1p_pla-minus", "texture-2")
@@ -90,14 +90,14 @@ def test_noise_and_figure_have_the_same_divisor(result: VarianceResult) -> None:
         assert cell.floor_from == "stationary frames"
 
 
-def test_the_papers_figure_stands_beside_this_quantity_only(study: Collection, result: VarianceResult) -> None:
+def test_the_papers_figure_is_shown_for_this_quantity_only(study: Collection, result: VarianceResult) -> None:
     figures = {(cell.combination, cell.texture): cell.published for cell in result.cells}
     assert figures["bambu-p1p_pla-minus", "texture-2"] == 2.64
     assert figures["ender-3_pla-plus", "texture-1"] is None
     assert {cell.published for cell in variance_table(study).cells} == {None}
 
 
-def test_a_missing_press_leaves_out_its_print_at_that_place(study: Collection, result: VarianceResult) -> None:
+def test_a_missing_press_excludes_its_print_at_that_position(study: Collection, result: VarianceResult) -> None:
     key = ("ender-3_pla-plus", "texture-1")
     gone = (study.combination == key[0]) & (study.texture == key[1]) & (study.level == 1)
     gone &= (study.copy == 2) & (study.position == 3) & (study.repeat == 1)
@@ -112,14 +112,12 @@ def test_a_missing_press_leaves_out_its_print_at_that_place(study: Collection, r
     assert less is not None and less.variance == pytest.approx(np.mean(values), rel=1e-9)
 
 
-def test_one_repeat_has_no_such_quantity(study: Collection) -> None:
+def test_one_repeat_is_refused(study: Collection) -> None:
     with pytest.raises(InputError, match="no print was pressed twice at one position"):
         variance_table(study.chosen(study.repeat == 1), protocol="as-published")
 
 
-def test_prints_that_nobody_told_apart_have_no_such_quantity(
-    study: Collection, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_samples_with_unknown_prints_are_refused(study: Collection, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Collection, "has", lambda self, what: what != "print")
     with pytest.raises(InputError, match="the published quantity: needs the print of every sample"):
         variance_table(study, protocol="as-published")
@@ -127,7 +125,7 @@ def test_prints_that_nobody_told_apart_have_no_such_quantity(
     assert {row["answer"] for row in rows} == {"cannot be said: the print of each sample is unknown"}
 
 
-def test_without_stationary_frames_there_is_no_floor(make_study: Callable[..., Collection]) -> None:
+def test_without_stationary_frames_there_is_no_noise_floor(make_study: Callable[..., Collection]) -> None:
     result = variance_table(make_study(still=0, textures=(1,)), protocol="as-published")
     assert {(cell.floor, cell.floor_from, cell.noise_alone) for cell in result.cells} == {(None, "", None)}
     assert any("there is no noise floor" in line for line in VarianceView.of(result).warnings)
@@ -147,12 +145,12 @@ def test_grey_is_not_rounded_and_has_the_notebooks_weights() -> None:
     np.testing.assert_allclose(AS_PUBLISHED(image), notebook_grey(image), rtol=1e-12)
     assert AS_PUBLISHED(image[..., 0]).dtype == np.float64
     pure = np.zeros(SHAPE, np.uint8)
-    pure[..., 2] = 100  # red is stored last
+    pure[..., 2] = 100  # OpenCV stores red last
     assert Preprocess(notebook=True)(pure)[0, 0] == pytest.approx(11.4)
     assert Preprocess()(pure)[0, 0] == 30
 
 
-def test_the_command_sets_the_papers_row_beside_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_shows_the_papers_row_next_to_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_study(tmp_path / "runs", prints=(BAMBU,), levels=(1, 2), image=coloured, shape=SHAPE)
     runs, out = str(tmp_path / "runs"), tmp_path / "out"
     assert main(["variance", runs, "--protocol", "as-published", "-o", str(out)]) == 0
@@ -182,6 +180,6 @@ def test_the_command_sets_the_papers_row_beside_it(tmp_path: Path, capsys: pytes
         assert "as-published has its own grey, size and divisor" in capsys.readouterr().err
 
 
-def test_the_saved_output_is_the_printed_row_with_more_digits() -> None:
+def test_the_notebooks_output_is_the_printed_row_with_more_digits() -> None:
     saved = (2.80017674, 2.64039746, 3.61887302, 3.6796849, 3.63699284, 3.51960279)
     assert tuple(int(100.0 * value) / 100.0 for value in saved) == published.PAPER_VARIANCE[BAMBU]

@@ -1,4 +1,4 @@
-"""The matrix between textures, against every pixel of every reading at once."""
+"""Compare the matrix between textures with a computation on all pixels of all frames at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tacbench_cad.lab.analysis.variance.view import VarianceView
 
 
 def union(collection: Collection, combination: str, level: int, textures: tuple[str, str], ddof: int) -> float:
-    """The definition: variance of each pixel over both textures' readings, mean over pixels and positions."""
+    """Return the variance of each pixel over both textures' frames, averaged over pixels and positions."""
     variances = []
     for position in np.unique(collection.position):
         mine = (collection.combination == combination) & (collection.level == level)
@@ -43,7 +43,7 @@ def test_each_pair_is_the_variance_over_both_textures(tmp_path: Path, ddof: int)
         np.testing.assert_allclose(matrices[combination, "all"].variance, pooled)
 
 
-def test_the_diagonal_is_the_table_and_each_pair_stands_once(tmp_path: Path) -> None:
+def test_the_diagonal_is_the_table_and_each_pair_is_written_once(tmp_path: Path) -> None:
     write_study(tmp_path, textures=(1, 2, 3))
     result = variance_table(Collection.open([tmp_path]))
     rows = VarianceView.of(result).tables["between_textures"].records()
@@ -54,7 +54,7 @@ def test_the_diagonal_is_the_table_and_each_pair_stands_once(tmp_path: Path) -> 
             assert cell is not None and cell.variance == row["variance"] and cell.presses == row["presses"]
 
 
-def test_a_texture_that_a_printer_lacks_has_no_entry(tmp_path: Path) -> None:
+def test_a_texture_without_prints_of_a_printer_has_no_entry(tmp_path: Path) -> None:
     from helpers.studies import Plan
 
     from tacbench_cad.lab.study.spec import PrintedBlock

@@ -1,4 +1,4 @@
-"""What to cite, against CITATION.cff."""
+"""Compare the citations with CITATION.cff."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tacbench_cad.util.errors import InputError
 CFF = Path(__file__).parents[3] / "CITATION.cff"
 
 
-def test_the_citations_are_those_of_the_cff_file() -> None:
+def test_the_citations_equal_the_cff_file() -> None:
     text, bibtex = CFF.read_text(encoding="utf-8"), citations("bibtex")
     program, paper = text.split("preferred-citation:")
     assert re.findall(r"^version: (.+)$", program, re.M) == re.findall(r"version (.+)}", bibtex) == [__version__]
@@ -40,7 +40,7 @@ def test_bibtex_entries_are_closed_and_have_one_author_field_each() -> None:
     assert "Shepherd, Dexter R. and Herzig, Nicolas and" in text
 
 
-def test_another_format_is_refused_with_the_nearest() -> None:
+def test_an_unknown_format_is_refused_with_a_suggestion() -> None:
     with pytest.raises(InputError, match="format = 'bibtx': did you mean \"bibtex\""):
         citations("bibtx")
 

@@ -1,4 +1,4 @@
-"""Runs as one table of presses, and what is done to a reading first."""
+"""Test collections of runs as a table of presses, and the preprocessing of frames."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_every_press_has_its_place_in_the_table(study: Path) -> None:
+def test_every_press_has_a_row_in_the_table(study: Path) -> None:
     result = Collection.open([study])
     assert len(result.runs) == 8 and len(result) == 8 * 2 * 2 * len(GRID.positions_mm)
     assert result.combinations == ("ender-3_pla-plus", "bambu-p1p_pla-minus")
@@ -46,7 +46,7 @@ def test_every_press_has_its_place_in_the_table(study: Path) -> None:
         )
 
 
-def test_readings_are_those_of_the_chosen_presses(study: Path) -> None:
+def test_frames_belong_to_the_chosen_presses(study: Path) -> None:
     result = Collection.open([study])
     some = result.chosen((result.texture == "texture-2") & (result.level == 3) & (result.position == 4))
     assert len(some) == 2 * 2 * 2 and set(some.copy.tolist()) == {1, 2}
@@ -87,7 +87,7 @@ def test_runs_that_must_not_be_mixed_are_refused_by_name(tmp_path: Path) -> None
         Collection.open([first, write_run(tmp_path / "e", wide, Plan())])
 
 
-def test_a_damaged_reading_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
+def test_a_damaged_frame_is_reported_when_it_is_read(tmp_path: Path) -> None:
     (folder, *_) = write_study(tmp_path, textures=(1,), copies=1)
     result = Collection.open([folder])
     (folder / "sensor_images" / "image_3.png").write_bytes(b"no picture")
@@ -95,24 +95,24 @@ def test_a_damaged_reading_is_named_when_it_is_asked_for(tmp_path: Path) -> None
         result.frame(2)
 
 
-def test_what_is_simulated_is_said_once(tmp_path: Path) -> None:
+def test_simulated_devices_are_listed_once(tmp_path: Path) -> None:
     write_study(tmp_path, textures=(1,), simulated="simulated TacTip")
     assert Collection.open([tmp_path]).simulated == ("sensor: simulated TacTip",)
 
 
-def test_grey_and_resolution_are_opencvs() -> None:
+def test_grey_and_resolution_equal_opencv() -> None:
     image = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     assert np.array_equal(Preprocess()(image), grey)
     assert np.array_equal(Preprocess(colour=True)(image), image)
     small = Preprocess(resolution=0.5)(image)
     assert small.shape == (24, 32) and small.dtype == np.uint8
-    # Halving by area is the mean of four pixels.
+    # At half the resolution a pixel is the mean of four pixels.
     assert np.abs(small - grey.reshape(24, 2, 32, 2).mean(axis=(1, 3))).max() <= 0.5
     assert Preprocess(resolution=0.4)(np.zeros((480, 640), np.uint8)).shape == (192, 256)
 
 
-def test_other_arrays_pass_as_they_are() -> None:
+def test_other_arrays_are_not_changed() -> None:
     taxels = np.arange(16.0).reshape(4, 4)
     assert np.array_equal(Preprocess(resolution=0.5)(taxels), taxels)
     with pytest.raises(InputError, match="resolution"):

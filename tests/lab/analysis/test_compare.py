@@ -1,4 +1,4 @@
-"""Two sensors side by side."""
+"""Test the comparison of two sensors."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PRESSES = 50
 
 
 def side(name: str, right: dict[str, Ints], start: int = 0) -> Side:
-    """A sensor that told so many of the presses of each print right, by texture; prints are numbered from ``start``."""
+    """Return a sensor with the number of correct presses of each print; print numbers begin at ``start``."""
     accuracies = {
         ("copy", texture): {
             f"{texture}_{start + i}": PrintAccuracy(int(count) / PRESSES, presses=PRESSES)
@@ -54,7 +54,7 @@ def record(sensor: str, textures: tuple[str, ...] = TEXTURES) -> ClassificationR
 
 
 def compare_sides(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) -> Difference:
-    """The line of texture 1."""
+    """Return the row of texture 1."""
     other = np.full(len(a), 25)
     first = side("a", {"texture-1": a, "texture-2": other})
     second = side("b", {"texture-1": b, "texture-2": np.full(len(b), 25)}, start)
@@ -63,7 +63,7 @@ def compare_sides(a: Ints, b: Ints, start: int = 0, same_prints: bool = True) ->
     return result.rows[1]
 
 
-def test_prints_that_both_pressed_are_compared_in_pairs() -> None:
+def test_prints_pressed_by_both_are_compared_in_pairs() -> None:
     a = np.array([10, 20, 30, 40])
     better = a + np.array([9, 11, 9, 11])
     line = compare_sides(a, better)
@@ -77,7 +77,7 @@ def test_prints_that_both_pressed_are_compared_in_pairs() -> None:
     assert compare_sides(a, better, same_prints=False) == apart
 
 
-def test_two_sensors_that_are_always_right_are_not_shown_to_be_equal() -> None:
+def test_two_perfect_sensors_are_not_shown_to_be_equal() -> None:
     line = compare_sides(np.full(6, PRESSES), np.full(6, PRESSES))
     assert line.difference == 0.0 and line.smallest_difference is not None and line.smallest_difference > 0.02
 
@@ -89,8 +89,8 @@ def test_a_single_print_shows_no_difference() -> None:
 
 
 @pytest.mark.parametrize("start", [0, 100])
-def test_the_smallest_difference_is_found_four_times_in_five(start: int) -> None:
-    """A difference as large as the typical smallest one is shown in about 80 % of seeded studies, none in 5 %."""
+def test_the_smallest_difference_is_detected_in_80_percent_of_studies(start: int) -> None:
+    """A difference of the typical smallest size is shown in about 80 % of seeded studies, a zero difference in 5 %."""
     rng = np.random.default_rng(7)
     prints, studies = 12, 250
 
@@ -124,7 +124,7 @@ def test_no_common_level_is_refused() -> None:
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory, few_trees: None) -> tuple[Path, dict[str, object]]:
-    """A sensor that sees textures and one that sees noise, on the same prints, through the command."""
+    """Compare, by the command, a sensor that sees textures with a sensor that sees noise on the same prints."""
     folder = tmp_path_factory.mktemp("compare")
     write_study(folder / "seeing", simulated="a formula", copies=3)
     write_study(folder / "blind", image=noise_image, copies=3)
@@ -136,7 +136,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory, few_trees: None) -> tuple
     return folder, json.loads(answer.stdout)
 
 
-def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
+def test_the_command_takes_runs_and_distinguishes_a_seeing_sensor_from_a_blind_one(
     compared: tuple[Path, dict[str, object]],
 ) -> None:
     folder, document = compared
@@ -152,7 +152,7 @@ def test_the_command_takes_runs_and_tells_a_seeing_sensor_from_a_blind_one(
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_the_command_takes_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_the_command_takes_result_folders_of_classify(compared: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     folder, document = compared
     sides = [str(folder / "out" / f"classification_{side}") for side in "ab"]
     again = CliRunner().invoke(command.command, [*sides, "-o", str(tmp_path), "--json"])

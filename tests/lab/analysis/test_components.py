@@ -1,4 +1,4 @@
-"""Variance components: expected coefficients, unbiasedness, agreement with other programs, designs with holes."""
+"""Test variance components: expected coefficients, unbiasedness, agreement with other programs, unbalanced designs."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ TRUE = (4.0, 2.0, 1.0, 0.5)
 
 
 def groups_of(labels: Ints) -> list[Ints]:
-    """Which group each press belongs to: all, texture, printer, print, press."""
+    """Return the group of each press at each depth: all, texture, printer, print, press."""
     named = [np.unique(labels[:, :depth], axis=0, return_inverse=True)[1].reshape(-1) for depth in (1, 2, 3)]
     return [np.zeros(len(labels), dtype=np.int64), *named, np.arange(len(labels))]
 
 
 def sums_of_squares(values: ArrayLike, labels: ArrayLike) -> NestedSums:
-    """The nested sums of presses in memory, in two passes; streaming gives the same."""
+    """Return the nested sums of squares of presses in memory, computed in two passes."""
     pixels, names = np.asarray(values, dtype=np.float64), np.asarray(labels)
     means = [
         np.stack([pixels[groups == group].mean(axis=0) for group in range(groups.max() + 1)])[groups]
@@ -64,7 +64,7 @@ UNBALANCED = np.delete(balanced(3, 3, 3, 3), [1, 2, 4, 9, 10, 11, 12, 30, 31, 54
 
 @pytest.mark.parametrize("labels", [balanced(3, 3, 2, 2), UNBALANCED], ids=["balanced", "unbalanced"])
 def test_the_estimates_are_unbiased(labels: Ints) -> None:
-    # Independent pixels are independent studies: the mean over 40,000 of them is the expectation.
+    # Independent pixels act as independent studies; the mean over 40,000 of them approximates the expectation.
     values = simulated(labels, 40_000, np.random.default_rng(1))
     for estimate, true, name in zip(variances(labels, values), TRUE, LEVELS, strict=True):
         assert estimate == pytest.approx(true, rel=0.03 if name != "texture" else 0.05), name
@@ -72,9 +72,9 @@ def test_the_estimates_are_unbiased(labels: Ints) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(*[st.integers(0, 2)] * 3), min_size=2, max_size=25))
-def test_coefficients_are_the_expected_sums_of_squares(rows: list[tuple[int, int, int]]) -> None:
+def test_coefficients_equal_the_expected_sums_of_squares(rows: list[tuple[int, int, int]]) -> None:
     labels = np.array(rows)
-    # The expectation for unit component l is the sum of squares' trace against that component's covariance: exact.
+    # The exact expectation for unit component l is the trace of the sum of squares with that component's covariance.
     sums = sums_of_squares(np.eye(len(labels)), labels)
     for depth, groups in enumerate(groups_of(labels)[1:]):
         indicator = (groups[:, None] == np.unique(groups)[None, :]).astype(float)
@@ -82,13 +82,13 @@ def test_coefficients_are_the_expected_sums_of_squares(rows: list[tuple[int, int
         np.testing.assert_allclose(unit, sums.coefficients[:, depth], atol=1e-9)
 
 
-def test_the_pieces_add_up_to_the_total_sum_of_squares() -> None:
+def test_the_parts_add_up_to_the_total_sum_of_squares() -> None:
     values = simulated(UNBALANCED, 7, np.random.default_rng(2))
     total = ((values - values.mean(axis=0)) ** 2).sum(axis=0).mean()
     assert sums_of_squares(values, UNBALANCED).squares.sum() == pytest.approx(total, rel=1e-12)
 
 
-def test_pooling_positions_is_the_mean_over_positions_of_a_balanced_design() -> None:
+def test_pooling_positions_of_a_balanced_design_is_their_mean() -> None:
     labels, rng = balanced(2, 2, 2, 2), np.random.default_rng(3)
     places = [sums_of_squares(simulated(labels, 50, rng), labels) for _ in range(3)]
     pooled = [component.variance for component in components(places[0] + places[1] + places[2])]
@@ -113,7 +113,7 @@ def test_agrees_with_the_mixed_model_of_statsmodels() -> None:
     ours = variances(labels, values)
     assert (
         min(estimate for estimate in ours if estimate is not None) > 0.0
-    )  # REML equals ANOVA where nothing is cut at 0
+    )  # REML equals ANOVA if no component is cut at 0
     frame = pandas.DataFrame(labels, columns=["texture", "printer", "copy"]).astype(str).assign(y=values[:, 0])
     frame["printer"] = frame["texture"] + frame["printer"]
     frame["copy"] = frame["printer"] + frame["copy"]
@@ -143,7 +143,7 @@ def test_agrees_with_the_intraclass_correlation_of_pingouin() -> None:
     assert result["print"] / (result["print"] + result["repeat"]) == pytest.approx(theirs, abs=1e-6)
 
 
-def test_a_negative_estimate_stays_and_has_a_truncated_one_beside_it() -> None:
+def test_a_negative_estimate_is_kept_next_to_a_truncated_one() -> None:
     labels = balanced(1, 1, 2, 2)
     result = {
         component.name: component for component in components(sums_of_squares([[1.0], [3.0], [3.0], [1.0]], labels))
@@ -178,7 +178,7 @@ def test_a_negative_estimate_stays_and_has_a_truncated_one_beside_it() -> None:
         (balanced(1, 1, 4, 1), {"texture": "only one texture", "repeat": "only one repeat"}, {"print": ("repeat",)}),
     ],
 )
-def test_a_level_with_one_member_is_named_and_is_in_the_next_coarser_one(
+def test_a_level_with_one_member_is_reported_and_merged_into_the_next_coarser_level(
     labels: Ints, missing: dict[str, str], includes: dict[str, tuple[str, ...]]
 ) -> None:
     result = {
@@ -192,7 +192,7 @@ def test_a_level_with_one_member_is_named_and_is_in_the_next_coarser_one(
         assert result[name].includes == finer
 
 
-def test_what_is_merged_is_still_unbiased() -> None:
+def test_merged_components_are_unbiased() -> None:
     labels = balanced(3, 3, 1, 2)
     result = {
         component.name: component.variance
@@ -208,7 +208,7 @@ def test_a_single_press_has_no_component() -> None:
     assert precision(result)["reproducibility"] is None
 
 
-def test_constant_readings_have_components_of_zero() -> None:
+def test_constant_frames_have_components_of_zero() -> None:
     labels = balanced(2, 2, 2, 2)
     assert variances(labels, np.full((len(labels), 4), 7.0)) == [0.0] * 4
 
@@ -222,7 +222,7 @@ def test_reproducibility_needs_the_printers() -> None:
     assert precision(make_components(print=2.0, repeat=4.0))["reproducibility"] is None
 
 
-def test_rows_have_the_columns_of_the_file() -> None:
+def test_rows_have_the_columns_of_the_csv_file() -> None:
     result = components(sums_of_squares(simulated(UNBALANCED, 3, np.random.default_rng(8)), UNBALANCED))
     rows = component_rows(2, result, {"print": (0.5, 3.0)})
     assert [row["component"] for row in rows] == [*LEVELS, "repeatability", "intermediate", "reproducibility"]

@@ -1,4 +1,4 @@
-"""Figures of the analysis: what their files hold."""
+"""Test the files of the analysis's figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tacbench_cad.util.plotting import save_figure
 
 
 @pytest.mark.usefixtures("own_pdf_fonts")
-def test_letters_in_a_pdf_file_can_be_searched(tmp_path: Path) -> None:
+def test_text_in_a_pdf_file_can_be_searched(tmp_path: Path) -> None:
     with styled():
         figure = new_figure(3.0, 2.0)
         figure.suptitle("variance")
@@ -23,7 +23,7 @@ def test_letters_in_a_pdf_file_can_be_searched(tmp_path: Path) -> None:
     assert b"/CIDFontType2" in data and b"/Type3" not in data
 
 
-def test_figures_of_simulated_data_say_so_in_their_metadata_and_once_below(tmp_path: Path) -> None:
+def test_figures_of_simulated_data_are_marked_in_metadata_and_once_below(tmp_path: Path) -> None:
     from PIL import Image
 
     sizes = {}
@@ -31,10 +31,10 @@ def test_figures_of_simulated_data_say_so_in_their_metadata_and_once_below(tmp_p
         with styled():
             figure = new_figure(3.0, 2.0)
             picture, document = save(figure, tmp_path / stem, simulated)
-        assert not figure.texts, "the mark belongs to the files"
+        assert not figure.texts, "only the files have the mark"
         with Image.open(picture) as image:
             sizes[stem] = image.size
-            assert (image.convert("L").getextrema()[0] < 200) == bool(simulated), "the mark is drawn, nothing else"
+            assert (image.convert("L").getextrema()[0] < 200) == bool(simulated), "the drawing adds only the mark"
             expected = "simulated data: sensor: a formula; stage: none" if simulated else None
             assert image.info.get("Description") == expected
         assert (b"/Subject (simulated data: sensor: a formula; stage: none)" in document.read_bytes()) == bool(
@@ -44,7 +44,7 @@ def test_figures_of_simulated_data_say_so_in_their_metadata_and_once_below(tmp_p
 
 
 def test_the_lowest_panel_of_each_column_names_its_groups() -> None:
-    """Three panels in two columns: below the second panel there is none that could name the textures for it."""
+    """With three panels in two columns, the second panel has no panel below it and must name its groups itself."""
     with styled():
         figure, panels = _panels(3, 2, (1.0, 1.0), (2.0, 2.0), sharex=True, sharey=True)
         for axes in panels:

@@ -1,4 +1,4 @@
-"""The grade: published figures as they stand, verdicts, reasons, and the command."""
+"""Test the grade: published figures, verdicts, reasons, and the command."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def like(row: tuple[float, ...], low: float, high: float, **changes: Any) -> lis
 
 
 def study_of(*, sensor: dict[str, Any] | None = None, block: Block | None = None, **protocol: Any) -> Collection:
-    """A study as the paper's but for what is given; nothing of it is on the disk."""
+    """Return a study like the paper's with the given changes; it has no files."""
     info = RunInfo(
         printed=PrintedBlock(block=block or Block.of(1, preset="released"), printer="mine", filament="petg", copy=1),
         levels=(1,),
@@ -77,7 +77,7 @@ def graded(cells: list[Cell], study: Collection = PAPER, **options: Any) -> Grad
     return result[0]
 
 
-def test_the_published_figures_are_the_papers() -> None:
+def test_the_published_figures_equal_the_paper() -> None:
     assert list(published.PAPER_VARIANCE) == list(SELECTED) == list(published.PAPER_ROW_NAMES)
     assert published.PAPER_VARIANCE[ENDER] == (2.60, 10.36, 12.12, 10.75, 7.026, 8.28)
     assert published.PAPER_VARIANCE[BAMBU] == (2.80, 2.64, 3.61, 3.67, 3.63, 3.51)
@@ -90,7 +90,7 @@ def test_the_published_figures_are_the_papers() -> None:
 
 
 def differences(result: Grade) -> list[list[str | None]]:
-    """What ours is, for each texture against each of the paper's rows."""
+    """Return the verdicts for each texture against each of the paper's rows."""
     return [[comparison.ours_is for comparison in texture.published] for texture in result.textures]
 
 
@@ -124,18 +124,18 @@ def test_an_interval_above_a_figure_is_less_consistent() -> None:
         (None, "varies more, but without a noise floor the reason is unknown"),
     ],
 )
-def test_noise_is_not_held_against_the_prints(noise: float | None, verdict: str) -> None:
+def test_noise_is_not_attributed_to_the_prints(noise: float | None, verdict: str) -> None:
     resin = graded([cell(1, 4.0, 5.0, noise_alone=noise)]).verdicts[2]
     assert (resin.verdict, resin.more) == (verdict, (1,))
 
 
-def test_an_interval_around_a_figure_shows_nothing() -> None:
+def test_an_interval_around_a_figure_gives_no_verdict() -> None:
     bambu = graded(like(published.PAPER_VARIANCE[BAMBU], 0.5, 4.0)).verdicts[1]
     assert bambu.verdict == "not enough data" and bambu.unclear == (1, 2, 3, 4, 5, 6)
     assert bambu.at_most == pytest.approx(4.0) and bambu.at_least is None
 
 
-def test_other_repeats_are_brought_to_two_before_they_are_compared() -> None:
+def test_figures_of_other_numbers_of_repeats_are_converted_to_two() -> None:
     assert [to_two_repeats(repeats) for repeats in (2, 3, 6)] == pytest.approx([1.0, 0.75, 0.6])
     two, five = (graded(like(published.PAPER_VARIANCE[RESIN], 1.1, 1.5), study_of(repeats=n)) for n in (2, 5))
     assert two.textures[0].published[2].ours_is == "more"
@@ -143,13 +143,13 @@ def test_other_repeats_are_brought_to_two_before_they_are_compared() -> None:
     assert five.textures[0].published[2].ratio == pytest.approx((1.1 * 0.625, 1.5 * 0.625))
 
 
-def test_few_prints_are_said() -> None:
+def test_few_prints_are_reported() -> None:
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.85, prints=3)).limits
     assert "There are 3 prints, and 6 in the paper: the interval is wide." in limits
 
 
 def test_both_sides_of_a_ratio_have_the_same_divisor() -> None:
-    """Two repeats of noise of variance 3 alone show 1.5 with ddof 0: nothing is left for the prints."""
+    """Two repeats of pure noise of variance 5 have a variance of 2.5 with ddof 0, so the prints add nothing."""
     noise = graded([cell(1, 2.4, 2.6, variance=2.5, floor=5.0, noise_alone=2.5)])
     assert noise.verdicts[2].verdict == "varies more, but the sensor's noise may explain it"
     assert any("Up to 100 % of the figure is noise" in text for text in noise.limits)
@@ -158,7 +158,7 @@ def test_both_sides_of_a_ratio_have_the_same_divisor() -> None:
     assert not any("of the figure is noise" in text for text in half.limits)
 
 
-def test_one_print_has_no_verdict_and_says_why() -> None:
+def test_one_print_has_no_verdict_but_a_reason() -> None:
     result = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
     assert differences(result) == [[None] * 3] * 6
     assert [verdict.text for verdict in result.verdicts][2] == "Form 3 resin: no interval"
@@ -181,51 +181,51 @@ def test_one_print_has_no_verdict_and_says_why() -> None:
         ({"repeats": 5}, "5 repeats at each position"),
     ],
 )
-def test_what_differs_from_the_paper_is_said(changes: dict[str, Any], sentence: str) -> None:
+def test_differences_from_the_paper_are_reported(changes: dict[str, Any], sentence: str) -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
     assert not any(sentence in text for text in graded(cells).limits)
     assert any(sentence in text for text in graded(cells, study_of(**changes)).limits)
 
 
-def test_a_floor_that_is_missing_is_said() -> None:
+def test_a_missing_noise_floor_is_reported() -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, floor=None, floor_from="", noise_alone=None)
     assert any("There is no noise floor" in text for text in graded(cells).limits)
 
 
-def test_a_study_like_the_papers_still_cannot_take_off_the_papers_floor() -> None:
+def test_the_papers_unknown_noise_floor_is_reported_for_a_comparable_study() -> None:
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)).limits
     assert len(limits) == 3
     assert "2.6 counts^2 if it is a variance or 6.8 counts^2 if it is a standard deviation" in limits[1]
 
 
-def test_another_sensors_unit_is_not_compared() -> None:
+def test_other_units_are_not_compared() -> None:
     result = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
     assert differences(result) == [[None] * 3] * 6 and result.units == "kPa^2"
     assert {verdict.verdict for verdict in result.verdicts} == {"another unit"}
     assert not any("The published figures" in text for text in result.limits)
 
 
-def test_noise_that_makes_up_the_figure_is_said() -> None:
+def test_a_figure_that_is_mostly_noise_is_reported() -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
     cells[1] = replace(cells[1], noise_alone=0.8 * cells[1].variance)
     assert any("Up to 80 % of the figure is noise (texture 2)" in text for text in graded(cells).limits)
 
 
-def test_missing_and_own_textures_are_named() -> None:
+def test_missing_and_own_textures_are_reported() -> None:
     result = graded([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
     assert [texture.texture for texture in result.textures] == [2]
     assert "Not pressed: textures 1, 3, 4, 5, 6." in result.limits
     assert "Not compared, because not in the paper: hex." in result.limits
 
 
-def test_each_printer_and_filament_has_its_own_grade_at_the_level_of_its_cells() -> None:
+def test_each_printer_and_filament_has_a_grade_for_its_force_level() -> None:
     result = grade([cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")], PAPER)
     assert [grade.printer for grade in result] == ["b", "a"]
     assert all(grade.force_level == 2 and len(grade.textures) == 1 for grade in result)
     assert any("The force level is 2, and the published figures are for level 1" in text for text in result[0].limits)
 
 
-def test_what_cannot_be_graded_is_refused() -> None:
+def test_data_that_cannot_be_graded_are_refused() -> None:
     with pytest.raises(InputError, match="protocol = 'paper': must be as-published"):
         grade([cell(1, 0.5, 1.0, quantity="prints and repeats")], PAPER)
     with pytest.raises(InputError, match="none of them is one of the paper's six"):
@@ -251,13 +251,13 @@ def test_a_cell_validates_itself(changes: dict[str, Any]) -> None:
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two textures of three prints on two printers, simulated, without stationary frames."""
+    """Return a simulated study of two textures with three prints from each of two printers and no stationary frames."""
     folder = tmp_path_factory.mktemp("study")
     write_study(folder, copies=3, simulated="simulated TacTip", still=0)
     return folder
 
 
-def test_the_command_prints_table_verdicts_and_reasons(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_a_table_verdicts_and_reasons(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", str(study)]) == 0
     out = capsys.readouterr().out
     assert out.endswith(f"\nNext: tacbench classify {study}\n")
@@ -301,14 +301,14 @@ def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]
     ("options", "message"),
     [(["--force-level", "two"], "force level = 'two'"), (["--jobs", "0"], "jobs = 0: must be 1 or more")],
 )
-def test_the_commands_options_are_refused_by_name(
+def test_invalid_options_are_refused_by_name(
     options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["grade", str(tmp_path), *options]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_readings_that_were_left_out_are_said() -> None:
+def test_excluded_frames_are_reported() -> None:
     left_out = ("run/a.png: is damaged", "run/b.png: is damaged")
     limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), left_out=left_out).limits
     assert limits[0] == "2 frames could not be used; the first is run/a.png: is damaged."

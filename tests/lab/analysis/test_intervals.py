@@ -1,4 +1,4 @@
-"""Intervals with prints as the unit: sums, coverage in synthetic studies, few prints, designs with holes."""
+"""Test intervals with prints as the unit: sums, coverage in synthetic studies, few prints, missing presses."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from tacbench_cad.lab.analysis.variance.intervals import (
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-#: Variances between prints and between repeats of every synthetic study.
+#: The variances between prints and between repeats in every synthetic study.
 PRINT, REPEAT = 1.0, 0.5
 SIDE = 24
 
 
 def gram_of(frames: Sequence[NDArray[Any]]) -> Floats:
-    """Mean over pixels of products of deviations from the mean reading, as streaming gives it, (n, n)."""
+    """Return products of deviations from the mean frame, averaged over pixels, shape (n, n), as streaming does."""
     values = np.array([np.asarray(frame, dtype=np.float64).reshape(-1) for frame in frames])
     values -= values.mean(axis=0)
     return np.asarray(values @ values.T / values.shape[1])
@@ -35,12 +35,12 @@ def gram_of(frames: Sequence[NDArray[Any]]) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Field:
-    """Correlated pixels: a field over ``positions`` images of SIDE x SIDE, each print its own.
+    """Correlated pixels: an independent random field for each print over ``positions`` images of SIDE x SIDE pixels.
 
     Args:
-        length: Correlation length in pixels.
-        shared: Share of the variance that all positions of a print have in common (its height, its seating).
-        positions: Positions.
+        length: The correlation length, in pixels.
+        shared: The fraction of the variance that all positions of a print share (its height, its offset).
+        positions: The number of positions.
     """
 
     length: float
@@ -48,7 +48,7 @@ class Field:
     positions: int = 4
 
     def draw(self, count: int, random: np.random.Generator) -> Floats:
-        """``count`` fields of unit variance, (count, positions, pixels)."""
+        """Return ``count`` fields of unit variance, shape (count, positions, pixels)."""
         axis = np.arange(SIDE)
         line = np.linalg.cholesky(
             np.exp(-0.5 * ((axis[:, None] - axis[None, :]) / self.length) ** 2) + 1e-9 * np.eye(SIDE)
@@ -80,33 +80,34 @@ def truth(prints: int, repeats: int, repeat: float = REPEAT) -> float:
 
 
 def coverage(prints: int, field: Field, studies: int, seed: int, repeat: float = REPEAT) -> tuple[Floats, float]:
-    """Fractions of studies whose intervals hold the variance, both components and their ratio; the bias.
+    """Return coverages and the bias over many studies.
 
-    The bias is the mean estimate of the variance over its true value.
+    The coverages are those of the variance, both components and their ratio. The bias is the mean estimate of the
+    variance over its true value.
     """
     random = np.random.default_rng(seed)
-    held, estimates = np.zeros(4), []
+    covered, estimates = np.zeros(4), []
     truths = (truth(prints, 2, repeat), PRINT, repeat, 1.0 + PRINT / repeat)
     for _ in range(studies):
         cell = study(prints, 2, field, random, repeat)
         intervals = [variance_interval(cell), *(component_interval([cell], name) for name in ("print", "repeat"))]
         intervals.append(ratio_interval([cell]))
-        held += [interval.low <= value <= interval.high for interval, value in zip(intervals, truths, strict=True)]
+        covered += [interval.low <= value <= interval.high for interval, value in zip(intervals, truths, strict=True)]
         estimates.append(intervals[0].estimate)
-    return held / studies, float(np.mean(estimates)) / truths[0]
+    return covered / studies, float(np.mean(estimates)) / truths[0]
 
 
 FIELDS = {
     "fine": Field(length=1.5, shared=0.0),
     "smooth": Field(length=6.0, shared=0.3),
     "coarse": Field(length=12.0, shared=0.8),
-    "as one": Field(length=1000.0, shared=0.999),
+    "uniform": Field(length=1000.0, shared=0.999),
 }
 
 
 @pytest.mark.parametrize(("kind", "prints"), [("smooth", 6), ("coarse", 3)])
 def test_intervals_cover_in_a_hundred_studies(kind: str, prints: int) -> None:
-    # Of 100 studies with 95 % coverage fewer than 88 hold in 3 of 1,000 cases.
+    # With a coverage of 95 %, fewer than 88 of 100 intervals contain the true value in 3 of 1,000 cases.
     assert coverage(prints, FIELDS[kind], 100, seed=prints)[0].min() >= 0.88
 
 
@@ -115,17 +116,17 @@ def test_intervals_cover_in_a_hundred_studies(kind: str, prints: int) -> None:
 @pytest.mark.parametrize("prints", [6, 3])
 @pytest.mark.parametrize("kind", list(FIELDS))
 def test_intervals_cover_92_to_97_of_100_in_500_studies(kind: str, prints: int, repeat: float) -> None:
-    held, bias = coverage(prints, FIELDS[kind], 500, seed=10 * prints, repeat=repeat)
-    print(f"{kind}, {prints} prints, repeats {repeat:g}: {held}")
-    # With three prints whose images move as one there is little to see their number of parts from: 87 to 93 %.
-    assert (0.85 if (kind, prints) == ("as one", 3) else 0.91) <= held.min() <= held.max() <= 0.98
+    covered, bias = coverage(prints, FIELDS[kind], 500, seed=10 * prints, repeat=repeat)
+    print(f"{kind}, {prints} prints, repeats {repeat:g}: {covered}")
+    # Three prints with uniform images hardly show their number of independent parts; the coverage is 87 to 93 %.
+    assert (0.85 if (kind, prints) == ("uniform", 3) else 0.91) <= covered.min() <= covered.max() <= 0.98
     assert bias == pytest.approx(1.0, abs=0.15)
 
 
-def test_resampling_prints_would_cover_less() -> None:
-    """What is not offered: percentiles of resampled prints."""
+def test_bootstrap_intervals_of_prints_cover_less() -> None:
+    """The project does not offer percentiles of resampled prints; they cover less."""
     random, field = np.random.default_rng(5), FIELDS["coarse"]
-    held = 0
+    covered = 0
     for _ in range(100):
         cell = study(6, 2, field, random)
         picks = random.integers(0, 6, (400, 6))
@@ -134,11 +135,11 @@ def test_resampling_prints_would_cover_less() -> None:
         own = gram[presses, presses].mean(axis=1)
         common = gram[presses[:, :, None], presses[:, None, :]].mean(axis=(1, 2))
         low, high = np.quantile(own - common, [0.025, 0.975])
-        held += low <= truth(6, 2) <= high
-    assert held < 80
+        covered += low <= truth(6, 2) <= high
+    assert covered < 80
 
 
-def test_the_estimate_is_the_tables_figure() -> None:
+def test_the_estimate_equals_the_figure_of_the_table() -> None:
     random = np.random.default_rng(0)
     values = random.integers(0, 256, (3, 12, 5_000)).astype(np.uint8)
     copies = np.repeat(range(6), 2)
@@ -150,7 +151,7 @@ def test_the_estimate_is_the_tables_figure() -> None:
     assert cell.presses == 36 and cell.positions == 3 and cell.prints == 6
 
 
-def test_the_floor_shifts_estimate_and_ends_and_stops_at_zero() -> None:
+def test_the_noise_floor_shifts_estimate_and_limits_down_to_zero() -> None:
     cell = study(6, 2, FIELDS["smooth"], np.random.default_rng(1))
     plain, less = variance_interval(cell), variance_interval(cell, floor=0.3)
     noise_part = 0.3 * 11.0 / 12.0
@@ -164,14 +165,14 @@ def test_the_floor_shifts_estimate_and_ends_and_stops_at_zero() -> None:
     )
 
 
-def test_the_number_of_independent_parts_is_seen() -> None:
+def test_the_number_of_independent_parts_is_estimated() -> None:
     random = np.random.default_rng(2)
-    uniform, fine = (variance_interval(study(6, 2, FIELDS[kind], random)).parts for kind in ("as one", "fine"))
+    uniform, fine = (variance_interval(study(6, 2, FIELDS[kind], random)).parts for kind in ("uniform", "fine"))
     assert uniform < 3.0
     assert fine > 30.0
 
 
-def test_two_prints_have_an_interval_that_says_how_little_they_show() -> None:
+def test_two_prints_have_a_very_wide_interval() -> None:
     random = np.random.default_rng(3)
     result = [variance_interval(study(2, 2, FIELDS["smooth"], random)) for _ in range(60)]
     assert all(interval.low <= truth(2, 2) <= interval.high for interval in result)
@@ -179,7 +180,7 @@ def test_two_prints_have_an_interval_that_says_how_little_they_show() -> None:
     assert result[0].parts == 1.0
 
 
-def test_one_print_is_refused_with_the_reason() -> None:
+def test_one_print_is_refused_with_a_reason() -> None:
     cell = study(1, 2, FIELDS["smooth"], np.random.default_rng(4))
     with pytest.raises(InputError, match="without a second print"):
         variance_interval(cell)
@@ -196,7 +197,7 @@ def test_one_repeat_has_an_interval_but_no_components() -> None:
         component_interval([study(6, 1, FIELDS["smooth"], random)], "repeat")
 
 
-def test_two_prints_show_so_many_times_what_two_repeats_do() -> None:
+def test_the_ratio_of_two_prints_to_two_repeats_has_an_interval() -> None:
     random = np.random.default_rng(9)
     cell = study(6, 2, FIELDS["fine"], random)
     repeat = cell.within / cell.dof[1]
@@ -222,19 +223,19 @@ def test_components_are_pooled_over_cells_of_different_prints() -> None:
 
 
 @pytest.mark.parametrize("kind", ["smooth", "coarse"])
-def test_pooled_components_cover_too(kind: str) -> None:
-    random, held = np.random.default_rng(17), np.zeros(2)
+def test_intervals_of_pooled_components_cover(kind: str) -> None:
+    random, covered = np.random.default_rng(17), np.zeros(2)
     for _ in range(60):
         cells = [study(3, 2, FIELDS[kind], random) for _ in range(6)]
         result = [component_interval(cells, name) for name in ("print", "repeat")]
-        held += [
+        covered += [
             interval.low <= value <= interval.high for interval, value in zip(result, (PRINT, REPEAT), strict=True)
         ]
-    assert (held >= 52).all()
+    assert (covered >= 52).all()
 
 
 def with_holes(random: np.random.Generator, field: Field, holes: float) -> CellSums:
-    """Six prints of two repeats, with presses missing at random at every position but the first."""
+    """Return a study of six prints and two repeats with randomly missing presses except at the first position."""
     copies = np.repeat(range(6), 2)
     values = field.draw(6, random)[copies] * math.sqrt(PRINT) + math.sqrt(REPEAT) * NOISE.draw(12, random)
     sums = []
@@ -244,7 +245,7 @@ def with_holes(random: np.random.Generator, field: Field, holes: float) -> CellS
     return pooled(sums)
 
 
-def test_presses_may_be_missing() -> None:
+def test_missing_presses_are_allowed() -> None:
     random = np.random.default_rng(8)
     cells = [with_holes(random, FIELDS["smooth"], 0.25) for _ in range(80)]
     assert all(cell.whole < cell.positions == 4 for cell in cells[:3])
@@ -255,7 +256,7 @@ def test_presses_may_be_missing() -> None:
     assert sum(interval.low <= PRINT <= interval.high for interval in result) >= 69
 
 
-def test_without_a_whole_position_pixels_count_as_one() -> None:
+def test_without_a_complete_position_pixels_count_as_one() -> None:
     random, copies = np.random.default_rng(9), np.repeat(range(6), 2)
     sums = [
         CellSums.of(gram_of(list(random.standard_normal((11, 50)))), np.delete(copies, i), copies) for i in range(3)
@@ -265,7 +266,7 @@ def test_without_a_whole_position_pixels_count_as_one() -> None:
     assert result.low < result.estimate < result.high
 
 
-def test_a_force_level_of_fewer_prints_is_pooled_too() -> None:
+def test_a_force_level_with_fewer_prints_is_pooled() -> None:
     random = np.random.default_rng(12)
     six, three = study(6, 2, FIELDS["smooth"], random), study(3, 2, FIELDS["smooth"], random)
     for cell in (six + three, three + six):
@@ -288,7 +289,7 @@ def test_order_of_presses_and_seed_do_not_matter() -> None:
     assert first.high == pytest.approx(second.high, rel=0.03)
 
 
-def test_constant_readings_have_an_interval_of_zero() -> None:
+def test_constant_frames_have_an_interval_of_zero() -> None:
     cell = CellSums.of(gram_of([np.full((4, 4), 9, dtype=np.uint8)] * 6), np.repeat(range(3), 2))
     result = variance_interval(cell)
     assert (result.estimate, result.low, result.high) == (0.0, 0.0, 0.0)

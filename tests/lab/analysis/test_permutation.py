@@ -1,4 +1,4 @@
-"""The permutation test between printers: its size where printers are alike, its power, what it refuses."""
+"""Test the permutation test between printers: its size for equal printers, its power and its limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from tacbench_cad.lab.analysis.variance.permutation import dispersion_test
 from tacbench_cad.util.types import Floats
 
-#: Standard deviations of 30 parts of an image that fall off: about four independent ones.
+#: The decreasing standard deviations of 30 parts of an image; they count as about four independent parts.
 PARTS = 0.6 ** (np.arange(30) / 2.0)
 
 
@@ -29,7 +29,7 @@ def dispersion_p(k: int, textures: int, random: np.random.Generator, scale: floa
 
 
 @pytest.mark.parametrize("k", [6, 3])
-def test_printers_that_vary_alike_are_found_different_in_5_of_100_cases(k: int) -> None:
+def test_equal_printers_are_found_different_in_5_of_100_cases(k: int) -> None:
     random = np.random.default_rng(k)
     p = np.array([dispersion_p(k, 6, random) for _ in range(300)])
     assert 0.02 <= (p <= 0.05).mean() <= 0.09
@@ -41,7 +41,7 @@ def test_a_printer_that_varies_twice_as_much_is_found() -> None:
     assert np.mean([dispersion_p(6, 6, random, math.sqrt(2.0)) <= 0.05 for _ in range(40)]) > 0.8
 
 
-def test_the_ratio_of_variances_has_the_first_printer_above() -> None:
+def test_the_ratio_of_variances_has_the_first_printer_in_the_numerator() -> None:
     random = np.random.default_rng(2)
     first, second = ([centred_gram(prints(6, random, scale)) for _ in range(6)] for scale in (2.0, 1.0))
     result = dispersion_test(first, second)
@@ -64,7 +64,7 @@ def test_the_order_of_prints_does_not_matter() -> None:
     assert dispersion_test(first, second) == plain
 
 
-def test_what_a_small_design_cannot_reach_is_said() -> None:
+def test_the_smallest_p_of_a_small_design_is_reported() -> None:
     random = np.random.default_rng(6)
     three = [[centred_gram(prints(3, random, scale))] for scale in (50.0, 1.0)]
     result = dispersion_test(three[0], three[1])
@@ -72,7 +72,7 @@ def test_what_a_small_design_cannot_reach_is_said() -> None:
     assert result.p > 0.25
 
 
-def test_prints_without_variation_are_alike() -> None:
+def test_prints_without_variation_are_not_different() -> None:
     zero = [np.zeros((3, 3))]
     result = dispersion_test(zero, zero)
     assert (result.statistic, result.ratio, result.p) == (0.0, None, 1.0)

@@ -1,4 +1,4 @@
-"""Variance and classification of a region of interest and of markers, against NumPy and against the truth."""
+"""Test the variance and classification of regions of interest and markers against NumPy and true values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
 @pytest.mark.parametrize("colour", [False, True])
-def test_variance_of_a_region_is_numpys_of_its_pixels(tmp_path: Path, colour: bool) -> None:
+def test_variance_of_a_region_equals_numpys_of_its_pixels(tmp_path: Path, colour: bool) -> None:
     shape = (24, 32, 3) if colour else (24, 32)
     write_study(
         tmp_path, shape=shape, image=lambda printed, press, rng: rng.integers(0, 256, shape, dtype=np.uint8), still=2
@@ -47,7 +47,7 @@ def test_variance_of_a_region_is_numpys_of_its_pixels(tmp_path: Path, colour: bo
     assert not any(cell.published for cell in result.cells)
 
 
-def test_a_kept_region_is_used_until_it_is_said_otherwise(tmp_path: Path) -> None:
+def test_a_stored_region_is_used_unless_another_is_chosen(tmp_path: Path) -> None:
     folders = write_study(tmp_path)
     runs = Collection.open([tmp_path]).runs
     for folder in folders[:-1]:
@@ -70,7 +70,7 @@ def pressed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) -> None:
+def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Path) -> None:
     collection = Collection.open([pressed])
     preprocess = preprocess_of(collection, "markers")
     result = variance_table(collection, preprocess)
@@ -99,7 +99,7 @@ def test_variance_of_markers_is_that_of_their_true_displacements(pressed: Path) 
     assert np.corrcoef(field[:, 0], dots_displacement(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
 
 
-def test_markers_in_processes_give_the_same_table_and_are_drawn(pressed: Path, tmp_path: Path) -> None:
+def test_worker_processes_give_the_same_marker_table_and_a_figure(pressed: Path, tmp_path: Path) -> None:
     collection = Collection.open([pressed])
     preprocess = preprocess_of(collection, "markers")
     alone, together = (variance_table(collection, preprocess, jobs=jobs) for jobs in (1, 2))
@@ -110,7 +110,9 @@ def test_markers_in_processes_give_the_same_table_and_are_drawn(pressed: Path, t
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_report_what_was_analysed(
+    pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["variance", str(pressed), "--features", "markers", "-o", str(tmp_path / "out"), "--jobs", "1"]) == 0
     shown = capsys.readouterr().out
     assert "px^2; displacement of markers" in shown
@@ -130,7 +132,7 @@ def test_the_commands_say_what_was_analysed(pressed: Path, tmp_path: Path, capsy
     assert "100.0" in capsys.readouterr().out
 
 
-def test_regions_and_markers_are_drawn_and_regions_kept(
+def test_regions_and_markers_are_drawn_and_regions_stored(
     pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["runs", "markers", str(pressed), "-o", str(tmp_path / "pictures")]) == 0
@@ -143,7 +145,7 @@ def test_regions_and_markers_are_drawn_and_regions_kept(
     assert not list(pressed.glob("*/roi.json"))
 
 
-def test_a_frame_without_markers_is_left_out(pressed: Path) -> None:
+def test_a_frame_without_markers_is_excluded(pressed: Path) -> None:
     collection = Collection.open([pressed])
     features = MarkerFeatures.learn(collection.runs)
     run = collection.runs[0]
@@ -152,7 +154,7 @@ def test_a_frame_without_markers_is_left_out(pressed: Path) -> None:
 
 
 class _Black:
-    """A run whose frames are black."""
+    """A run with black frames."""
 
     def __init__(self, run: object) -> None:
         self._run = run

@@ -1,4 +1,4 @@
-"""The report: everything on one page, in files beside it, and nothing from elsewhere."""
+"""Test the report: a single page with its files next to it and nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ VOID = {"meta", "img", "link", "br", "hr", "input"}
 
 
 class Page(HTMLParser):
-    """What a page holds; refuses one that is not well formed."""
+    """The contents of a page; raises an error if the page is not well formed."""
 
     def __init__(self, text: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -78,7 +78,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module", autouse=True)
 def quick(few_trees: None) -> Iterator[None]:
-    """One thread, and one trial instead of five."""
+    """Use one thread, and one trial instead of five."""
     with threadpoolctl.threadpool_limits(1), pytest.MonkeyPatch.context() as patch:
         patch.setitem(TRIALS, "leak-free", 1)
         yield
@@ -93,7 +93,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def report(runs: Path) -> Path:
-    """A whole report, classification included."""
+    """Return a complete report with a classification."""
     out = runs.parent / "report.html"
     files = write_report([runs], out)
     assert files[0] == out and all(path.is_file() for path in files)
@@ -105,7 +105,7 @@ def page(report: Path) -> Page:
     return Page(report.read_text(encoding="utf-8"))
 
 
-def test_nothing_on_the_page_comes_from_elsewhere(report: Path, page: Page) -> None:
+def test_the_page_loads_nothing_from_elsewhere(report: Path, page: Page) -> None:
     assert not {"script", "link", "iframe", "object", "video", "audio"} & {tag for tag, _ in page.tags}
     for tag, attributes in page.tags:
         for name, value in attributes.items():
@@ -115,7 +115,7 @@ def test_nothing_on_the_page_comes_from_elsewhere(report: Path, page: Page) -> N
     assert not re.search(r"https?:|url\(|@import|//", text.replace("</", ""))
 
 
-def test_what_answers_stands_first_and_everything_else_is_folded(page: Page) -> None:
+def test_the_answers_come_first_and_everything_else_is_folded(page: Page) -> None:
     tags = [tag for tag, _ in page.tags]
     first = tags[: tags.index("details")]
     assert (first.count("h1"), first.count("dd"), first.count("figure"), first.count("table")) == (1, 5, 2, 1)
@@ -128,7 +128,7 @@ def test_what_answers_stands_first_and_everything_else_is_folded(page: Page) -> 
 
 
 def numbers(text: str) -> list[str]:
-    """Every number in a text, as it is written."""
+    """Return every number in a text as it is written."""
     return re.findall(r"(?<![\w.-])\d[\d,]*(?:\.\d+)?", text)
 
 
@@ -139,7 +139,7 @@ def test_every_number_before_the_fold_is_in_the_document_and_in_the_tables(repor
     values = {key: document[key] for key in ("title", "notice", "summary", "figures", "table")}
     assert len(numbers(top.text)) > 30
     assert set(numbers(top.text)) <= set(numbers(json.dumps(values, ensure_ascii=False)))
-    # What is shown rounded is there with every digit.
+    # Numbers that are rounded on the page have all digits in the files.
     with (report.parent / "report_files" / "textures.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     records = document["table"]["records"]
@@ -164,12 +164,12 @@ def test_every_number_before_the_fold_is_in_the_document_and_in_the_tables(repor
         assert record["recall_low"] == pytest.approx(answer["low"] / 100.0)
 
 
-def test_the_page_is_made_of_the_document_alone(report: Path) -> None:
+def test_the_page_depends_only_on_the_document(report: Path) -> None:
     document = json.loads((report.parent / "report_files" / "report.json").read_text(encoding="utf-8"))
     assert render_page(document, report.parent) == report.read_text(encoding="utf-8")
 
 
-def test_every_picture_is_the_file_beside_the_page_and_has_words(report: Path, page: Page) -> None:
+def test_every_picture_equals_its_file_and_has_an_alternative_text(report: Path, page: Page) -> None:
     files = report.with_name("report_files")
     there = {path.read_bytes() for path in files.rglob("*.png")}
     images = page.all("img")
@@ -181,7 +181,7 @@ def test_every_picture_is_the_file_beside_the_page_and_has_words(report: Path, p
         assert path.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_every_file_that_the_page_names_is_there(report: Path, page: Page) -> None:
+def test_every_file_named_on_the_page_exists(report: Path, page: Page) -> None:
     named = set(re.findall(r"report_files/[\w./-]+\.(?:csv|png|pdf)", page.text))
     assert len(named) > 20
     assert all((report.parent / name).is_file() for name in named)
@@ -189,7 +189,7 @@ def test_every_file_that_the_page_names_is_there(report: Path, page: Page) -> No
     assert written - named <= {"report_files/classification/predictions.csv"}
 
 
-def test_simulated_data_say_so_once_at_the_top_and_in_each_file(report: Path, page: Page) -> None:
+def test_simulated_data_are_marked_once_at_the_top_and_in_each_file(report: Path, page: Page) -> None:
     assert page.text.count("Simulated data, not from a real sensor: sensor: a <formula> & noise.") == 1
     described = next(meta for meta in page.all("meta") if meta.get("name") == "description")
     assert described["content"] == "simulated data: sensor: a <formula> & noise"
@@ -201,7 +201,7 @@ def test_simulated_data_say_so_once_at_the_top_and_in_each_file(report: Path, pa
             assert image.info["Description"] == "simulated data: sensor: a <formula> & noise"
 
 
-def test_it_can_be_read_on_a_small_screen_and_printed(report: Path, page: Page) -> None:
+def test_the_page_fits_a_small_screen_and_paper(report: Path, page: Page) -> None:
     assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in page.all("meta")
     assert "@media print" in report.read_text(encoding="utf-8")
     parents: list[dict[str, str]] = []
@@ -254,7 +254,7 @@ def test_without_classification_and_with_folders_of_the_commands(runs: Path, rep
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_figures_of_an_earlier_report_do_not_come_back(runs: Path, report: Path, tmp_path: Path) -> None:
+def test_figures_of_an_earlier_report_are_removed(runs: Path, report: Path, tmp_path: Path) -> None:
     files = report.with_name("report_files")
     stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
     stale.parent.mkdir(parents=True)
@@ -279,7 +279,7 @@ def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: P
     assert not (tmp_path / "r.html").exists()
 
 
-def test_a_file_of_an_analysis_that_is_a_link_out_of_its_folder_is_refused(tmp_path: Path) -> None:
+def test_an_analysis_file_that_is_a_link_out_of_its_folder_is_refused(tmp_path: Path) -> None:
     source = tmp_path / "source"
     source.mkdir()
     (tmp_path / "secret.csv").write_text("1")
@@ -290,8 +290,8 @@ def test_a_file_of_an_analysis_that_is_a_link_out_of_its_folder_is_refused(tmp_p
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) -> None:
-    """One texture, one copy, one repeat a place: neither a variance nor a classification."""
+def test_a_study_with_too_few_data_gets_a_page_with_reasons(tmp_path: Path) -> None:
+    """One texture, one copy and one repeat for each position allow neither a variance nor a classification."""
 
     def dull(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Bytes:
         return np.full((24, 32), 7, dtype=np.uint8)
@@ -310,7 +310,7 @@ def test_a_study_that_supports_little_gets_a_page_that_says_why(tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> None:
+def test_a_damaged_image_is_reported_and_the_rest_is_analysed(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", image=texture_image, grid=GRID)
     picture = folders[0] / "sensor_images" / "image_3.png"
     picture.write_bytes(picture.read_bytes()[:40])
@@ -325,7 +325,7 @@ def test_a_damaged_image_is_named_and_the_rest_is_reported(tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_damaged_record_is_named(runs: Path, tmp_path: Path) -> None:
+def test_a_damaged_record_is_reported(runs: Path, tmp_path: Path) -> None:
     shutil.copytree(runs, tmp_path / "runs")
     first = sorted((tmp_path / "runs").iterdir())[0]
     (first / "print.toml").write_text("nozzle = ")
@@ -341,7 +341,7 @@ def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
         write_report([runs], tmp_path / name)
 
 
-def test_the_sheet_has_a_good_frame_of_each_texture_and_names_those_without(tmp_path: Path) -> None:
+def test_the_sheet_shows_a_good_frame_of_each_texture_and_lists_textures_without(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", prints=[("ender-3", "petg")], textures=(1, 2, 3), copies=1, still=0)
     for folder in folders:
         for number in range(1, 9) if "texture-3" in folder.name else [1] if "texture-1" in folder.name else []:
@@ -361,7 +361,7 @@ def test_the_sheet_has_a_good_frame_of_each_texture_and_names_those_without(tmp_
     assert read_image(tmp_path / "frames.png").width < 400 and (tmp_path / "frames.pdf").is_file()
 
 
-def test_what_stands_in_a_table_is_escaped() -> None:
+def test_table_cells_are_escaped() -> None:
     table = Table.of((Column("<h>"), Column("n")), [{"<h>": "<script>alert(1)</script>", "n": 1234}], "a < b")
     document = {"version": "1", "folder": "f", "title": "t", "simulated": ["<i>"], "notice": "<b>", "summary": []}
     text = render_page({**document, "figures": [], "table": table_part(table), "sections": []}, Path())
@@ -378,7 +378,7 @@ def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
         read_image(tmp_path / "f.png")
 
 
-def test_without_jinja_nothing_is_begun(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_jinja_no_report_is_started(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(packages, "has_module", lambda name: name != "jinja2")
     with pytest.raises(MissingToolError, match="the report needs jinja2, not installed"):
         write_report([runs], tmp_path / "page.html")

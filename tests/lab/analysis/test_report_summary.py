@@ -1,4 +1,4 @@
-"""The sentences of a report and what follows from them, for answers of every kind."""
+"""Test the sentences of a report and the recommended steps for answers of every kind."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PUBLISH = 'the data set together with this report: run "tacbench publish".'
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
-    """Two copies of two textures from each of two printers, really pressed, so to say: nothing is simulated."""
+    """Return a study of two copies of two textures from each of two printers that is not marked as simulated."""
     from helpers.studies import write_study
 
     folder = tmp_path_factory.mktemp("study")
@@ -51,7 +51,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
 
 
 def reports(study: Collection, *kinds: str, **fields: Any) -> tuple[RunReport, ...]:
-    """What the check says of each run; all findings are of the first."""
+    """Return the check's report of each run; all findings belong to the first run."""
     findings = tuple(Finding(kind=kind, where=f"{i}.png", text="is wrong") for i, kind in enumerate(kinds))
     reports = [RunReport(folder=r.folder, name="", simulated=(), planned=2, presses=2) for r in study.runs]
     return (replace(reports[0], findings=findings, **fields), *reports[1:])
@@ -114,7 +114,7 @@ def texture_answer(texture: str, answer: str, figure: float | None) -> Answer:
 
 @pytest.fixture
 def complete(study: Collection) -> Results:
-    """A study of which everything is known and nothing is wrong."""
+    """Return the results of a study without missing information and without problems."""
     rows = [repeatable(name, "yes, below 30 %", 12.5) for name in ("ender-3 pla-plus", "Bambu P1P PLA-")]
     apart = [texture_answer(texture, "yes", 90.0) for texture in study.textures]
     return Results(
@@ -140,7 +140,7 @@ def test_summary_of_a_complete_study(complete: Results) -> None:
     }
 
 
-def test_values_of_a_texture_are_in_its_first_row(complete: Results) -> None:
+def test_values_of_a_texture_are_in_the_first_row(complete: Results) -> None:
     table = complete.shown_textures
     assert list(table.texts())[:2] == [
         ["texture-1", "ender-3 pla-plus", "2", "4", "4", "3 to 5", "1", "90.0", "80 to 95"],
@@ -154,7 +154,7 @@ def test_values_of_a_texture_are_in_its_first_row(complete: Results) -> None:
     ("words", "text"),
     [((), ""), ("a", "a"), ("ab", "a and b"), ("abcd", "a, b, c and d"), ("abcde", "a, b, c and 2 more")],
 )
-def test_words_are_listed(words: str, text: str) -> None:
+def test_words_are_joined_to_a_list(words: str, text: str) -> None:
     assert listed(words) == text
 
 
@@ -210,7 +210,7 @@ def test_printers(complete: Results, answer: str, sentence: str, step: str) -> N
     assert all("Bambu P1P PLA-" in text for text in steps)
 
 
-def test_textures_that_are_confused_and_unclear(complete: Results, study: Collection) -> None:
+def test_confused_and_unclear_textures(complete: Results, study: Collection) -> None:
     first, second = study.textures
     rows = texture_answer(first, "no", 30.0), texture_answer(second, "unclear", 60.0)
     results = replace(complete, classifications=(classification(study, "copy", (0.3, 0.6), *rows),))
@@ -266,7 +266,7 @@ def test_tables_fit_on_paper(complete: Results) -> None:
     assert len(long["rows"]) == 50 and long["title"] == "findings (the first 50 of 60)"
 
 
-def test_many_printers_have_one_range(complete: Results, study: Collection) -> None:
+def test_many_printers_share_a_range(complete: Results, study: Collection) -> None:
     rows = [repeatable(f"printer {n}", "yes, below 30 %", 10.0 + n) for n in range(5)]
     sentence = printing_sentence(replace(complete, variance=variance(study, *rows)))
     assert sentence.startswith(

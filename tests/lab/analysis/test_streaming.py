@@ -1,4 +1,4 @@
-"""The pass over the readings: equal to NumPy's two passes, the same in any number of processes, flat in memory."""
+"""Test the pass over the frames: equal to NumPy's two passes, independent of processes, and constant in memory."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def streamed(study: Collection) -> Pass:
 
 
 @pytest.mark.parametrize("ddof", [0, 1])
-def test_each_cell_has_the_variance_that_numpy_gives(study: Collection, streamed: Pass, ddof: int) -> None:
+def test_each_cell_has_numpys_variance(study: Collection, streamed: Pass, ddof: int) -> None:
     assert len(streamed.places) == 2 * 4
     for place in streamed.places:
         assert len(place.cells) == 4
@@ -59,7 +59,7 @@ def test_each_cell_has_the_variance_that_numpy_gives(study: Collection, streamed
             assert cell.prints == 3 and cell.presses == 6
 
 
-def test_the_nested_sums_of_squares_are_those_of_two_passes(study: Collection, streamed: Pass) -> None:
+def test_the_nested_sums_of_squares_equal_those_of_two_passes(study: Collection, streamed: Pass) -> None:
     for place in streamed.places:
         here = at(study, place.level, place.position)
         values = frames_of(study, here)
@@ -70,11 +70,11 @@ def test_the_nested_sums_of_squares_are_those_of_two_passes(study: Collection, s
         ]
         direct = [((fine - coarse) ** 2).sum(axis=0).mean() for coarse, fine in pairwise(means)]
         np.testing.assert_allclose(place.nested.squares, direct, rtol=1e-9)
-        # 2 textures, 2 printers of each, 3 prints of each of these, 2 repeats.
+        # There are 2 textures, 2 printers for each texture, 3 prints for each printer and 2 repeats for each print.
         assert place.nested.dof.tolist() == [1, 2, 8, 12]
 
 
-def test_distances_of_textures_are_those_of_their_means(study: Collection, streamed: Pass) -> None:
+def test_distances_of_textures_are_distances_of_their_means(study: Collection, streamed: Pass) -> None:
     place = streamed.places[5]
     here = at(study, place.level, place.position)
     for combination, (names, distances) in place.distances.items():
@@ -84,12 +84,14 @@ def test_distances_of_textures_are_those_of_their_means(study: Collection, strea
         assert distances[0, 0] == 0.0
 
 
-def test_the_floor_is_the_variance_of_the_frames_of_a_sitting(study: Collection, streamed: Pass) -> None:
+def test_the_noise_floor_is_the_variance_of_the_stationary_frames_of_a_series(
+    study: Collection, streamed: Pass
+) -> None:
     assert [floor.run for floor in streamed.floors] == list(range(12))
     run = study.runs[7]
-    sessions = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
+    series = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
     assert streamed.floors[7].dof == 4
-    squares = sum(2.0 * frames.var(axis=0, ddof=1).mean() for frames in sessions)
+    squares = sum(2.0 * frames.var(axis=0, ddof=1).mean() for frames in series)
     assert streamed.floors[7].squares == pytest.approx(squares)
 
 
@@ -106,7 +108,7 @@ def test_maps_are_the_sum_of_the_pixels_variances(study: Collection, streamed: P
     np.testing.assert_allclose(picture, total, rtol=1e-9)
 
 
-def test_processes_change_no_digit(study: Collection, streamed: Pass) -> None:
+def test_worker_processes_change_no_digit(study: Collection, streamed: Pass) -> None:
     other = passed(study, jobs=2)
     for ours, theirs in zip(streamed.places, other.places, strict=True):
         assert (ours.level, ours.position) == (theirs.level, theirs.position)
@@ -116,7 +118,7 @@ def test_processes_change_no_digit(study: Collection, streamed: Pass) -> None:
     assert other.frames == streamed.frames == len(study) + 12 * 6
 
 
-def test_progress_ends_with_all_readings(study: Collection) -> None:
+def test_progress_ends_at_the_number_of_frames(study: Collection) -> None:
     updates: list[tuple[int, int]] = []
     with workers(1) as team:
         stream(study, Preprocess(), team, lambda done, total: updates.append((done, total)))
@@ -132,7 +134,7 @@ def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Frame
     return read
 
 
-def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
+def test_arrays_are_accepted_and_frames_with_nan_are_excluded_by_name(tmp_path: Path) -> None:
     def value(printed: PrintedBlock, press: Press) -> float:
         return np.nan if (printed.name, press.number) == (name, 3) else 0.0
 
@@ -150,7 +152,7 @@ def test_any_array_is_taken_and_nan_is_left_out_by_name(tmp_path: Path) -> None:
     assert streamed.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
 
 
-def test_a_damaged_image_is_left_out_by_name_and_nothing_else(tmp_path: Path) -> None:
+def test_only_a_damaged_image_is_excluded_by_name(tmp_path: Path) -> None:
     folders = write_study(tmp_path, textures=(1,))
     clean = passed(Collection.open([tmp_path]))
     (folders[1] / "sensor_images" / "image_6.png").write_bytes(b"\x89PNG but no more")
@@ -184,11 +186,11 @@ def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
         grid = PressGrid(x_mm=tuple(4.0 + i for i in range(side)), y_mm=tuple(18.0 + i for i in range(side)))
         write_study(tmp_path / name, image=image, shape=shape, grid=grid, prints=PRINTERS[:1], still=0)
         peaks.append(peak(Collection.open([tmp_path / name])))
-    # 32 and 200 images of 77 kB: what grows is the records of the sums, about 1 kB for an image.
+    # With 32 and 200 images of 77 kB only the records of the sums grow, by about 1 kB for each image.
     assert peaks[1] - peaks[0] < 0.03 * (200 - 32) * 240 * 320
 
 
-def test_moments_are_those_of_all_readings_at_once() -> None:
+def test_moments_equal_those_of_all_frames_at_once() -> None:
     stack = np.random.default_rng(3).integers(0, 256, (7, 150, 80), dtype=np.uint8)
     result, flat = moments(list(stack)), stack.reshape(7, -1).astype(np.float64)
     np.testing.assert_allclose(result.mean, flat.mean(axis=0), rtol=1e-12)
@@ -198,7 +200,7 @@ def test_moments_are_those_of_all_readings_at_once() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, FRAMES, 2 * FRAMES + 3])
-def test_frames_are_taken_in_parts(count: int) -> None:
+def test_frames_are_processed_in_parts(count: int) -> None:
     frames = 1e6 + np.random.default_rng(count).standard_normal((count, 30))
     result = running_moments(iter(frames))
     assert result.count == count
@@ -206,7 +208,7 @@ def test_frames_are_taken_in_parts(count: int) -> None:
         assert result.squares == pytest.approx(count * frames.var(axis=0).mean(), rel=1e-7, abs=1e-12)
 
 
-def test_small_maps_keep_the_mean_and_the_place() -> None:
+def test_small_maps_keep_means_and_places() -> None:
     values = np.zeros((2 * MAP_SIDE, 640))
     values[100:104, 200:210] = 5.0
     picture = small_map(values.ravel(), values.shape)

@@ -1,4 +1,4 @@
-"""Tables of results: CSV files, JSON records and texts for people."""
+"""Test tables of results: CSV files, JSON records and texts for people."""
 
 from __future__ import annotations
 
@@ -52,13 +52,15 @@ def test_a_table_read_again_has_the_same_rows(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("simulated", "text"), [((), "false"), (("sensor: a formula",), "true")])
-def test_each_row_says_whether_the_data_are_simulated(simulated: tuple[str, ...], text: str, tmp_path: Path) -> None:
+def test_each_row_contains_whether_the_data_are_simulated(
+    simulated: tuple[str, ...], text: str, tmp_path: Path
+) -> None:
     lines = TABLE.write(tmp_path / "scores.csv", simulated).read_text(encoding="utf-8").splitlines()
     assert [line.rsplit(",", 1)[1] for line in lines] == ["simulated", text, text]
     assert Table.read(tmp_path / "scores.csv", COLUMNS, "scores") == TABLE
 
 
-def test_the_records_are_what_is_stored() -> None:
+def test_the_records_are_stored() -> None:
     assert TABLE.records()[0] == {
         "printer": 'a, "b"',
         "accuracy": 2 / 3,
@@ -70,7 +72,7 @@ def test_the_records_are_what_is_stored() -> None:
     assert Table.of(COLUMNS, TABLE.records()) == Table.of(COLUMNS, SCORES)
 
 
-def test_people_see_chosen_columns_of_chosen_rows() -> None:
+def test_the_text_shows_chosen_columns_of_chosen_rows() -> None:
     table = TABLE.select("printer", "accuracy", "interval", "images", "paired", title="chosen")
     assert table.title == "chosen"
     assert table.heads == ["printer", "accuracy (%)", "95 % interval", "images", "paired"]
@@ -85,7 +87,7 @@ def test_people_see_chosen_columns_of_chosen_rows() -> None:
 @pytest.mark.parametrize(
     ("value", "text"), [(True, "yes"), (1234, "1,234"), (0.123456, "0.1235"), (12345.6, "12,346"), ("x", "x")]
 )
-def test_a_value_for_people_is_short(value: object, text: str) -> None:
+def test_values_in_texts_are_short(value: object, text: str) -> None:
     assert shown(value) == text
 
 
@@ -109,6 +111,6 @@ def test_a_damaged_file_is_refused_by_name(tmp_path: Path, content: bytes | None
     assert str(path) in str(error.value)
 
 
-def test_values_that_are_no_numbers_are_empty(tmp_path: Path) -> None:
+def test_values_that_are_not_numbers_are_empty(tmp_path: Path) -> None:
     path = Table.of((Column("x", float),), [{"x": math.nan}, {"x": None}, {"x": 1e-300}]).write(tmp_path / "x.csv")
     assert path.read_text(encoding="utf-8") == 'x\n""\n""\n1e-300\n'

@@ -1,4 +1,4 @@
-"""Analyses of imported runs: what they can do with what is known, and what they say of the rest."""
+"""Test analyses of imported runs, in which some information is unknown."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.util.errors import InputError
 
-#: Labels, prints, positions, repeats.
+#: Label, print, position and repeat of each image.
 DESIGN = [(label, copy, place, repeat) for label in "ab" for copy in (1, 2, 3) for place in "xyz" for repeat in (1, 2)]
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collection]:
-    """Imports 36 images of which some columns are known."""
+    """Return a function that imports 36 images with a table of the given columns."""
     folder = tmp_path_factory.mktemp("own")
     (folder / "frames").mkdir()
     for number in range(len(DESIGN)):
@@ -48,7 +48,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collection]
     return make
 
 
-def test_variance_is_that_of_the_images(study: Any) -> None:
+def test_variance_equals_that_of_the_images(study: Any) -> None:
     collection = study("label", "print", "position")
     result = variance_table(collection)
     for label in "ab":
@@ -71,12 +71,12 @@ def test_variance_is_that_of_the_images(study: Any) -> None:
         (("label", "position"), "needs the print or repeat of every sample"),
     ],
 )
-def test_variance_says_what_it_needs(columns: tuple[str, ...], message: str, study: Any) -> None:
+def test_variance_reports_missing_information(columns: tuple[str, ...], message: str, study: Any) -> None:
     with pytest.raises(InputError, match=message):
         variance_table(study(*columns))
 
 
-def test_splits_hold_out_what_is_known(study: Any) -> None:
+def test_splits_hold_out_known_properties(study: Any) -> None:
     splits, notes = make_splits(study("label"))
     assert [split.hold_out for split in splits] == ["press"] and len(splits[0].presses) == 36
     assert any("position is left out: the position is unknown" in note for note in notes)
@@ -86,18 +86,18 @@ def test_splits_hold_out_what_is_known(study: Any) -> None:
         make_splits(study("print"))
 
 
-def test_intervals_count_prints_where_these_are_known_and_samples_elsewhere(study: Any) -> None:
+def test_intervals_count_prints_if_known_and_samples_otherwise(study: Any) -> None:
     for columns, name, count in ((("label",), "samples", 36), (("label", "print"), "prints", 6)):
         units, unit = PressTable.of(study(*columns)).units("press")
         assert (units, len(np.unique(unit))) == (name, count)
     presses = replace(
         PressTable.of(study("label", "print")), unknown=frozenset({"print"})
-    )  # only its sessions are known
+    )  # only the recordings are known
     assert presses.units("copy")[0] == "recordings"
 
 
-def test_a_session_is_held_out_where_sessions_are_known(study: Any, tmp_path: Path) -> None:
-    """Every label was recorded in each session, on monday 12 images and on friday 24."""
+def test_sessions_are_held_out_if_known(study: Any, tmp_path: Path) -> None:
+    """Every label was recorded in each session: 12 images on monday and 24 on friday."""
     source = study("label").runs[0].folder.parent.parent / "frames"
     days = {1: "monday", 2: "friday", 3: "friday"}
     rows = ["image,label,session"]
@@ -127,7 +127,7 @@ def test_a_grade_needs_the_force(study: Any) -> None:
         grade(variance_table(collection).cells, collection)
 
 
-def test_a_report_states_nothing_that_nobody_said(study: Any) -> None:
+def test_a_report_contains_only_known_information(study: Any) -> None:
     collection = study("label")
     text = str(macro("methods.j2", "design")(collection))
     assert "36 samples were imported from images with a table, with 2 labels" in text

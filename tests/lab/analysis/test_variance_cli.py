@@ -1,4 +1,4 @@
-"""``tacbench variance``: what it prints, what it writes, how it ends."""
+"""Test ``tacbench variance``: its output, its files and its exit codes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tacbench_cad.util.errors import InputError
 
 FIGURES = ("variance", "variance_pixels", "variance_positions", "between_textures", "components")
 TABLES = ("printer_answers", "variance", "floor_removed", "components", "between_textures", "positions", "permutation")
-#: A combination that the paper has figures of.
+#: A combination with figures in the paper.
 PAPERS = ("bambu-p1p", "pla-minus")
 
 
@@ -40,7 +40,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def written(study: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Everything that the command writes, and what it prints."""
+    """Run the command and return its output folder and its printed output."""
     out, screen = tmp_path_factory.mktemp("written") / "results", io.StringIO()
     with contextlib.redirect_stdout(screen):
         assert main(["variance", str(study), "-o", str(out), "--register", "--jobs", "1"]) == 0
@@ -79,9 +79,7 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
         assert words in shown, words
 
 
-def test_json_says_the_same_as_the_csv(
-    study: Path, written: tuple[Path, str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_equals_the_csv(study: Path, written: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["variance", str(study), "--json", "--jobs", "1"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["ddof"] == 0 and document["grey"] and document["units"] == "counts^2"
@@ -91,7 +89,7 @@ def test_json_says_the_same_as_the_csv(
         assert {name: "" if ours[name] is None else str(ours[name]) for name in theirs} == theirs
 
 
-def test_what_is_read_again_is_what_was_shown(study: Path, written: tuple[Path, str]) -> None:
+def test_the_output_of_saved_results_is_the_same(study: Path, written: tuple[Path, str]) -> None:
     view = VarianceView.read(written[0], Collection.open([study]))
     texts = [" ".join(row).split() for _, table in view.shown() for row in table.texts()]
     lines = [line.split() for line in written[1].splitlines()]
@@ -103,9 +101,7 @@ def test_what_is_read_again_is_what_was_shown(study: Path, written: tuple[Path, 
     (written[0] / "other.csv").rename(written[0] / "variance.csv")
 
 
-def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_image_is_reported_and_the_exit_code_is_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders = write_study(tmp_path / "runs", textures=(1, 2))
     (folders[2] / "sensor_images" / "image_4.png").write_bytes(b"\x89PNG")
     assert main(["variance", str(tmp_path / "runs"), "--json", "--jobs", "1"]) == 1
@@ -117,7 +113,7 @@ def test_a_damaged_image_is_named_the_rest_is_computed_and_the_exit_code_is_1(
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_sensors_are_analysed_in_their_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return 1e-4 * rng.standard_normal((4, 4))
 
@@ -140,14 +136,14 @@ def test_any_sensor_is_taken_in_its_unit(tmp_path: Path, capsys: pytest.CaptureF
         (["--seed", "-1"], "seed = -1"),
     ],
 )
-def test_bad_options_are_named(
+def test_invalid_options_are_reported(
     study: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["variance", str(study), *options]) == 2
     assert capsys.readouterr().err.startswith(f"error: {message}")
 
 
-def test_no_runs_and_an_unwritable_folder_are_named(
+def test_missing_runs_and_an_unwritable_folder_are_reported(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["variance", str(tmp_path)]) == 2
@@ -164,7 +160,7 @@ def test_registration_of_single_prints_is_refused(tmp_path: Path, capsys: pytest
     assert captured.err.startswith("error: register") and not captured.out
 
 
-def test_figures_are_drawn_for_the_least_there_can_be(tmp_path: Path) -> None:
+def test_figures_are_drawn_for_the_smallest_possible_study(tmp_path: Path) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return np.full(SHAPE, 9, dtype=np.uint8)
 

@@ -1,4 +1,4 @@
-"""The variance table: floors, intervals, pooling, designs that are unbalanced or say nothing."""
+"""Test the variance table: noise floors, intervals, pooling, unbalanced and insufficient designs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
-#: True variances of the simulated frames: between prints, between repeats (re-approach), of noise.
+#: The true variances of the simulated frames: between prints, between repeats (a new approach), and of noise.
 PRINT, APPROACH, NOISE = 4.0, 1.0, 0.25
 PIXELS = (5, 20, 20)
 
@@ -43,7 +43,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> VarianceResult:
     return table(folder, image=draw_image, shape=PIXELS, units="kPa", copies=3, levels=(1, 2), still=0)
 
 
-def test_each_row_of_the_table_stands_once_and_pooled_is_the_mean(result: VarianceResult) -> None:
+def test_each_row_is_written_once_and_the_pooled_value_is_the_mean(result: VarianceResult) -> None:
     keys = [(cell.force_level, cell.combination, cell.texture) for cell in result.cells]
     assert len(keys) == len(set(keys)) == 3 * 2 * 2
     assert shown_levels(result.cells) == (1, 2, ALL_LEVELS)
@@ -55,8 +55,8 @@ def test_each_row_of_the_table_stands_once_and_pooled_is_the_mean(result: Varian
             assert (first.prints, first.presses, pooled.prints, pooled.presses) == (3, 24, 3, 48)
 
 
-def test_variances_and_components_are_the_true_ones(result: VarianceResult) -> None:
-    # 8,000 pixels and positions in each cell, but three prints of 2,000: a few per cent.
+def test_variances_and_components_equal_the_true_values(result: VarianceResult) -> None:
+    # Each cell has 8,000 pixels and positions but only three prints of 2,000 pixels, so the error is a few per cent.
     within = APPROACH + NOISE
     for cell in result.cells:
         assert cell.variance == pytest.approx((1 - 1 / 3) * PRINT + (1 - 1 / 6) * within, rel=0.08)
@@ -69,7 +69,7 @@ def test_variances_and_components_are_the_true_ones(result: VarianceResult) -> N
         assert rows[level, "print"]["low"] < PRINT < rows[level, "print"]["high"]
 
 
-def test_intervals_hold_their_estimate(result: VarianceResult) -> None:
+def test_intervals_contain_their_estimate(result: VarianceResult) -> None:
     for cell in result.cells:
         assert cell.low is not None and cell.high is not None and cell.low < cell.variance < cell.high
         assert cell.floor_removed_low is not None and cell.floor_removed_high is not None
@@ -77,7 +77,7 @@ def test_intervals_hold_their_estimate(result: VarianceResult) -> None:
         assert cell.floor_removed_low < cell.floor_removed < cell.floor_removed_high
 
 
-def test_without_stationary_frames_the_floor_is_an_upper_bound_from_repeats(result: VarianceResult) -> None:
+def test_without_stationary_frames_repeats_give_an_upper_bound_of_the_noise_floor(result: VarianceResult) -> None:
     for cell in result.cells:
         assert cell.floor_from == "repeats (upper bound)"
         assert cell.floor == pytest.approx(APPROACH + NOISE, rel=0.05)
@@ -85,18 +85,18 @@ def test_without_stationary_frames_the_floor_is_an_upper_bound_from_repeats(resu
     assert any("only an upper bound" in line for line in VarianceView.of(result).warnings)
 
 
-def test_stationary_frames_measure_the_sensor_alone(tmp_path: Path) -> None:
+def test_stationary_frames_measure_the_noise_of_the_sensor(tmp_path: Path) -> None:
     result = table(tmp_path, still=6)
     for cell in result.cells:
         assert cell.floor_from == "stationary frames"
-        # Noise of 2 counts, rounded down to whole ones; the picture of a stationary frame is the same each time.
+        # The noise of 2 counts is rounded down to whole counts; except for noise all stationary frames are equal.
         assert cell.floor == pytest.approx(4.0 + 1.0 / 12.0, rel=0.1)
         assert cell.floor is not None and cell.unbiased is not None
         assert cell.floor_removed == pytest.approx(cell.unbiased - cell.floor)
     assert not any("upper bound" in line for line in VarianceView.of(result).warnings)
 
 
-def test_ddof_1_divides_by_one_less(tmp_path: Path) -> None:
+def test_ddof_1_divides_by_n_minus_1(tmp_path: Path) -> None:
     zero = table(tmp_path)
     unbiased = variance_table(zero.collection, ddof=1)
     for a, b in zip(zero.cells, unbiased.cells, strict=True):
@@ -110,7 +110,7 @@ def test_ddof_1_divides_by_one_less(tmp_path: Path) -> None:
         variance_table(zero.collection, ddof=2)
 
 
-def test_colour_keeps_what_grey_averages(tmp_path: Path) -> None:
+def test_colour_keeps_differences_that_grey_averages(tmp_path: Path) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return rng.integers(100, 120, (*SHAPE, 3), dtype=np.uint8)
 
@@ -132,14 +132,14 @@ def test_one_print_has_a_variance_and_a_warning_but_no_interval(tmp_path: Path) 
     )
 
 
-def test_a_study_in_which_nothing_was_pressed_twice_is_refused(tmp_path: Path) -> None:
+def test_a_study_without_repeated_presses_is_refused(tmp_path: Path) -> None:
     write_study(tmp_path, copies=1)
     collection = Collection.open([tmp_path])
     with pytest.raises(InputError, match="no position was pressed more than once"):
         variance_table(collection.chosen(collection.repeat == 1))
 
 
-def test_constant_readings_have_no_variance_and_say_so(tmp_path: Path) -> None:
+def test_constant_frames_have_no_variance_and_a_warning(tmp_path: Path) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         return np.full(SHAPE, 7, dtype=np.uint8)
 
@@ -159,11 +159,11 @@ def test_levels_with_different_prints_are_not_pooled_into_an_interval(tmp_path: 
     assert first.low is None and second.low is not None and pooled.low is None
     assert pooled.variance == pytest.approx((first.variance + second.variance) / 2.0)
     assert any("different numbers of prints (1, 3)" in line for line in VarianceView.of(result).warnings)
-    # Maps and positions of the level with three prints only.
+    # Only the level with three prints has maps and positions.
     assert result.passed.maps["ender-3_pla-plus", "texture-1"][1] == 4
 
 
-def test_a_printer_that_varies_more_is_found_by_the_test(tmp_path: Path) -> None:
+def test_the_test_detects_a_printer_with_more_variation(tmp_path: Path) -> None:
     def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
         deviation = 8.0 if printed.printer == "ender-3" else 1.0
         own = np.random.default_rng(list(printed.name.encode()))
@@ -183,7 +183,7 @@ def test_holm_adjusts_as_published() -> None:
     assert holm([0.9, 0.8]) == [1.0, 1.0]
 
 
-def test_jobs_and_order_of_folders_change_no_digit(tmp_path: Path) -> None:
+def test_jobs_and_the_order_of_folders_change_no_digit(tmp_path: Path) -> None:
     write_study(tmp_path)
     folders = sorted(path for path in tmp_path.iterdir() if path.is_dir())
     first = variance_table(Collection.open(folders))
@@ -191,7 +191,7 @@ def test_jobs_and_order_of_folders_change_no_digit(tmp_path: Path) -> None:
     assert first.cells == second.cells
 
 
-def test_a_press_that_is_missing_is_allowed_for(tmp_path: Path) -> None:
+def test_a_missing_press_is_allowed(tmp_path: Path) -> None:
     folders = write_study(tmp_path, image=texture_image, copies=3)
     complete = variance_table(Collection.open([tmp_path]))
     (folders[0] / "sensor_images" / "image_2.png").unlink()
