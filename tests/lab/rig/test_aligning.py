@@ -1,4 +1,4 @@
-"""Teaching the frame: the fit to touched markers, the dialogue with a person, and the edit of the file."""
+"""Test the teaching of the frame: the fit to touched markers, the dialogue with a person, and the edit of the file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))
 
 
 class FakeStage(Closing):
-    """A stage that is at once where it is sent."""
+    """A stage that arrives at once."""
 
     identity = "fake"
     simulated = "stage"
@@ -59,7 +59,7 @@ class FakeStage(Closing):
 # --- the fit ---
 
 
-def test_the_corners_of_the_jig() -> None:
+def test_the_corner_markers_of_the_jig() -> None:
     grid = PressGrid.paper()
     assert [number for number, _, _ in corner_markers(grid)] == [1, 5, 21, 25]
     assert [(x, y) for _, x, y in corner_markers(grid)] == MARKERS
@@ -73,7 +73,7 @@ def test_the_corners_of_the_jig() -> None:
     z=st.floats(-100, 100),
     turns=st.integers(0, 3),
 )
-def test_exact_touches_give_the_frame_back(x: float, y: float, z: float, turns: int) -> None:
+def test_exact_touches_recover_the_frame(x: float, y: float, z: float, turns: int) -> None:
     frame = WorkFrame(origin_mm=(x, y, z), quarter_turns=turns)
     fit = fit_frame(MARKERS, [frame.to_stage((mx, my, 0.0)) for mx, my in MARKERS])
     assert fit.frame.quarter_turns == turns
@@ -84,7 +84,7 @@ def test_exact_touches_give_the_frame_back(x: float, y: float, z: float, turns: 
 
 @pytest.mark.parametrize("turns", range(4))
 @pytest.mark.parametrize("seed", range(5))
-def test_unsteady_touches_are_averaged(turns: int, seed: int) -> None:
+def test_noisy_touches_are_averaged(turns: int, seed: int) -> None:
     frame = WorkFrame(origin_mm=(80.0, 90.0, -60.0), quarter_turns=turns)
     off = np.random.default_rng(seed).normal(0.0, 0.1, (4, 2))
     touched = [
@@ -118,13 +118,13 @@ def touched(turn_deg: float = 0.0, stretch: float = 1.0) -> list[Point]:
         ([touched()[i] for i in (1, 0, 2, 3)], "the right markers"),
     ],
 )
-def test_a_bad_fit_is_refused_with_its_likely_reason(places: list[Point], message: str) -> None:
+def test_a_bad_fit_is_refused_with_a_likely_reason(places: list[Point], message: str) -> None:
     fit = fit_frame(MARKERS, places)
     with pytest.raises(CheckFailedError, match=rf"more than the tolerance of 0.3 mm; nothing is stored: .*{message}"):
         fit.require_within(0.3)
 
 
-def test_what_is_left_over_is_told() -> None:
+def test_turn_and_stretch_are_reported() -> None:
     fit = fit_frame(MARKERS, touched(turn_deg=1.5, stretch=1.01))
     assert fit.turn_deg == pytest.approx(1.5) and fit.stretch == pytest.approx(1.01)
     fit.require_within(0.3)
@@ -162,13 +162,13 @@ def test_steps_are_read(line: str, step: Point) -> None:
 @pytest.mark.parametrize(
     "line", ["", "x", "1", "x one", "x 1 2", "w 1", "x 1e9", "x nan", "x 20.1", "z -2.1", "okay", "z --1"]
 )
-def test_other_lines_move_nothing(line: str) -> None:
+def test_other_lines_are_refused(line: str) -> None:
     with pytest.raises(InputError, match="step"):
         parse_step(line.split())
 
 
 @given(st.text(max_size=20))
-def test_any_line_is_a_short_step_or_refused(line: str) -> None:
+def test_any_line_is_a_short_step_or_is_refused(line: str) -> None:
     try:
         step = parse_step(line.split())
     except InputError:
@@ -180,7 +180,7 @@ def test_any_line_is_a_short_step_or_refused(line: str) -> None:
 
 
 class Person:
-    """Types what brings the stage to each marker of a frame, then to the highest point."""
+    """A person who types the steps to each marker of a frame and then to the highest point."""
 
     def __init__(self, stage: FakeStage, frame: WorkFrame, block: Block, off_mm: float = 0.0) -> None:
         x, y = highest_point_mm(block)
@@ -200,7 +200,7 @@ class Person:
             yield "hello"
             while math.dist(goal, self.stage.here) > 1e-9:
                 step = [max(-2.0, min(20.0, g - h)) for g, h in zip(goal, self.stage.here, strict=True)]
-                # Across first, as a careful person does.
+                # A careful person moves sideways first.
                 if any(step[:2]):
                     yield f"x {max(-20.0, step[0]):.6f} y {max(-20.0, step[1]):.6f}"
                     if math.dist(goal[:2], self.stage.here[:2]) > 1e-5:
@@ -244,9 +244,9 @@ def test_a_person_teaches_the_frame(turns: int) -> None:
     fit, stage, person = taught(frame)
     assert fit.frame.quarter_turns == turns
     assert fit.frame.origin_mm == pytest.approx(frame.origin_mm, abs=1e-4)
-    assert stage.here[2] == 0.0, "lifted in the end"
+    assert stage.here[2] == 0.0, "the stage is lifted at the end"
     assert sum("away from its fitted position" in line for line in person.messages) == 4
-    assert sum("must be x, y or z" in line for line in person.messages) == 5, "what is no step is answered"
+    assert sum("must be x, y or z" in line for line in person.messages) == 5, "invalid lines are answered"
 
 
 def test_a_wrong_marker_stores_nothing() -> None:
@@ -262,7 +262,7 @@ def test_the_person_may_stop() -> None:
         teaching(stage, person).frame(Protocol(), Block.of("1", "paper"), 0.3)
 
 
-def test_the_stage_is_lifted_whatever_happens() -> None:
+def test_the_stage_is_lifted_after_an_interruption() -> None:
     stage = FakeStage()
     stage.here = (60.0, 60.0, -30.0)
 
@@ -276,7 +276,7 @@ def test_the_stage_is_lifted_whatever_happens() -> None:
     assert stage.here == (60.0, 60.0, 0.0)
 
 
-def test_a_step_beyond_the_limits_moves_nothing_and_goes_on() -> None:
+def test_a_step_beyond_the_limits_is_refused_and_the_dialogue_continues() -> None:
     stage = FakeStage()
     person = Person(stage, WorkFrame(origin_mm=(80.0, 80.0, -60.0)), Block.of("1", "paper"))
     person.lines = iter(["x -5", "quit"])
@@ -285,7 +285,7 @@ def test_a_step_beyond_the_limits_moves_nothing_and_goes_on() -> None:
     assert stage.path == [(0.0, 0.0, 0.0)] and any("its limits; nothing was sent" in line for line in person.messages)
 
 
-def test_a_step_that_presses_too_hard_is_taken_back() -> None:
+def test_a_step_that_presses_too_hard_is_undone() -> None:
     stage = FakeStage()
     stage.here = (50.0, 50.0, -10.0)
     messages: list[str] = []
@@ -301,7 +301,7 @@ def test_a_step_that_presses_too_hard_is_taken_back() -> None:
             force_n=lambda: max(0.0, -12.0 - stage.here[2]) * 0.9,
         ).frame(Protocol(), Block.of("1", "paper"), 0.3)
     heights = [-10.5, -11.0, -11.5, -12.0, -12.5, -13.0, -13.5, -12.0, 0.0]
-    assert [place[2] for place in stage.path] == heights, "no piece of the last step was made beyond the first over 1 N"
+    assert [place[2] for place in stage.path] == heights, "the step ends at the first piece above 1 N"
     assert any("was undone" in line for line in messages)
 
 
@@ -361,7 +361,7 @@ def test_only_the_two_values_change(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_missing_keys_are_added_under_the_table(tmp_path: Path, end: str) -> None:
+def test_missing_keys_are_added_to_the_table(tmp_path: Path, end: str) -> None:
     text = end.join(["# study", "[stage] # it", 'driver = "virtual-grbl"', "", "[sensor]", "a = 1", ""])
     result = stored(tmp_path, text)
     document = tomllib.loads(result)
@@ -372,7 +372,7 @@ def test_missing_keys_are_added_under_the_table(tmp_path: Path, end: str) -> Non
     )
 
 
-def test_a_table_at_the_end_without_a_line_end(tmp_path: Path) -> None:
+def test_a_table_at_the_end_of_the_file_without_a_line_end(tmp_path: Path) -> None:
     assert tomllib.loads(stored(tmp_path, "[stage]"))["stage"]["quarter_turns"] == 3
 
 
@@ -386,7 +386,7 @@ def test_a_table_at_the_end_without_a_line_end(tmp_path: Path) -> None:
         "[other]\n",
     ],
 )
-def test_what_cannot_be_edited_safely_is_left_alone(tmp_path: Path, text: str) -> None:
+def test_a_file_that_cannot_be_edited_safely_is_not_changed(tmp_path: Path, text: str) -> None:
     path = tmp_path / "study.toml"
     path.write_text(text)
     with pytest.raises(
@@ -396,7 +396,7 @@ def test_what_cannot_be_edited_safely_is_left_alone(tmp_path: Path, text: str) -
     assert path.read_text() == text
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS NEEDS RIGHTS FOR LINKS: not tested here")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows needs permissions for links")
 def test_a_link_stays_a_link(tmp_path: Path) -> None:
     (tmp_path / "real.toml").write_text(FILE)
     link = tmp_path / "link.toml"
@@ -406,7 +406,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")
-def test_what_is_no_small_regular_file_is_neither_waited_for_nor_read(tmp_path: Path) -> None:
+def test_only_small_regular_files_are_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
     with (tmp_path / "large.toml").open("wb") as stream:
         stream.truncate(9_000_000)

@@ -1,4 +1,4 @@
-"""The driver of the paper's own firmware, against a scripted peer."""
+"""Test the driver of the paper's firmware against a scripted peer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 import pytest
 
 if sys.platform == "win32":
-    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.scripted_peer import Peer
 
@@ -25,7 +25,7 @@ TIMEOUT_S = 0.3
 
 
 class Script:
-    """Jumps where it is sent."""
+    """A firmware that arrives at once."""
 
     def __init__(self, shows: bool = True) -> None:
         self.steps = [0, 0, 0]
@@ -65,20 +65,20 @@ def test_moves_are_in_whole_steps_with_signs_and_a_pause() -> None:
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
         assert stage.move(THERE, 20.0) == THERE == stage.position()
-        # 4.58 mm at 20 mm/s is 0.229 s for 800 steps of the axis with the most.
+        # 4.58 mm at 20 mm/s take 0.229 s, in which the axis with the most steps makes 800.
         assert script.moves == [b"MOVE,200,-800,-400,286"]
         assert stage.move((2.0, 4.0, -1.0011), 20.0) == pytest.approx((2.0, 4.0, -1.0))
         assert len(script.moves) == 1
 
 
-def test_the_identity_says_what_may_be_trusted() -> None:
+def test_the_identity_contains_what_is_trusted() -> None:
     with Script().peer() as peer, opened(peer) as stage:
         assert "SHOW reports the steps" in stage.identity
     with Script(shows=False).peer() as peer, opened(peer) as stage:
         assert "done is trusted" in stage.identity
 
 
-def test_without_positions_done_is_believed() -> None:
+def test_without_positions_done_means_arrival() -> None:
     script = Script(shows=False)
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -94,14 +94,14 @@ def test_nothing_moves_before_homing() -> None:
         assert script.moves == []
 
 
-def test_counters_that_survived_are_believed() -> None:
+def test_counters_are_trusted_when_a_port_is_opened() -> None:
     script = Script()
     script.steps = [100, -200, 400]
     with script.peer() as peer, opened(peer) as stage:
         assert stage.position() == (1.0, 1.0, 1.0)
 
 
-def test_a_done_without_motion_is_no_arrival() -> None:
+def test_done_without_motion_is_not_an_arrival() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -128,7 +128,7 @@ def test_a_garbled_target_makes_the_position_unknown() -> None:
 
 
 @pytest.mark.parametrize("order", [b"RESET", b"MOVE", b"SHOW"])
-def test_a_garbled_order_is_given_again(order: bytes) -> None:
+def test_a_garbled_command_is_sent_again(order: bytes) -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -149,7 +149,7 @@ def test_a_garbled_order_is_given_again(order: bytes) -> None:
         assert garbled == 1
 
 
-def test_a_long_homing_is_not_begun_twice() -> None:
+def test_a_long_homing_is_not_started_twice() -> None:
     script = Script()
     orders: list[bytes] = []
     with script.peer() as peer, opened(peer) as stage:
@@ -168,7 +168,7 @@ def test_a_long_homing_is_not_begun_twice() -> None:
 
 
 @pytest.mark.parametrize("damaged", [b"1,2,3", b"201,-800,-400"])
-def test_one_damaged_position_is_not_believed(damaged: bytes) -> None:
+def test_a_single_damaged_position_is_not_trusted(damaged: bytes) -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -185,7 +185,7 @@ def test_one_damaged_position_is_not_believed(damaged: bytes) -> None:
         assert shows >= 2
 
 
-def test_a_position_that_is_another_each_time_is_refused() -> None:
+def test_a_position_that_changes_each_time_is_refused() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -196,7 +196,7 @@ def test_a_position_that_is_another_each_time_is_refused() -> None:
             stage.position()
 
 
-def test_a_lost_done_does_not_hide_an_arrival_where_show_tells() -> None:
+def test_a_lost_done_does_not_hide_an_arrival_if_show_reports_positions() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -215,7 +215,7 @@ def test_a_lost_done_without_show_is_a_lost_position() -> None:
             stage.position()
 
 
-def test_a_silent_reset_shows_in_the_counters() -> None:
+def test_a_silent_reset_is_detected_by_the_counters() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -227,7 +227,7 @@ def test_a_silent_reset_shows_in_the_counters() -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_a_hung_firmware_is_bounded() -> None:
+def test_a_firmware_that_hangs_causes_a_timeout() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
@@ -247,7 +247,7 @@ def test_opening_waits_for_the_boot_loader() -> None:
             assert stage.position() == (0.0, 0.0, 0.0)
 
 
-def test_a_stop_from_a_signal_handler_ends_the_move_after_its_piece() -> None:
+def test_a_stop_from_a_signal_handler_ends_the_move_after_the_current_piece() -> None:
     script = Script()
     script.pauses = [0.1, b"done\n"]
     with script.peer() as peer, opened(peer) as stage:
@@ -259,12 +259,12 @@ def test_a_stop_from_a_signal_handler_ends_the_move_after_its_piece() -> None:
                 stage.move((20.0, 4.0, -1.0), 4.0)
         finally:
             signal.signal(signal.SIGALRM, before)
-        # Ten pieces of half a second each were planned.
+        # The plan had ten pieces of half a second each.
         assert 1 <= len(script.moves) <= 6
         assert stage.position()[0] < 15.0
 
 
-def test_unplugging_is_noticed() -> None:
+def test_unplugging_is_detected() -> None:
     script = Script()
     with script.peer() as peer, opened(peer) as stage:
         stage.home()

@@ -1,4 +1,4 @@
-"""The driver of the paper's firmware against its virtual twin, and every fault that it can be given."""
+"""Test the driver of the paper's firmware against the virtual firmware and all its faults."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import pytest
 
 if sys.platform == "win32":
-    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.driver_faults import SPEED, survive
 
@@ -42,9 +42,9 @@ def test_open_stage_homes_and_moves() -> None:
             assert rig.true_position() == pytest.approx(CENTER, abs=0.02)
 
 
-#: Unplugged. The other drivers have the other faults; all have all of them as long.
+#: This seed unplugs the device. The quick tests of the other drivers cover the other faults, and the long tests all.
 @pytest.mark.parametrize("seed", (6,))
-def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
+def test_faults_cause_specific_errors_and_moves_end_at_the_reported_position(seed: int) -> None:
     survive("arduino", opener, CENTER, seed)
 
 

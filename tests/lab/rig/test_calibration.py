@@ -1,4 +1,4 @@
-"""Calibration: the line through known masses, what is odd about it, and the file."""
+"""Test the calibration: the line through known masses, its warnings, and the file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def points(
     noise: float = 0.0,
     seed: int = 0,
 ) -> list[CalibrationPoint]:
-    """Counts of a cell of so many counts per gram."""
+    """Return the points of a cell with ``slope`` counts per gram."""
     random = np.random.default_rng(seed)
     return [
         CalibrationPoint(
@@ -52,7 +52,7 @@ def fitted(measured: list[CalibrationPoint], falling: bool = False) -> Calibrati
     zero=st.floats(-1e6, 1e6),
     masses=st.lists(st.integers(0, 500), min_size=3, max_size=8, unique=True),
 )
-def test_exact_counts_give_the_masses_back(slope: float, zero: float, masses: list[int]) -> None:
+def test_exact_counts_recover_the_masses(slope: float, zero: float, masses: list[int]) -> None:
     measured = points(tuple(float(mass) for mass in masses), slope, zero)
     calibration = fitted(measured)
     for point in measured:
@@ -60,12 +60,12 @@ def test_exact_counts_give_the_masses_back(slope: float, zero: float, masses: li
     assert calibration.worst_n < 1e-5
 
 
-def test_the_weight_is_that_of_standard_gravity() -> None:
+def test_the_weight_uses_standard_gravity() -> None:
     assert fitted(points()).newtons_per_count == pytest.approx(1e-3 * 9.80665 / 4_000.0)
     assert STANDARD_GRAVITY == 9.80665
 
 
-def test_residual_has_two_degrees_of_freedom_less() -> None:
+def test_the_residual_has_two_fewer_degrees_of_freedom() -> None:
     measured = points(noise=900.0)
     calibration = fitted(measured)
     force = np.array([point.mass_g * 9.80665e-3 for point in measured])
@@ -88,7 +88,7 @@ def test_too_few_masses_are_refused(masses: tuple[float, ...]) -> None:
         fitted(points(masses))
 
 
-def test_counts_that_fall_are_explained_and_may_be_meant() -> None:
+def test_falling_counts_are_explained_and_can_be_allowed() -> None:
     measured = points(slope=-4_000.0)
     with pytest.raises(
         InputError, match=r"counts decrease as the mass increases.*order.*swapped.*upside down.*--falling"
@@ -100,13 +100,13 @@ def test_counts_that_fall_are_explained_and_may_be_meant() -> None:
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.1])
-def test_a_cell_that_feels_nothing_is_refused(slope: float) -> None:
+def test_a_cell_that_does_not_react_is_refused(slope: float) -> None:
     with pytest.raises(InputError, match="hardly change"):
         fitted(points(slope=slope))
 
 
 @pytest.mark.parametrize("wrong", range(5))
-def test_the_one_wrong_mass_is_named(wrong: int) -> None:
+def test_a_single_wrong_mass_is_reported(wrong: int) -> None:
     masses = (0.0, 50.0, 100.0, 150.0, 200.0)
     measured = points(masses, noise=20.0)
     bad = measured[wrong]
@@ -119,11 +119,11 @@ def test_the_one_wrong_mass_is_named(wrong: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_honest_noise_is_no_outlier(seed: int) -> None:
+def test_normal_noise_is_not_an_outlier(seed: int) -> None:
     assert fitted(points((0.0, 20.0, 50.0, 100.0, 200.0), noise=20.0, seed=seed)).warnings == ()
 
 
-def test_a_bent_line_is_worth_a_warning() -> None:
+def test_a_nonlinear_cell_causes_a_warning() -> None:
     measured = [
         CalibrationPoint(mass_g=mass, counts=4_000.0 * mass + 8.0 * mass**2, spread_counts=40.0, samples=80)
         for mass in (0.0, 50.0, 100.0, 150.0, 200.0)
@@ -131,7 +131,7 @@ def test_a_bent_line_is_worth_a_warning() -> None:
     assert any("from the line" in warning for warning in fitted(measured).warnings)
 
 
-def test_no_point_without_load_is_worth_a_warning() -> None:
+def test_a_missing_point_without_load_causes_a_warning() -> None:
     assert fitted(points((50.0, 100.0, 200.0))).warnings == (
         "there is no point without load, so forces near zero are extrapolated",
     )
@@ -147,12 +147,12 @@ def test_no_point_without_load_is_worth_a_warning() -> None:
         ({"spread_counts": -1.0}, "spread_counts"),
     ],
 )
-def test_odd_points_are_refused(values: dict[str, float], message: str) -> None:
+def test_invalid_points_are_refused(values: dict[str, float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         CalibrationPoint(**({"mass_g": 1.0, "counts": 5.0, "spread_counts": 0.0, "samples": 1} | values))  # type: ignore[arg-type]
 
 
-def test_the_file_gives_back_what_was_written(tmp_path: Path) -> None:
+def test_the_file_round_trips(tmp_path: Path) -> None:
     calibration = fitted(points(noise=30.0))
     path = tmp_path / "gauge.json"
     write_calibration(path, calibration)
@@ -191,7 +191,7 @@ def test_edited_values_are_refused_by_name(tmp_path: Path, key: str, value: obje
         read_calibration(path)
 
 
-def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
+def test_missing_files_and_folders_are_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"does not exist.*calibrate-force"):
         read_calibration(tmp_path / "none.json")
     with pytest.raises(InputError, match="is a folder"):

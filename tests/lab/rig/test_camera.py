@@ -1,4 +1,4 @@
-"""The camera against one that behaves as badly as real ones do: buffers, disobedience, freezing, darkness."""
+"""Test the camera driver against the faults of real cameras: buffers, ignored settings, freezing and darkness."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes
 
-links_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO NAMES OF CAMERAS: not tested here")
+links_only = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no names of cameras")
 
 BUFFERS = 4
 
 
 def picture(seed: int, width: int = 640, height: int = 480, light: int = 200) -> Bytes:
-    """Bright squares on a dark ground with read noise, shape (height, width, 3)."""
+    """Return bright squares on a dark background with read noise, shape (height, width, 3)."""
     noise = np.random.default_rng(seed).integers(0, 4, (height, width, 3), dtype=np.uint8)
     image = np.zeros((height, width, 3), dtype=np.uint8)
     for row in range(8, height - 16, 32):
@@ -37,7 +37,7 @@ def picture(seed: int, width: int = 640, height: int = 480, light: int = 200) ->
 
 @dataclass
 class Time:
-    """A time that only goes on when somebody waits."""
+    """A clock that only advances when somebody waits."""
 
     now: float = 100.0
 
@@ -47,10 +47,10 @@ class Time:
 
 @dataclass
 class FakeCapture:
-    """What ``cv2.VideoCapture`` is, of a camera that exposes a frame each period whether or not anybody looks.
+    """A replacement of ``cv2.VideoCapture`` for a camera that exposes a frame in every period.
 
-    Frame k is exposed from k to k + 1 periods and has arrived after another one. The driver keeps the first four
-    frames that nobody took and drops what comes after them.
+    Frame k is exposed from k to k + 1 periods and arrives one period later. The operating system's driver keeps the
+    first four unread frames and drops later ones.
     """
 
     time: Time
@@ -63,7 +63,7 @@ class FakeCapture:
     properties: dict[int, float] = field(default_factory=dict)
     unplugged_at: float = float("inf")
     released: int = 0
-    #: Start of the exposure of the frame that was taken last.
+    #: The start of the exposure of the last read frame, in s.
     exposed_at: float = 0.0
     _held: list[int] = field(default_factory=list)
     _next: int = 0
@@ -122,7 +122,7 @@ def fake() -> FakeCapture:
     return FakeCapture(Time())
 
 
-def test_it_is_a_sensor_and_its_pictures_are_images(fake: FakeCapture) -> None:
+def test_the_camera_is_a_sensor_whose_frames_are_images(fake: FakeCapture) -> None:
     with camera(fake) as sensor:
         assert isinstance(sensor, Sensor)
         image = sensor.read()
@@ -136,7 +136,7 @@ def test_it_is_a_sensor_and_its_pictures_are_images(fake: FakeCapture) -> None:
 @pytest.mark.parametrize("stamps", [True, False])
 @pytest.mark.parametrize("period_s", [1 / 90, 1 / 30, 1 / 7.5])
 @pytest.mark.parametrize("waited_s", [0.0, 0.013, 0.4, 60.0])
-def test_a_frame_began_after_it_was_asked_for(stamps: bool, period_s: float, waited_s: float) -> None:
+def test_the_exposure_of_a_frame_begins_after_the_request(stamps: bool, period_s: float, waited_s: float) -> None:
     fake = FakeCapture(Time(), period_s=period_s, stamps=stamps, properties={5: 0.0})
     sensor = camera(fake)
     for _ in range(5):
@@ -146,7 +146,7 @@ def test_a_frame_began_after_it_was_asked_for(stamps: bool, period_s: float, wai
         assert fake.exposed_at >= requested_at
 
 
-def test_a_pace_that_the_camera_overstates_is_measured() -> None:
+def test_an_overstated_frame_rate_is_measured() -> None:
     fake = FakeCapture(Time(), period_s=0.2, stamps=False, properties={5: 60.0})
     sensor = camera(fake)
     fake.time.now += 3.0
@@ -155,7 +155,7 @@ def test_a_pace_that_the_camera_overstates_is_measured() -> None:
     assert fake.exposed_at >= requested_at
 
 
-def test_stamps_that_lag_far_behind_end_in_an_error(fake: FakeCapture) -> None:
+def test_time_stamps_that_lag_far_behind_cause_an_error(fake: FakeCapture) -> None:
     sensor = camera(fake)
     start = fake.time.now
     fake.get = lambda prop: 1000.0 * (start - 1.0) if prop == 0 else fake.properties[prop]  # type: ignore[method-assign]
@@ -163,7 +163,7 @@ def test_stamps_that_lag_far_behind_end_in_an_error(fake: FakeCapture) -> None:
         sensor.read()
 
 
-def test_requested_and_actual_settings_are_kept(fake: FakeCapture) -> None:
+def test_requested_and_actual_settings_are_stored(fake: FakeCapture) -> None:
     sensor = camera(fake, focus=40, gain=3.0, fps=30)
     requested = {"width": 640, "height": 480, "fps": 30.0, "focus": 40.0, "gain": 3.0, "exposure": 156.0}
     assert sensor.settings["requested"] == requested | {"colour": True} and sensor.settings["actual"] == requested
@@ -191,18 +191,18 @@ def test_a_camera_that_does_not_obey_is_refused(
     assert fake.released == 1
 
 
-def test_steps_of_a_setting_are_obedience(fake: FakeCapture) -> None:
+def test_rounding_of_a_setting_is_accepted(fake: FakeCapture) -> None:
     fake.ignores = (15,)
     assert camera(fake, exposure=157).settings["actual"]["exposure"] == 156.0
 
 
-def test_an_automatic_focus_that_nobody_fixed_is_refused(fake: FakeCapture) -> None:
+def test_automatic_focus_is_refused(fake: FakeCapture) -> None:
     fake.properties[39] = 1.0
     with pytest.raises(SensorError, match="the focus is automatic"):
         camera(fake)
 
 
-def test_a_camera_that_froze_is_noticed(fake: FakeCapture) -> None:
+def test_a_frozen_camera_is_detected(fake: FakeCapture) -> None:
     sensor = camera(fake)
     still = picture(1)
     fake.alter = lambda frame, image: still
@@ -211,28 +211,28 @@ def test_a_camera_that_froze_is_noticed(fake: FakeCapture) -> None:
             sensor.read()
 
 
-def test_a_camera_in_the_dark_is_refused_from_the_start(fake: FakeCapture) -> None:
+def test_a_dark_camera_is_refused_at_the_start(fake: FakeCapture) -> None:
     fake.alter = lambda frame, image: picture(frame, light=5)
     with pytest.raises(SensorError, match="in a row are dark; check that the sensor's light is on"):
         camera(fake)
     assert fake.released == 1
 
 
-def test_light_that_fails_later_is_noticed(fake: FakeCapture) -> None:
+def test_a_later_failure_of_the_light_is_detected(fake: FakeCapture) -> None:
     sensor = camera(fake)
     fake.alter = lambda frame, image: picture(frame, light=5)
     with pytest.raises(SensorError, match="dark"):
         sensor.read()
 
 
-def test_one_bad_frame_is_a_glitch(fake: FakeCapture) -> None:
+def test_a_single_bad_frame_is_ignored(fake: FakeCapture) -> None:
     sensor = camera(fake)
     bad = [True]
     fake.alter = lambda frame, image: np.zeros_like(image) if bad and bad.pop() else image
     assert sensor.read().max() >= 200 and bad == []
 
 
-def test_blur_is_noticed_unless_the_check_is_off(fake: FakeCapture) -> None:
+def test_blur_is_detected_unless_the_check_is_off(fake: FakeCapture) -> None:
     import cv2
 
     fake.alter = lambda frame, image: (
@@ -252,14 +252,14 @@ def test_blur_is_noticed_unless_the_check_is_off(fake: FakeCapture) -> None:
         (None, "could not be decoded"),
     ],
 )
-def test_a_frame_of_another_kind_is_refused(fake: FakeCapture, image: Any, message: str) -> None:
+def test_a_frame_of_another_shape_or_type_is_refused(fake: FakeCapture, image: Any, message: str) -> None:
     sensor = camera(fake)
     fake.alter = lambda frame, frame_image: image
     with pytest.raises(SensorError, match=message):
         sensor.read()
 
 
-def test_an_unplugged_camera_is_lost(fake: FakeCapture) -> None:
+def test_an_unplugged_camera_causes_a_device_error(fake: FakeCapture) -> None:
     sensor = camera(fake)
     fake.unplugged_at = fake.time.now + 0.01
     fake.time.now += 0.1
@@ -270,13 +270,13 @@ def test_an_unplugged_camera_is_lost(fake: FakeCapture) -> None:
         sensor.read()
 
 
-def test_a_camera_that_does_not_open_is_lost(fake: FakeCapture) -> None:
+def test_a_camera_that_does_not_open_causes_a_device_error(fake: FakeCapture) -> None:
     fake.opened = False
     with pytest.raises(DeviceLostError, match="cannot be opened"):
         camera(fake)
 
 
-def test_grey_readings(fake: FakeCapture) -> None:
+def test_grey_frames(fake: FakeCapture) -> None:
     sensor = camera(fake, colour=False)
     fake.alter = lambda frame, image: image * np.array([0, 1, 0], dtype=np.uint8)
     assert sensor.shape == (480, 640)
@@ -285,7 +285,7 @@ def test_grey_readings(fake: FakeCapture) -> None:
     assert image.max() == pytest.approx(0.587 * 203, abs=1)
 
 
-def test_a_grey_camera_gives_the_asked_shape(fake: FakeCapture) -> None:
+def test_a_grey_camera_returns_the_requested_shape(fake: FakeCapture) -> None:
     fake.alter = lambda frame, image: image[..., 0]
     assert camera(fake).read().shape == (480, 640, 3)
 
@@ -305,12 +305,12 @@ def test_wrong_settings_are_refused(options: dict[str, Any], message: str) -> No
         from_plain(CameraOptions, options, "[sensor] ")
 
 
-# --- which camera ---
+# --- names of cameras ---
 
 
 @pytest.fixture
 def devices(tmp_path: Path) -> tuple[Path, Path]:
-    """Two cameras, one of which has a name by its maker, and the nodes that hold no pictures."""
+    """Make the device files of two cameras, one with a name from its manufacturer, and of nodes without images."""
     by_id, by_path = tmp_path / "by-id", tmp_path / "by-path"
     for folder in (by_id, by_path):
         folder.mkdir()
@@ -331,7 +331,7 @@ def test_each_camera_is_listed_once_by_its_best_name(devices: tuple[Path, Path])
 
 
 @links_only
-def test_the_only_camera_is_taken_and_never_one_of_several(devices: tuple[Path, Path]) -> None:
+def test_a_single_camera_is_used_and_several_are_refused(devices: tuple[Path, Path]) -> None:
     assert chosen_camera(None, devices).endswith("usb-ELP_A1-video-index0")
     (devices[1] / "pci-2-video-index0").symlink_to(devices[0].parent / "video2")
     with pytest.raises(InputError, match=r"exactly one camera is connected; cameras here: .*usb-ELP.*pci-2"):
@@ -347,7 +347,7 @@ def test_a_name_may_be_short(devices: tuple[Path, Path]) -> None:
 
 
 @links_only
-def test_a_number_is_refused_where_there_is_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_number_is_refused_if_the_camera_has_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert chosen_camera("3", ()) == "3"
     assert chosen_camera("/dev/video3", ()) == "/dev/video3"
     folder = tmp_path / "by-id"
@@ -359,24 +359,24 @@ def test_a_number_is_refused_where_there_is_a_name(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("device", ["film.mp4", "rtsp://host/stream", "http://host/a.mjpg"])
-def test_a_recording_is_no_sensor(device: str) -> None:
+def test_a_recording_is_refused(device: str) -> None:
     with pytest.raises(InputError, match="is a recording or a stream"):
         chosen_camera(device, ())
 
 
-def test_a_word_is_no_camera() -> None:
+def test_an_unknown_word_is_refused() -> None:
     with pytest.raises(InputError, match="is not a camera"):
         chosen_camera("webcam", ())
 
 
 @links_only
-def test_a_camera_that_is_not_there_is_lost() -> None:
+def test_a_missing_camera_causes_a_device_error() -> None:
     settings = SensorSettings(driver="opencv", device="/dev/v4l/by-id/usb-none-video-index0", options={"exposure": 5})
     with pytest.raises(DeviceLostError, match="does not exist"):
         open_camera(settings)
 
 
-def test_opencv_itself_says_no_to_a_number_without_a_camera() -> None:
+def test_opencv_refuses_a_number_without_a_camera() -> None:
     capture = open_capture("97")
     assert not capture.isOpened()
     capture.release()

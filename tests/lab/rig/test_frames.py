@@ -1,4 +1,4 @@
-"""Frames: dark, blurred and stuck ones are named, sound ones are not."""
+"""Test the check of frames: dark, blurred and stuck frames are reported, good frames are not."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tacbench_cad.util.types import Bytes
 
 
 def pins(blur_px: float = 1.0, light: float = 200.0, seed: int = 0, noise: float = 1.4) -> Bytes:
-    """Bright discs of 10 px on a dark ground, as a TacTip's pins are seen, shape (480, 640)."""
+    """Return bright discs of 10 px on a dark background, like a TacTip's pins, shape (480, 640)."""
     picture = np.full((480, 640), 4.0, dtype=np.float32)
     for i in range(133):
         centre = (110 + 40 * (i % 11), 20 + 36 * (i // 11))
@@ -31,21 +31,21 @@ def colour(grey: Bytes) -> Bytes:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("light", [60.0, 120.0, 255.0])
 @pytest.mark.parametrize("blur_px", [0.5, 1.0, 2.0])
-def test_a_sound_frame_has_no_fault(blur_px: float, light: float, seed: int) -> None:
+def test_a_good_frame_has_no_fault(blur_px: float, light: float, seed: int) -> None:
     image = pins(blur_px, light, seed)
     other = pins(blur_px, light, seed + 100)
     assert frame_faults(image, other) == ()
     assert frame_faults(colour(image), colour(other)) == ()
 
 
-def test_light_in_one_channel_is_light() -> None:
+def test_light_in_a_single_channel_is_light() -> None:
     image = np.zeros((480, 640, 3), dtype=np.uint8)
     image[..., 2] = pins()
     assert frame_faults(image) == ()
 
 
 @pytest.mark.parametrize("light", [4.0, 10.0, 20.0])
-def test_a_dark_frame_is_named_once(light: float) -> None:
+def test_a_dark_frame_is_reported_once(light: float) -> None:
     assert frame_faults(pins(light=light)) == ("dark",)
 
 
@@ -57,7 +57,7 @@ def test_hot_pixels_do_not_make_a_dark_frame_bright() -> None:
 
 @pytest.mark.parametrize("blur_px", [5.0, 6.5, 8.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_blurred_frame_is_named(blur_px: float, seed: int) -> None:
+def test_a_blurred_frame_is_reported(blur_px: float, seed: int) -> None:
     assert frame_faults(pins(blur_px, light=255.0, seed=seed)) == ("blurred",)
 
 
@@ -67,7 +67,7 @@ def test_a_frame_without_structure_is_blurred() -> None:
     assert frame_faults(np.full((480, 640), 255, dtype=np.uint8)) == ("blurred",)
 
 
-def test_an_identical_frame_is_stuck_whatever_else_it_is() -> None:
+def test_an_identical_frame_is_always_stuck() -> None:
     image = pins()
     assert frame_faults(image, image.copy()) == ("stuck",)
     black = np.zeros((480, 640, 3), dtype=np.uint8)
@@ -78,7 +78,7 @@ def test_a_frame_of_another_size_is_not_stuck() -> None:
     assert frame_faults(pins(), pins()[:240]) == ()
 
 
-def test_the_width_of_an_edge_is_found() -> None:
+def test_the_width_of_an_edge_is_measured() -> None:
     def between(image: Any, low_px: float, high_px: float) -> bool:
         sharper, duller = (frame_faults(image, limits=FrameLimits(blur_px=px)) for px in (low_px, high_px))
         return (sharper, duller) == (("blurred",), ())
@@ -97,14 +97,14 @@ def test_checks_can_be_switched_off() -> None:
     assert frame_faults(pins(9.0), limits=off) == ()
 
 
-def test_odd_limits_are_refused() -> None:
+def test_invalid_limits_are_refused() -> None:
     with pytest.raises(InputError, match=r"blur_px = -1.*0 to 1000"):
         FrameLimits(blur_px=-1.0)
     with pytest.raises(InputError, match="dark_counts"):
         FrameLimits(dark_counts=float("nan"))
 
 
-def test_the_faults_are_those_listed() -> None:
+def test_the_faults_are_the_listed_ones() -> None:
     black = np.zeros((48, 64), dtype=np.uint8)
     faults = {*frame_faults(black, black), *frame_faults(np.full((48, 64), 200, dtype=np.uint8))}
     assert faults == set(FAULTS)

@@ -1,4 +1,4 @@
-"""The GRBL driver against a scripted peer: every trait of real firmware, one by one, and every way a move can end."""
+"""Test the GRBL driver against a scripted peer: every trait of real firmware and every possible end of a move."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 if sys.platform == "win32":
-    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.scripted_grbl import ScriptedGrbl
 
@@ -51,7 +51,7 @@ def opened(script: ScriptedGrbl, *, home: bool = True) -> Iterator[GrblStage]:
 
 
 def moving(script: ScriptedGrbl, *then: bytes | float) -> None:
-    """From now on a move is taken, never arrives, and ``then`` follows."""
+    """Let moves be accepted without an arrival and be followed by the bytes ``then``."""
 
     def on_move(target: Point) -> Iterator[bytes | float]:
         script.state = "Run"
@@ -68,7 +68,7 @@ def test_identity_names_driver_version_and_port() -> None:
         assert stage.simulated == ""
 
 
-def test_moves_are_in_machine_coordinates_and_report_where_they_ended() -> None:
+def test_moves_use_machine_coordinates_and_report_their_end() -> None:
     script = ScriptedGrbl()
     with script.peer() as peer, GrblStage(peer.port) as stage:
         stage.home()
@@ -79,7 +79,7 @@ def test_moves_are_in_machine_coordinates_and_report_where_they_ended() -> None:
 
 
 @pytest.mark.parametrize("code", [2, 3])
-def test_trait_01_an_ok_after_an_alarm_is_no_arrival(code: int) -> None:
+def test_trait_01_ok_after_an_alarm_is_not_an_arrival(code: int) -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script, b"ALARM:%d\r\nok\r\n" % code)
@@ -89,7 +89,7 @@ def test_trait_01_an_ok_after_an_alarm_is_no_arrival(code: int) -> None:
             stage.move(THERE, 20.0)
 
 
-def test_trait_01_homing_after_an_alarm_makes_it_usable_again() -> None:
+def test_trait_01_homing_after_an_alarm_restores_the_stage() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script, b"ALARM:2\r\nok\r\n")
@@ -101,7 +101,7 @@ def test_trait_01_homing_after_an_alarm_makes_it_usable_again() -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_trait_02_silence_after_an_alarm_that_was_garbled_is_an_alarm() -> None:
+def test_trait_02_silence_after_a_garbled_alarm_is_an_alarm() -> None:
     script = ScriptedGrbl()
 
     def on_move(target: Point) -> Iterator[bytes | float]:
@@ -116,21 +116,21 @@ def test_trait_02_silence_after_an_alarm_that_was_garbled_is_an_alarm() -> None:
             stage.position()
 
 
-def test_trait_02_a_stage_found_deaf_in_an_alarm_is_woken_by_a_reset() -> None:
+def test_trait_02_a_stage_that_is_silent_after_an_alarm_is_reset() -> None:
     script = ScriptedGrbl()
     script.deaf = True
     with opened(script) as stage:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_trait_03_homing_waits_through_silence_and_a_stale_report() -> None:
+def test_trait_03_homing_waits_despite_silence_and_an_old_report() -> None:
     script = ScriptedGrbl()
     script.on_home = lambda: [0.7, b"<Home|MPos:-3.000,-9.000,-1.000|FS:0,0>\r\n", b"ok\r\n"]
     with opened(script) as stage:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_trait_03_homing_that_never_ends_is_bounded() -> None:
+def test_trait_03_endless_homing_causes_a_timeout() -> None:
     script = ScriptedGrbl()
 
     def on_home() -> Iterator[bytes]:
@@ -144,7 +144,7 @@ def test_trait_03_homing_that_never_ends_is_bounded() -> None:
             stage.home()
 
 
-def test_trait_04_a_banner_in_motion_is_a_lost_position() -> None:
+def test_trait_04_a_banner_in_motion_means_a_lost_position() -> None:
     script = ScriptedGrbl()
 
     def on_move(target: Point) -> Iterator[bytes | float]:
@@ -160,7 +160,7 @@ def test_trait_04_a_banner_in_motion_is_a_lost_position() -> None:
             stage.position()
 
 
-def test_trait_04_a_reset_without_its_banner_shows_in_the_position() -> None:
+def test_trait_04_a_reset_without_a_banner_is_detected_by_the_position() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         stage.move(THERE, 20.0)
@@ -169,7 +169,7 @@ def test_trait_04_a_reset_without_its_banner_shows_in_the_position() -> None:
             stage.move((-11.0, -20.0, -5.0), 20.0)
 
 
-def test_trait_05_a_stop_holds_and_the_next_move_leaves_the_hold_with_the_position_kept() -> None:
+def test_trait_05_a_stop_holds_and_the_next_move_resumes_with_a_known_position() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
@@ -181,7 +181,7 @@ def test_trait_05_a_stop_holds_and_the_next_move_leaves_the_hold_with_the_positi
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_trait_05_a_reset_in_motion_with_its_alarm_is_named() -> None:
+def test_trait_05_a_reset_in_motion_is_reported_with_its_alarm() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script, b"ALARM:3\r\n", 0.5, script.banner)
@@ -190,7 +190,7 @@ def test_trait_05_a_reset_in_motion_with_its_alarm_is_named() -> None:
 
 
 @pytest.mark.parametrize(("code", "kind"), [(15, OutOfRangeError), (9, AlarmError), (10, ProtocolError)])
-def test_trait_06_refusals_have_names(code: int, kind: type[Exception]) -> None:
+def test_trait_06_errors_are_explained(code: int, kind: type[Exception]) -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         script.on_move = lambda target: [b"error:%d\r\n" % code]
@@ -217,7 +217,7 @@ def test_a_garbled_move_is_sent_again() -> None:
 
 
 @pytest.mark.parametrize("answer", [b"error:3\r\n", b"error:9\r\n", b"ok\r\n", b""])
-def test_a_garbled_order_to_home_is_given_again(answer: bytes) -> None:
+def test_a_garbled_homing_command_is_sent_again(answer: bytes) -> None:
     script = ScriptedGrbl()
     orders = 0
 
@@ -236,7 +236,7 @@ def test_a_garbled_order_to_home_is_given_again(answer: bytes) -> None:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_a_position_that_is_another_each_time_is_refused() -> None:
+def test_a_position_that_changes_each_time_is_refused() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         places = iter(range(100))
@@ -247,12 +247,12 @@ def test_a_position_that_is_another_each_time_is_refused() -> None:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_trait_07_no_banner_is_waited_for() -> None:
+def test_trait_07_opening_does_not_wait_for_a_banner() -> None:
     with opened(ScriptedGrbl(), home=False) as stage:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_trait_07_a_reset_on_opening_swallows_the_first_second_and_the_position() -> None:
+def test_trait_07_a_reset_on_opening_loses_the_first_second_and_the_position() -> None:
     script = ScriptedGrbl()
     awake = time.monotonic() + 0.6
 
@@ -271,7 +271,7 @@ def test_trait_07_a_reset_on_opening_swallows_the_first_second_and_the_position(
             assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_trait_08_one_line_is_under_way_at_a_time() -> None:
+def test_trait_08_only_one_line_is_unanswered_at_a_time() -> None:
     script = ScriptedGrbl()
     in_flight: list[int] = []
     pending = 0
@@ -301,7 +301,7 @@ def test_trait_09_real_time_bytes_are_raw() -> None:
         assert b"\x85!" in bytes(peer.received) and b"\xc2" not in bytes(peer.received)
 
 
-def test_trait_10_an_ok_without_motion_is_no_arrival() -> None:
+def test_trait_10_ok_without_motion_is_not_an_arrival() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         script.on_move = lambda target: [b"ok\r\n"]
@@ -309,7 +309,7 @@ def test_trait_10_an_ok_without_motion_is_no_arrival() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_trait_10_an_ok_to_homing_without_homing_is_not_believed() -> None:
+def test_trait_10_ok_without_homing_is_not_trusted() -> None:
     script = ScriptedGrbl()
     script.at = (-50.0, -50.0, -50.0)
     script.on_home = lambda: [b"ok\r\n"]
@@ -320,7 +320,7 @@ def test_trait_10_an_ok_to_homing_without_homing_is_not_believed() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_trait_11_run_at_no_speed_is_no_arrival() -> None:
+def test_trait_11_run_at_zero_speed_is_not_an_arrival() -> None:
     script = ScriptedGrbl()
 
     def on_move(target: Point) -> Iterator[bytes | float]:
@@ -334,7 +334,7 @@ def test_trait_11_run_at_no_speed_is_no_arrival() -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_trait_12_grblhal_and_its_fresh_memory_are_known() -> None:
+def test_trait_12_grblhal_and_its_fresh_memory_are_recognised() -> None:
     script = ScriptedGrbl()
     script.banner = b"error:7\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n"
     script.version = b"[VER:1.1f.20230101:]\r\n[OPT:VNMSL,35,1024,3,0]\r\n[FIRMWARE:grblHAL]\r\nok\r\n"
@@ -346,7 +346,7 @@ def test_trait_12_grblhal_and_its_fresh_memory_are_known() -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_trait_13_grblhal_tells_its_alarm_in_the_status_and_may_skip_answers() -> None:
+def test_trait_13_grblhal_reports_its_alarm_in_the_status_and_may_skip_answers() -> None:
     script = ScriptedGrbl()
     query_count = 0
 
@@ -367,7 +367,7 @@ def test_trait_13_grblhal_tells_its_alarm_in_the_status_and_may_skip_answers() -
             stage.move((-11.0, -20.0, -5.0), 20.0)
 
 
-def test_trait_13_grblhal_reset_in_motion_gives_the_banner_alone() -> None:
+def test_trait_13_grblhal_reset_in_motion_sends_only_the_banner() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script, b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n")
@@ -375,7 +375,7 @@ def test_trait_13_grblhal_reset_in_motion_gives_the_banner_alone() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_work_coordinates_are_turned_into_machine_coordinates() -> None:
+def test_work_coordinates_are_converted_to_machine_coordinates() -> None:
     script = ScriptedGrbl()
     reports = 0
 
@@ -414,7 +414,7 @@ def test_a_carriage_that_leaves_its_line_is_stopped() -> None:
         assert b"!" in bytes(peer.received)
 
 
-def test_standing_still_in_state_run_is_bounded() -> None:
+def test_standing_still_in_state_run_causes_a_timeout() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
@@ -434,7 +434,7 @@ def test_a_lost_ok_does_not_hide_an_arrival() -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_unplugging_in_motion_is_noticed() -> None:
+def test_unplugging_in_motion_is_detected() -> None:
     script = ScriptedGrbl()
     with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
         stage.home()
@@ -447,7 +447,7 @@ def test_unplugging_in_motion_is_noticed() -> None:
         stage.stop()
 
 
-def test_a_dead_device_is_no_alarm() -> None:
+def test_a_dead_device_is_not_an_alarm() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         script.on_reset = list
@@ -494,7 +494,7 @@ def test_an_interruption_in_a_move_stops_the_carriage() -> None:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_stop_while_homing_resets_and_the_position_is_unknown() -> None:
+def test_stop_during_homing_resets_and_the_position_is_unknown() -> None:
     script = ScriptedGrbl()
     with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
         script.on_home = list
@@ -506,7 +506,7 @@ def test_stop_while_homing_resets_and_the_position_is_unknown() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_another_device_is_named() -> None:
+def test_another_device_is_reported() -> None:
     script = ScriptedGrbl()
     script.version = b"FIRMWARE_NAME:Marlin 2.1.2.7\nok\n"
     with script.peer() as peer, pytest.raises(ProtocolError, match="is Marlin, not GRBL"):

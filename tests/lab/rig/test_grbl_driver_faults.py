@@ -1,4 +1,4 @@
-"""The GRBL driver against virtual GRBL and grblHAL, and every fault that these can be given."""
+"""Test the GRBL driver against virtual GRBL and grblHAL and all their faults."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 import pytest
 
 if sys.platform == "win32":
-    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.driver_faults import SPEED, survive
 
@@ -49,7 +49,7 @@ def test_open_stage_homes_moves_and_keeps_its_limits(tcp: bool) -> None:
             assert rig.true_position() == before
 
 
-def test_steps_of_a_micrometre_arrive() -> None:
+def test_steps_of_a_micrometre_are_made() -> None:
     with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
         stage.home()
         stage.move(CENTER, 20.0)
@@ -58,7 +58,7 @@ def test_steps_of_a_micrometre_arrive() -> None:
 
 
 @pytest.mark.long
-def test_a_taught_place_is_the_same_after_the_power_was_off() -> None:
+def test_a_taught_position_is_the_same_after_a_power_cycle() -> None:
     places = []
     for seed in (1, 2):
         with launch("grbl", speed=SPEED, seed=seed) as rig, opener(rig.port) as stage:
@@ -80,7 +80,7 @@ def test_a_stop_in_motion_keeps_the_position() -> None:
 
 
 @pytest.mark.long
-def test_the_reset_button_between_moves_is_noticed() -> None:
+def test_the_reset_button_between_moves_is_detected() -> None:
     with launch("grbl", speed=SPEED, settings={20: 0, 22: 0}) as rig, opener(rig.port) as stage:
         with pytest.raises(PositionLostError, match="opening the port"):
             stage.position()
@@ -89,9 +89,10 @@ def test_the_reset_button_between_moves_is_noticed() -> None:
             stage.move(CENTER, 20.0)
 
 
-#: Dropped bytes, doubled bytes; grblHAL's reset. The other drivers have the other faults; all have all of them as long.
+#: The seeds drop bytes, double bytes and reset grblHAL. The quick tests of the other drivers cover the other faults,
+#: and the long tests cover all.
 @pytest.mark.parametrize(("kind", "seed"), [("grbl", 0), ("grbl", 1), ("grblhal", 4)])
-def test_faults_end_in_names_and_moves_where_they_say(kind: str, seed: int) -> None:
+def test_faults_cause_specific_errors_and_moves_end_at_the_reported_position(kind: str, seed: int) -> None:
     survive(kind, opener, CENTER, seed)
 
 

@@ -1,4 +1,4 @@
-"""Bounded lines over serial ports, and the parsers of what firmware sends on arbitrary bytes."""
+"""Test lines over serial ports with time and size limits, and the parsers of firmware messages on arbitrary bytes."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.line import MAX_LINE, Line
 from tacbench_cad.util.errors import InputError
 
-needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals, which Windows lacks")
+needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 
 @pytest.fixture
 def wire() -> Iterator[tuple[Line, int]]:
-    """A line and the descriptor of its far end."""
+    """Return a line and the file descriptor of its far end."""
     if sys.platform == "win32":
-        pytest.skip("needs pseudo-terminals, which Windows lacks")
+        pytest.skip("Windows has no pseudo-terminals")
     import pty
     import tty
 
@@ -39,7 +39,7 @@ def wire() -> Iterator[tuple[Line, int]]:
     os.close(far)
 
 
-def test_lines_come_whole_without_their_ends(wire: tuple[Line, int]) -> None:
+def test_lines_are_complete_and_without_their_ends(wire: tuple[Line, int]) -> None:
     line, far = wire
     os.write(far, b"one\r\n\r\n  two \n\x00three")
     assert [line.read_line(0.5), line.read_line(0.5), line.read_line(0.05)] == ["one", "two", None]
@@ -62,7 +62,7 @@ def test_noise_without_ends_is_cut(wire: tuple[Line, int]) -> None:
     assert line.read_line(2.0) == "yz"
 
 
-def test_what_has_come_can_be_forgotten(wire: tuple[Line, int]) -> None:
+def test_received_bytes_can_be_discarded(wire: tuple[Line, int]) -> None:
     line, far = wire
     os.write(far, b"old\nolder")
     assert line.read_line(0.5) == "old"
@@ -71,9 +71,9 @@ def test_what_has_come_can_be_forgotten(wire: tuple[Line, int]) -> None:
     assert line.read_line(0.5) == "new"
 
 
-def test_a_device_that_takes_nothing_is_no_endless_wait() -> None:
+def test_writing_to_a_device_that_reads_nothing_ends() -> None:
     if sys.platform == "win32":
-        pytest.skip("needs pseudo-terminals, which Windows lacks")
+        pytest.skip("Windows has no pseudo-terminals")
     import pty
     import tty
 
@@ -90,7 +90,7 @@ def test_a_device_that_takes_nothing_is_no_endless_wait() -> None:
 
 
 @needs_pty
-def test_an_unplugged_device_is_named_and_stopping_it_never_raises() -> None:
+def test_an_unplugged_device_is_reported_and_stopping_it_never_raises() -> None:
     import pty
 
     far, near = pty.openpty()
@@ -109,7 +109,7 @@ def test_an_unplugged_device_is_named_and_stopping_it_never_raises() -> None:
 
 
 @needs_pty
-def test_one_port_has_one_holder() -> None:
+def test_a_port_can_be_opened_only_once() -> None:
     import pty
 
     far, near = pty.openpty()
@@ -122,19 +122,19 @@ def test_one_port_has_one_holder() -> None:
     os.close(far)
 
 
-def test_a_missing_port_is_bad_input(tmp_path: Path) -> None:
+def test_a_missing_port_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="stage port") as caught:
         Line(str(tmp_path / "ttyUSB7"), baud=115200, what="stage")
     assert caught.value.exit_code == 2
 
 
 @pytest.mark.parametrize("port", ["socket://127.0.0.1:1", "nonsense://x", "socket://x:notaport"])
-def test_a_url_that_leads_nowhere_is_bad_input(port: str) -> None:
+def test_an_unreachable_url_is_an_input_error(port: str) -> None:
     with pytest.raises(InputError, match="cannot be opened"):
         Line(port, baud=115200, what="stage")
 
 
-def test_a_socket_is_a_port_like_any_other() -> None:
+def test_a_socket_can_be_a_port() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         Line(f"socket://127.0.0.1:{server.getsockname()[1]}", baud=115200, what="stage") as line,
@@ -151,7 +151,7 @@ def test_a_socket_is_a_port_like_any_other() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:set:DeprecationWarning")
-def test_a_port_behind_rfc_2217_is_stopped_without_its_lock() -> None:
+def test_a_port_over_rfc_2217_is_stopped_without_its_lock() -> None:
     import serial
     import serial.rfc2217
 
@@ -177,7 +177,7 @@ def test_a_port_behind_rfc_2217_is_stopped_without_its_lock() -> None:
             assert line.read_line(2.0) == "stop"
 
 
-# Parsers: any bytes are taken, and nothing damaged passes for a report.
+# Parsers: they accept any bytes and never take a damaged line for a report.
 
 arbitrary = st.one_of(st.binary(max_size=120).map(lambda raw: raw.decode("ascii", "replace")), st.text(max_size=120))
 number = st.integers(-999_999, 999_999).map(lambda micro: micro / 1000.0)
@@ -192,7 +192,7 @@ PLACE = "X:1.00 Y:-2.50 Z:3.12 E:0.00 Count X:80 Y:-200 Z:1250"
 @example("ALARM:99999999999")
 @example("$130=1e999")
 @example("[VER:]")
-def test_grbl_replies_take_anything(text: str) -> None:
+def test_grbl_replies_accept_any_text(text: str) -> None:
     report = grbl_replies.status(text)
     if report is not None:
         places = [place for place in (report.machine_mm, report.work_mm, report.offset_mm) if place is not None]
@@ -205,7 +205,7 @@ def test_grbl_replies_take_anything(text: str) -> None:
 @given(arbitrary)
 @example("X:nan Y:0.00 Z:0.00")
 @example("Resend: 99999999999999999999")
-def test_marlin_replies_take_anything(text: str) -> None:
+def test_marlin_replies_accept_any_text(text: str) -> None:
     place = marlin_replies.place(text)
     assert place is None or all(math.isfinite(value) for value in place.planned_mm)
     for parse in (
@@ -221,14 +221,14 @@ def test_marlin_replies_take_anything(text: str) -> None:
 
 
 @given(arbitrary)
-def test_arduino_replies_take_anything(text: str) -> None:
+def test_arduino_replies_accept_any_text(text: str) -> None:
     counters = arduino.counters(text)
     assert counters is None or len(counters) == 3
     assert arduino.is_done(text) in (True, False)
 
 
 @given(st.sampled_from(["Idle", "Run", "Hold:0", "Alarm:2"]), point, st.booleans())
-def test_reports_are_read_back(state: str, at: tuple[float, float, float], extra: bool) -> None:
+def test_reports_round_trip(state: str, at: tuple[float, float, float], extra: bool) -> None:
     more = "|Bf:15,128|FS:0,0|Pn:PZ|A:S|H:1|TLR:0" if extra else "|FS:0,0"
     report = grbl_replies.status("<{}|MPos:{:.3f},{:.3f},{:.3f}{}>".format(state, *at, more))
     assert report is not None and report.machine_mm == at
@@ -236,19 +236,19 @@ def test_reports_are_read_back(state: str, at: tuple[float, float, float], extra
 
 
 @given(point)
-def test_places_are_read_back(at: tuple[float, float, float]) -> None:
+def test_positions_round_trip(at: tuple[float, float, float]) -> None:
     x, y, z = (round(coordinate, 2) for coordinate in at)
     place = marlin_replies.place(f"X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:0.00 Count X: 1 Y: 2 Z: 3")
     assert place is not None and place.planned_mm == (x, y, z) and place.steps == (1, 2, 3)
 
 
 @given(st.integers(0, len(REPORT) - 1))
-def test_a_report_that_lost_a_sign_gives_its_position_with_one_digit_less_or_none(at: int) -> None:
+def test_a_report_without_a_character_gives_no_wrong_position(at: int) -> None:
     damaged = REPORT[:at] + REPORT[at + 1 :]
     report = grbl_replies.status(damaged)
     within = REPORT.index("MPos:") + 5 <= at < REPORT.index("|FS")
     assert report is None or within or report.machine_mm == (1.0, -2.5, 3.125)
-    # Decimals are always three: losing one never gives a plausible place.
+    # A report without its decimal point is refused, because positions always have three decimals.
     assert not (report is not None and REPORT[at - 1 : at] == ".")
 
 

@@ -1,4 +1,4 @@
-"""The load cell: newtons out of counts, only new samples, and everything that no living cell sends."""
+"""Test the load cell: conversion of counts to newtons, new samples only, and every fault of a cell."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
 
-pty_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+pty_only = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
-#: Counts per newton and counts without load of the cell of these tests.
+#: The counts per newton and the counts without load of the cell of these tests.
 SLOPE = 400_000.0
 ZERO = 81_000.0
 RATE_HZ = 80.0
 
 
 class Time:
-    """A clock that only goes on when the cell sends a line."""
+    """A clock that only advances when the cell sends a line."""
 
     speed = 1.0
 
@@ -47,7 +47,7 @@ class Time:
 
 
 class Cell:
-    """Lines of a cell that sends at 80 Hz."""
+    """A cell that sends lines at 80 Hz."""
 
     def __init__(self, clock: Time, force_n: Callable[[float], float] = lambda t: 0.0) -> None:
         self.clock = clock
@@ -93,7 +93,7 @@ def load_cell(cell: Cell, scale: Calibration | None = None, name: str = "", **op
 
 
 class OwnGauge:
-    """A gauge of a user's own."""
+    """A user's gauge."""
 
     identity = "own"
     simulated = ""
@@ -114,7 +114,7 @@ def gauge(cell: Cell, **options: Any) -> LoadCell:
     return load_cell(cell, calibration(), "gauge.json", **options)
 
 
-def test_it_is_a_gauge_in_newtons() -> None:
+def test_the_load_cell_is_a_gauge_in_newtons() -> None:
     cell = Cell(Time(), lambda t: 1.913)
     with gauge(cell) as cell_gauge:
         assert isinstance(cell_gauge, Gauge)
@@ -148,12 +148,12 @@ def test_the_window_begins_at_the_call() -> None:
     assert cell.forgotten == before + 1
 
 
-def test_a_short_window_still_has_some_samples() -> None:
+def test_a_short_window_has_some_samples() -> None:
     assert gauge(Cell(Time())).read(0.0).samples == 3
     assert gauge(Cell(Time()), least_samples=10).read(0.001).samples == 10
 
 
-def test_a_tare_makes_the_present_force_zero() -> None:
+def test_a_tare_makes_the_current_force_zero() -> None:
     cell = Cell(Time(), lambda t: 0.7)
     cell_gauge = gauge(cell)
     cell_gauge.tare()
@@ -174,7 +174,7 @@ def test_garbled_lines_are_skipped_and_counted() -> None:
 
 
 @pytest.mark.parametrize("damage", [lambda line: line[:-1], lambda line: line[1:], lambda line: line + line[-1]])
-def test_a_lost_or_doubled_digit_does_not_move_the_mean(damage: Callable[[str], str]) -> None:
+def test_a_lost_or_doubled_digit_does_not_change_the_mean(damage: Callable[[str], str]) -> None:
     cell = Cell(Time(), lambda t: 1.0)
     cell_gauge = gauge(cell)
     cell.alter = lambda i, line: damage(line) if i % 8 == 0 else line
@@ -184,7 +184,7 @@ def test_a_lost_or_doubled_digit_does_not_move_the_mean(damage: Callable[[str], 
 
 
 @pytest.mark.parametrize("line", ["", "\ufffd\ufffd", "12 34", "nan"])
-def test_nothing_but_garbage_is_an_error(line: str) -> None:
+def test_garbled_lines_alone_are_an_error(line: str) -> None:
     cell = Cell(Time())
     cell_gauge = gauge(cell)
     cell.alter = lambda i, sound: line
@@ -192,7 +192,7 @@ def test_nothing_but_garbage_is_an_error(line: str) -> None:
         cell_gauge.read(0.1)
 
 
-def test_a_stuck_cell_is_noticed_within_a_window_or_over_many() -> None:
+def test_a_stuck_cell_is_detected_in_one_or_several_windows() -> None:
     for window_s in (1.0, 0.01):
         cell = Cell(Time(), lambda t: 1.0)
         cell_gauge = gauge(cell)
@@ -203,7 +203,7 @@ def test_a_stuck_cell_is_noticed_within_a_window_or_over_many() -> None:
                 cell_gauge.read(window_s)
 
 
-def test_a_device_that_rounds_may_repeat_itself() -> None:
+def test_a_device_that_rounds_may_repeat_values() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: "0.00"
     cell_gauge = load_cell(cell, unit="newtons", stuck_samples=0)
@@ -211,7 +211,7 @@ def test_a_device_that_rounds_may_repeat_itself() -> None:
 
 
 @pytest.mark.parametrize("end", [2**23 - 1, -(2**23)])
-def test_a_saturated_cell_is_noticed(end: int) -> None:
+def test_a_saturated_cell_is_detected(end: int) -> None:
     cell = Cell(Time())
     cell_gauge = gauge(cell)
     cell.alter = lambda i, line: str(end)
@@ -220,7 +220,7 @@ def test_a_saturated_cell_is_noticed(end: int) -> None:
 
 
 @pytest.mark.parametrize("value", ["99999999999", "-9000000", "197.7123"])
-def test_samples_beyond_any_force_are_saturation(value: str) -> None:
+def test_impossible_forces_mean_saturation(value: str) -> None:
     cell = Cell(Time())
     cell_gauge = gauge(cell) if "." not in value else load_cell(cell, unit="newtons")
     random = np.random.default_rng(3)
@@ -229,7 +229,7 @@ def test_samples_beyond_any_force_are_saturation(value: str) -> None:
         cell_gauge.read(0.1)
 
 
-def test_silence_and_loss_have_names() -> None:
+def test_silence_and_loss_cause_specific_errors() -> None:
     cell = Cell(Time())
     cell_gauge = gauge(cell)
     cell.alter = lambda i, line: None
@@ -242,13 +242,13 @@ def test_silence_and_loss_have_names() -> None:
     assert silent.closed == 1
 
 
-def test_what_a_board_says_when_it_starts_is_passed_over() -> None:
+def test_the_start_message_of_a_board_is_skipped() -> None:
     cell = Cell(Time())
     cell.alter = lambda i, line: ("HX711 ready", "tare...", "8100")[i - 1] if i <= 2 else line
     assert gauge(cell).read(0.1).samples >= 8
 
 
-def test_one_column_of_several() -> None:
+def test_a_column_can_be_chosen() -> None:
     cell = Cell(Time(), lambda t: 1.0)
     cell.alter = lambda i, line: f"{i * 12},{line},25.5"
     assert gauge(cell, columns=3, column=2).read(0.5).mean_n == pytest.approx(1.0, abs=1e-3)
@@ -289,7 +289,7 @@ def test_wrong_options_are_refused(options: dict[str, Any], calibrated: bool, me
 
 @contextmanager
 def port(sample: Callable[[int], bytes], period_s: float) -> Iterator[tuple[str, Callable[[], None]]]:
-    """A pseudo-terminal with a cell at the other end; yields its path and what unplugs it."""
+    """Open a pseudo-terminal with a cell at the other end; yield its path and a function that unplugs it."""
     import tty
 
     master, slave = os.openpty()
@@ -345,13 +345,13 @@ def test_a_cell_on_a_port(tmp_path: Path) -> None:
 
 
 @pty_only
-def test_a_missing_calibration_is_named(tmp_path: Path) -> None:
+def test_a_missing_calibration_is_reported(tmp_path: Path) -> None:
     settings = GaugeSettings(driver="serial", port="/dev/null", calibration=str(tmp_path / "none.json"))
     with pytest.raises(InputError, match="does not exist"):
         open_gauge(settings, Clock())
 
 
-def test_a_gauge_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_users_gauge(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "own_gauge", sys.modules[__name__])
     settings = GaugeSettings(driver="own_gauge:OwnGauge", port="P", options={"gain": 2.0})
     assert open_gauge(settings, Clock()).calibration == {"gain": 2.0, "port": "P"}
@@ -362,7 +362,7 @@ def test_a_gauge_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
 @pty_only
 @pytest.mark.parametrize("newtons", [False, True])
 def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
-    """The firmware simulator's stream: noise and offset, then each of its faults by name."""
+    """Read the stream of the virtual load cell without a fault and with each fault."""
     from tacbench_cad.virtual_rig.faults import Fault
     from tacbench_cad.virtual_rig.loadcell import CellSettings
     from tacbench_cad.virtual_rig.loadcell import LoadCell as VirtualCell
@@ -389,7 +389,7 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
                         cell_gauge.read(1.0)
 
 
-def first_good_reading(gauge: Gauge, error: type[Exception]) -> float:
+def first_good_force(gauge: Gauge, error: type[Exception]) -> float:
     """Return the first force in N after a fault. On a busy machine the port may still hold samples of the fault."""
     for _ in range(40):
         with suppress(error):
@@ -398,7 +398,7 @@ def first_good_reading(gauge: Gauge, error: type[Exception]) -> float:
 
 
 @pty_only
-def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> None:
+def test_the_virtual_rigs_faults_cause_specific_errors_and_the_gauge_recovers() -> None:
     from tacbench_cad.virtual_rig.faults import Fault
     from tacbench_cad.virtual_rig.process import launch
 
@@ -422,7 +422,7 @@ def test_the_virtual_rigs_faults_end_in_named_errors_and_the_gauge_goes_on() -> 
                     for _ in range(40):
                         cell_gauge.read(0.1)
                 Clock(speed=50.0).sleep(until - rig.now_s() + 15.0)
-                assert first_good_reading(cell_gauge, error) == pytest.approx(force, abs=0.004)
+                assert first_good_force(cell_gauge, error) == pytest.approx(force, abs=0.004)
             rig.inject(Fault(kind="unplug", where="gauge"))
             with pytest.raises(DeviceLostError):
                 for _ in range(40):

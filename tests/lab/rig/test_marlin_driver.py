@@ -1,4 +1,4 @@
-"""The Marlin driver against a scripted peer: every trait of real firmware, one by one, and every way a move can end."""
+"""Test the Marlin driver against a scripted peer: every trait of real firmware and every possible end of a move."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 if sys.platform == "win32":
-    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.scripted_marlin import ScriptedMarlin
 
@@ -54,7 +54,7 @@ def test_identity_names_driver_version_and_port() -> None:
         assert stage.position() == (10.0, 20.0, 30.0)
 
 
-def test_z_is_homed_first_where_its_end_stop_is_at_the_top() -> None:
+def test_z_is_homed_first_if_its_end_stop_is_at_the_top() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         assert [command for command in script.accepted if command.startswith(b"G28")] == [b"G28 Z", b"G28 X", b"G28 Y"]
@@ -71,7 +71,7 @@ def test_the_sensor_is_raised_before_z_is_homed_downwards() -> None:
         ]  # fmt: skip
 
 
-def test_positions_have_the_motors_resolution_where_steps_are_told() -> None:
+def test_positions_have_the_motors_resolution_if_steps_are_reported() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         assert stage.move((10.0, 20.0, 5.0031), 20.0) == (10.0, 20.0, 5.0025)
@@ -84,7 +84,7 @@ def test_a_build_without_steps_reports_two_decimals() -> None:
         assert stage.move((10.0, 20.0, 5.0031), 20.0) == (10.0, 20.0, 5.0)
 
 
-def test_trait_14_no_ok_and_no_planned_target_is_an_arrival_before_m400() -> None:
+def test_trait_14_a_move_ends_only_with_m400() -> None:
     script = ScriptedMarlin()
     script.on[b"M400"] = lambda line: [0.3, b"ok\n"]
     with opened(script) as stage:
@@ -95,7 +95,7 @@ def test_trait_14_no_ok_and_no_planned_target_is_an_arrival_before_m400() -> Non
         assert words[-3:] == [b"G1", b"M400", b"M114"]
 
 
-def test_trait_14_motors_elsewhere_than_planned_are_no_arrival() -> None:
+def test_trait_14_motors_at_another_position_are_not_an_arrival() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         script.on[b"M114"] = lambda line: [b"X:10.00 Y:20.00 Z:5.00 E:0.00 Count X:800 Y:1600 Z:9999\nok\n"]
@@ -103,7 +103,7 @@ def test_trait_14_motors_elsewhere_than_planned_are_no_arrival() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_trait_15_a_clamped_target_is_no_arrival() -> None:
+def test_trait_15_a_clamped_target_is_not_an_arrival() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         script.soft = 0.0
@@ -120,7 +120,7 @@ def test_trait_15_nothing_moves_before_homing() -> None:
         assert not any(command.startswith(b"G1") for command in script.accepted)
 
 
-def test_trait_16_a_garbled_line_is_sent_again_and_its_own_ok_not_counted() -> None:
+def test_trait_16_a_garbled_line_is_sent_again_and_its_ok_is_not_counted() -> None:
     script = ScriptedMarlin()
     garbled = 0
 
@@ -138,7 +138,7 @@ def test_trait_16_a_garbled_line_is_sent_again_and_its_own_ok_not_counted() -> N
         assert garbled == 2
 
 
-def test_trait_16_a_lost_ok_is_no_endless_resend() -> None:
+def test_trait_16_a_lost_ok_does_not_cause_endless_resends() -> None:
     script = ScriptedMarlin()
 
     def silent(line: bytes) -> Iterator[bytes]:
@@ -152,7 +152,7 @@ def test_trait_16_a_lost_ok_is_no_endless_resend() -> None:
         assert sum(b"G1" in line for line in peer.lines) == 2
 
 
-def test_trait_16_lines_that_are_always_garbled_end_in_an_error() -> None:
+def test_trait_16_lines_that_are_always_garbled_cause_an_error() -> None:
     script = ScriptedMarlin()
 
     def never(line: bytes) -> Iterator[bytes]:
@@ -168,12 +168,12 @@ def test_trait_16_lines_that_are_always_garbled_end_in_an_error() -> None:
 GARBLED = {
     "refused": lambda script: script.refusal("checksum mismatch"),
     "taken for an unknown command": lambda script: b'echo:Unknown command: "?1000 M110 N1000*97"\nok\n',
-    "taken for a command that says nothing": lambda script: b"ok\n",
+    "taken for a command without output": lambda script: b"ok\n",
 }
 
 
 @pytest.mark.parametrize("how", GARBLED)
-def test_garbled_new_line_numbers_are_agreed_on_all_the_same(how: str) -> None:
+def test_garbled_line_number_resets_are_repeated(how: str) -> None:
     script = ScriptedMarlin()
     left = 2
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
@@ -193,7 +193,7 @@ def test_garbled_new_line_numbers_are_agreed_on_all_the_same(how: str) -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_line_numbers_that_are_never_taken_end_in_an_error() -> None:
+def test_line_number_resets_that_are_never_accepted_cause_an_error() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         stage.home()
@@ -227,7 +227,7 @@ def test_a_line_whose_number_was_garbled_is_sent_again() -> None:
         assert sum(command.startswith(b"G1") for command in script.accepted) == 1
 
 
-def test_a_move_that_was_given_up_is_not_made_later() -> None:
+def test_an_abandoned_move_is_not_made_later() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         stage.home()
@@ -242,7 +242,7 @@ def test_a_move_that_was_given_up_is_not_made_later() -> None:
         assert not any(b"Z1.0" in command for command in script.accepted)
 
 
-def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_it() -> None:
+def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it() -> None:
     script = ScriptedMarlin()
     stopped_at = first_after = 0.0
 
@@ -254,7 +254,7 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_
         nonlocal stopped_at
         stopped_at = time.monotonic()
         script.on.clear()
-        # The cut M400 says ok, far from the target; M410 itself is never acknowledged.
+        # The interrupted M400 sends ok far from the target; M410 itself is never acknowledged.
         return iter([b"ok\n"])
 
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=3.0) as stage:
@@ -276,7 +276,7 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_silence_after_
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_trait_18_an_unknown_command_is_no_success() -> None:
+def test_trait_18_an_unknown_command_is_not_a_success() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         script.on[b"G1"] = lambda line: [b'echo:Unknown command: "G1"\nok\n']
@@ -284,7 +284,7 @@ def test_trait_18_an_unknown_command_is_no_success() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_trait_18_a_halt_is_an_alarm_and_then_silence() -> None:
+def test_trait_18_a_halt_is_an_alarm_followed_by_silence() -> None:
     script = ScriptedMarlin()
 
     def halt(line: bytes) -> Iterator[bytes]:
@@ -301,7 +301,7 @@ def test_trait_18_a_halt_is_an_alarm_and_then_silence() -> None:
             stage.home()
 
 
-def test_trait_18_a_reset_in_motion_is_a_lost_position_until_homed() -> None:
+def test_trait_18_after_a_reset_in_motion_the_position_is_lost_until_homing() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         script.on[b"M400"] = lambda line: [script.reset()]
@@ -314,7 +314,7 @@ def test_trait_18_a_reset_in_motion_is_a_lost_position_until_homed() -> None:
         assert stage.move(THERE, 20.0) == THERE
 
 
-def test_trait_18_a_reset_whose_banner_was_lost_shows_in_the_line_numbers() -> None:
+def test_trait_18_a_reset_without_a_banner_is_detected_by_the_line_numbers() -> None:
     script = ScriptedMarlin()
     with opened(script) as stage:
         script.reset()
@@ -322,7 +322,7 @@ def test_trait_18_a_reset_whose_banner_was_lost_shows_in_the_line_numbers() -> N
             stage.move(THERE, 20.0)
 
 
-def test_trait_19_busy_lets_the_silence_begin_anew() -> None:
+def test_trait_19_busy_restarts_the_timeout() -> None:
     script = ScriptedMarlin()
     busy = [0.25, b"echo:busy: processing\n"]
     script.on[b"G28"] = lambda line: [*busy * (4 if line.endswith(b"Z") else 0), *script.obey(line)]
@@ -330,7 +330,7 @@ def test_trait_19_busy_lets_the_silence_begin_anew() -> None:
         assert stage.position() == (0.0, 0.0, 100.0)
 
 
-def test_trait_19_busy_for_ever_is_bounded() -> None:
+def test_trait_19_endless_busy_causes_a_timeout() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.5) as stage:
         script.on[b"G28"] = lambda line: [0.1, b"echo:busy: processing\n"] * 8
@@ -338,22 +338,22 @@ def test_trait_19_busy_for_ever_is_bounded() -> None:
             stage.home()
 
 
-def test_trait_19_both_baud_rates_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trait_19_both_baud_rates_are_attempted(monkeypatch: pytest.MonkeyPatch) -> None:
     script = ScriptedMarlin()
-    tried_rates: list[int] = []
+    baud_rates: list[int] = []
 
     def set_baud(line: object, baud: int) -> None:
-        tried_rates.append(baud)
+        baud_rates.append(baud)
         script.mute = baud != 115200
 
     monkeypatch.setattr("tacbench_cad.lab.rig.line.Line.set_baud", set_baud)
     script.mute = True
     with script.peer() as peer, MarlinStage(peer.port) as stage:
-        assert tried_rates == [250000, 115200]
+        assert baud_rates == [250000, 115200]
         assert stage.position() == (10.0, 20.0, 30.0)
 
 
-def test_opening_a_port_that_resets_waits_for_the_end_of_the_start() -> None:
+def test_opening_a_port_that_resets_waits_for_the_end_of_the_boot() -> None:
     script = ScriptedMarlin()
     script.mute = True
 
@@ -370,7 +370,7 @@ def test_opening_a_port_that_resets_waits_for_the_end_of_the_start() -> None:
             assert stage.move(THERE, 20.0) == THERE
 
 
-def test_unplugging_in_motion_is_noticed() -> None:
+def test_unplugging_in_motion_is_detected() -> None:
     script = ScriptedMarlin()
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         stage.home()

@@ -1,4 +1,4 @@
-"""The Marlin driver against virtual Marlin, and every fault that it can be given."""
+"""Test the Marlin driver against virtual Marlin and all its faults."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 import pytest
 
 if sys.platform == "win32":
-    pytest.skip("needs pseudo-terminals, which Windows lacks", allow_module_level=True)
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.driver_faults import SPEED, survive
 
@@ -50,9 +50,10 @@ def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
 
 
-#: Garbled bytes, silence, an alarm. The other drivers have the other faults; all have all of them as long.
+#: The seeds garble bytes, silence the line and raise an alarm. The quick tests of the other drivers cover the other
+#: faults, and the long tests cover all.
 @pytest.mark.parametrize("seed", (2, 3, 5))
-def test_faults_end_in_names_and_moves_where_they_say(seed: int) -> None:
+def test_faults_cause_specific_errors_and_moves_end_at_the_reported_position(seed: int) -> None:
     survive("marlin", opener, CENTER, seed)
 
 

@@ -1,4 +1,4 @@
-"""A user's own stage by ``module:name``, and every way in which the name can be wrong."""
+"""Test users' stages by ``module:name``, and every way in which the name can be wrong."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_options_become_keyword_arguments(monkeypatch: pytest.MonkeyPatch) -> No
         assert stage.position() == (1.0, 2.0, 3.0)
 
 
-def test_an_example_of_twenty_lines_stays_one() -> None:
+def test_the_example_has_twenty_lines() -> None:
     source = (HERE / "example_stage.py").read_text(encoding="utf-8")
     code = [line for line in source.split("class ExampleStage")[1].splitlines()[1:] if line.strip()]
     assert len(code) <= 20
@@ -67,13 +67,13 @@ def test_wrong_names_are_explained(driver: str, message: str, monkeypatch: pytes
         open_stage(settings(driver))
 
 
-def test_an_option_that_it_does_not_take_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_option_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(HERE)
     with pytest.raises(InputError, match="cannot be opened: TypeError"):
         open_stage(settings("example_stage:ExampleStage", options={"speed": 3}))
 
 
-def test_a_module_that_fails_when_imported_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_that_fails_on_import_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "fails_when_imported.py").write_text("raise RuntimeError('no licence\\nfor this arm')\n")
     with pytest.raises(InputError, match="RuntimeError: no licence") as caught:
@@ -81,7 +81,7 @@ def test_a_module_that_fails_when_imported_is_one_line(tmp_path: Path, monkeypat
     assert "\n" not in str(caught.value)
 
 
-def test_a_package_of_an_extra_that_it_lacks_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_of_an_extra_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(packages, "has_module", lambda name: False)
     (tmp_path / "needs_torch.py").write_text("raise ModuleNotFoundError('No module named torch', name='torch')\n")
@@ -89,7 +89,7 @@ def test_a_package_of_an_extra_that_it_lacks_is_named(tmp_path: Path, monkeypatc
         plugin.load("needs_torch:Model")
 
 
-def test_rig_errors_of_its_own_come_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rig_errors_of_a_users_driver_are_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "silent_arm.py").write_text(
         "from tacbench_cad.lab.rig.errors import NoAnswerError\n"
@@ -100,12 +100,12 @@ def test_rig_errors_of_its_own_come_through(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("driver", ["gbrl", "virtual-gbrl", "octoprint"])
-def test_unknown_drivers_are_refused_with_a_hint(driver: str) -> None:
+def test_unknown_drivers_are_refused_with_a_suggestion(driver: str) -> None:
     with pytest.raises(InputError, match=r"grbl"):
         open_stage(settings(driver, port="/dev/null"))
 
 
-def test_unknown_options_are_refused_with_a_hint() -> None:
+def test_unknown_options_are_refused_with_a_suggestion() -> None:
     with pytest.raises(InputError, match='did you mean "home_timeout_s"'):
         open_stage(settings("grbl", port="/dev/null", options={"home_timeot_s": 3}))
 
@@ -162,7 +162,9 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("fails", "line", "text"),
     [("home", 12, "OSError: .*Input/output error"), ("position", 12, "OSError"), ("move", 18, "ZeroDivisionError")],
 )
-def test_an_exception_of_ones_own_driver_is_one_line_with_its_file(own: Path, fails: str, line: int, text: str) -> None:
+def test_an_exception_of_a_users_driver_is_reported_in_one_line_with_its_file(
+    own: Path, fails: str, line: int, text: str
+) -> None:
     values = ((1.0, 1.0, 1.0), 5.0) if fails == "move" else ()
     with (
         open_stage(settings("own_rig:Arm", home=False, options={"fails": fails})) as stage,
@@ -176,13 +178,13 @@ def test_an_exception_of_ones_own_driver_is_one_line_with_its_file(own: Path, fa
 
 @pytest.mark.parametrize("fails", ["stop", "close"])
 @pytest.mark.usefixtures("own")
-def test_stop_and_close_of_ones_own_driver_never_raise(fails: str) -> None:
+def test_stop_and_close_of_a_users_driver_never_raise(fails: str) -> None:
     with open_stage(settings("own_rig:Arm", home=False, options={"fails": fails})) as stage:
         stage.stop()
 
 
 @pytest.mark.parametrize("gives", [None, (1.0, 2.0), (0.0, float("nan"), 1.0), "abc"])
-def test_what_is_no_position_is_an_error_of_the_driver(own: Path, gives: object) -> None:
+def test_an_invalid_position_is_an_error_of_the_driver(own: Path, gives: object) -> None:
     with (
         open_stage(settings("own_rig:Arm", home=False, options={"gives": gives})) as stage,
         pytest.raises(DriverError, match=str(own)),
@@ -190,7 +192,7 @@ def test_what_is_no_position_is_an_error_of_the_driver(own: Path, gives: object)
         stage.position()
 
 
-def test_what_is_no_force_or_frame_is_an_error_of_the_driver(own: Path) -> None:
+def test_an_invalid_force_or_frame_is_an_error_of_the_driver(own: Path) -> None:
     gauge = open_gauge(GaugeSettings(driver="own_rig:Cell"), Clock())
     with pytest.raises(DriverError, match=r"\[gauge\] driver own_rig:Cell: read\(\) failed: .*0.1 is not a Force"):
         gauge.read(0.1)
@@ -199,7 +201,7 @@ def test_what_is_no_force_or_frame_is_an_error_of_the_driver(own: Path) -> None:
         sensor.read()
 
 
-def test_errors_when_it_is_opened_name_its_file(tmp_path: Path, own: Path) -> None:
+def test_errors_on_opening_name_the_drivers_file(tmp_path: Path, own: Path) -> None:
     with pytest.raises(InputError, match=rf"\[stage\] driver = 'own_rig:Arm': cannot be opened: TypeError.*{own}"):
         open_stage(settings("own_rig:Arm", options={"speed": 3}))
     with pytest.raises(InputError, match=rf"{own} has no Arms; did you mean"):

@@ -1,4 +1,4 @@
-"""Ports by stable names; several candidates are never guessed between."""
+"""Test ports by stable names; the program never guesses among several candidates."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def plug(monkeypatch: pytest.MonkeyPatch, *devices: SimpleNamespace) -> None:
     monkeypatch.setattr(list_ports, "comports", lambda: list(devices))
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="symbolic links need rights on Windows")
-def test_a_candidate_goes_by_its_id_then_by_its_socket_then_by_its_device(
+@pytest.mark.skipif(sys.platform == "win32", reason="symbolic links need permissions on Windows")
+def test_a_candidate_is_named_by_id_then_by_socket_then_by_device(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     by_id, by_path = tmp_path / "by-id", tmp_path / "by-path"
@@ -53,30 +53,30 @@ def test_a_candidate_goes_by_its_id_then_by_its_socket_then_by_its_device(
     assert candidates[str(devices[0])].description == "wch.cn USB Serial"
 
 
-def test_the_only_candidate_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_single_candidate_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch, usb(tmp_path / "ttyUSB0"))
     assert ports.resolve(None, "stage") == str(tmp_path / "ttyUSB0")
 
 
-def test_several_candidates_are_named_and_none_is_guessed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_several_candidates_are_listed_and_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch, usb(tmp_path / "ttyUSB0"), usb(tmp_path / "ttyUSB1"))
     with pytest.raises(InputError, match=r"several serial devices are connected.*ttyUSB0.*ttyUSB1"):
         ports.resolve(None, "stage")
 
 
-def test_a_port_that_another_device_has_is_no_candidate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_of_another_device_is_not_a_candidate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch, usb(tmp_path / "ttyUSB0"), usb(tmp_path / "ttyUSB1"))
     assert ports.resolve(None, "gauge", taken=(str(tmp_path / "ttyUSB0"),)) == str(tmp_path / "ttyUSB1")
 
 
-def test_nothing_plugged_in_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_devices_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch)
     with pytest.raises(InputError, match="no serial device is connected"):
         ports.resolve(None, "stage")
 
 
 @pytest.mark.parametrize("port", ["socket://rig.local:4000", "COM3", "/dev/serial/by-id/usb-x", "rfc2217://h:1"])
-def test_what_was_written_is_taken(port: str) -> None:
+def test_a_written_port_is_used(port: str) -> None:
     assert ports.resolve(port, "stage") == port
 
 

@@ -1,4 +1,4 @@
-"""``tacbench rig``: probe, align and calibrate-force, with scripted answers."""
+"""Test ``tacbench rig``: probe, align and calibrate-force, with scripted answers."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def typed(monkeypatch: Patch, *lines: str) -> None:
 
 
 class Scale:
-    """Lines of a cell on which a hand puts one mass after another: a new one at each prompt."""
+    """The lines of a cell on which a person puts a new mass at each prompt."""
 
     def __init__(self, counts_per_g: float = 4_000.0, masses: Sequence[float] = (0.0, 50.0, 100.0, 200.0)) -> None:
         self.counts_per_g = counts_per_g
@@ -90,14 +90,14 @@ def test_known_masses_give_a_calibration(scale: Scale, tmp_path: Path, monkeypat
     assert (scale.port, scale.baud, scale.left) == ("P", 57600, 1)  # type: ignore[attr-defined]
 
 
-def test_a_wrong_mass_is_warned_of(scale: Scale, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
+def test_a_wrong_mass_causes_a_warning(scale: Scale, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
     scale.masses = [0.0, 50.0, 120.0, 150.0, 200.0]
     typed(monkeypatch, *[""] * 5)
     run("calibrate-force", "--port", "P", "--masses", "0,50,100,150,200", "-o", str(tmp_path / "gauge.json"))
     assert "warning: the point at 100 g is" in capsys.readouterr().err
 
 
-def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
+def test_masses_in_the_wrong_order_are_not_stored(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
     scale.masses = [200.0, 100.0, 50.0, 0.0]
     typed(monkeypatch, *[""] * 4)
     path = tmp_path / "gauge.json"
@@ -111,14 +111,14 @@ def test_masses_in_the_wrong_order_store_nothing(scale: Scale, tmp_path: Path, m
     assert read_calibration(path).newtons_per_count < 0.0
 
 
-def test_an_input_that_ends_stores_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
+def test_an_input_that_ends_early_stores_nothing(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
     typed(monkeypatch, "")
     with pytest.raises(InputError, match="ended before you answered"):
         run("calibrate-force", "--port", "P", "--masses", "0,50,100", "-o", str(tmp_path / "gauge.json"))
     assert list(tmp_path.iterdir()) == [] and scale.left == 1
 
 
-def test_one_column_of_several_is_told_to_the_cell(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
+def test_the_chosen_column_is_passed_to_the_cell(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
     sent = scale.read_line
     monkeypatch.setattr(scale, "read_line", lambda timeout_s: f"7,{sent(timeout_s)},9")
     typed(monkeypatch, *[""] * 4)
@@ -139,7 +139,7 @@ def test_one_column_of_several_is_told_to_the_cell(scale: Scale, tmp_path: Path,
         (("--masses", "0,1,2", "--baud", "fast"), "must be a whole number"),
     ],
 )
-def test_wrong_options_are_refused_before_anything_is_weighed(
+def test_invalid_options_are_refused_before_weighing(
     scale: Scale, tmp_path: Path, options: tuple[str, ...], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
@@ -194,7 +194,7 @@ def plugged(monkeypatch: Patch) -> list[str]:
     return probed
 
 
-def test_probe_lists_and_asks_nobody(plugged: list[str], capsys: Capture) -> None:
+def test_probe_lists_devices_without_contacting_them(plugged: list[str], capsys: Capture) -> None:
     run("probe")
     out = capsys.readouterr().out
     assert "/dev/serial/by-id/usb-A" in out and "A board" in out
@@ -202,7 +202,7 @@ def test_probe_lists_and_asks_nobody(plugged: list[str], capsys: Capture) -> Non
     assert plugged == []
 
 
-def test_probe_asks_whom_it_is_told_to(plugged: list[str], capsys: Capture) -> None:
+def test_probe_contacts_the_named_ports(plugged: list[str], capsys: Capture) -> None:
     run("probe", "--ask", "P1", "--ask", "P2", "--json")
     document = json.loads(capsys.readouterr().out)
     assert document["asked"] == {"P1": "grbl: 1.1h", "P2": "grbl: 1.1h"} and plugged == ["P1", "P2"]
@@ -210,7 +210,7 @@ def test_probe_asks_whom_it_is_told_to(plugged: list[str], capsys: Capture) -> N
     assert document["cameras"] == [{"name": "/dev/v4l/by-id/usb-C-video-index0", "size_px": [640, 480]}]
 
 
-def test_probe_with_nothing_plugged_in(monkeypatch: Patch, capsys: Capture) -> None:
+def test_probe_without_devices(monkeypatch: Patch, capsys: Capture) -> None:
     monkeypatch.setattr(ports, "candidates", list)
     monkeypatch.setattr(probing, "cameras", lambda folders: ())
     run("probe")
@@ -218,7 +218,7 @@ def test_probe_with_nothing_plugged_in(monkeypatch: Patch, capsys: Capture) -> N
     assert "No serial device" in out and "No camera" in out
 
 
-def test_a_camera_that_does_not_open_is_still_listed(monkeypatch: Patch) -> None:
+def test_a_camera_that_does_not_open_is_listed(monkeypatch: Patch) -> None:
     def gone(name: str) -> Any:
         raise DeviceLostError(name)
 
@@ -289,7 +289,7 @@ def stage(monkeypatch: Patch) -> FakeStage:
 
     @contextmanager
     def opened(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Any]:
-        assert settings.sensor.driver == "simulated", "the camera is left alone"
+        assert settings.sensor.driver == "simulated", "the camera is not opened"
         yield SimpleNamespace(stage=LimitedStage(fake, settings.stage.limits_mm), gauge=gauge)
         assert gauge.tared == 1
 
@@ -298,7 +298,7 @@ def stage(monkeypatch: Patch) -> FakeStage:
 
 
 def answers(off_mm: float = 0.0) -> list[str]:
-    """Lines that teach a frame at 80.5, 79.25, -61, a quarter turn round; the stage begins at 70, 70, -40."""
+    """Return lines that teach a frame at 80.5, 79.25, -61 with a quarter turn; the stage starts at 70, 70, -40."""
     from tacbench_cad.spec.block import Block
 
     frame = WorkFrame(origin_mm=(80.5, 79.25, -61.0), quarter_turns=1)
@@ -318,7 +318,7 @@ def answers(off_mm: float = 0.0) -> list[str]:
 def test_align_stores_the_frame(
     stage: FakeStage, tmp_path: Path, monkeypatch: Patch, capsys: Capture, origin: str
 ) -> None:
-    """Also where the origin is empty still, as ``acquire --init`` leaves it."""
+    """The origin may still be empty, as ``acquire --init`` leaves it."""
     path = tmp_path / "study.toml"
     path.write_text(STUDY.replace("[1, 2, -60]", origin))
     typed(monkeypatch, *answers())
@@ -329,7 +329,7 @@ def test_align_stores_the_frame(
     assert table["origin_mm"] == pytest.approx([80.5, 79.25, -61.0], abs=1e-3) and table["quarter_turns"] == 1
     out = capsys.readouterr().out
     assert "marker 25" in out and "0.012 N" in out and "largest error of a marker 0.000 mm" in out
-    assert "0.012 N] z -2\n" in out, "lines of a script are shown where a person's would stand"
+    assert "0.012 N] z -2\n" in out, "the lines of a script are shown like those of a person"
 
 
 @pytest.mark.parametrize(
@@ -340,7 +340,7 @@ def test_align_stores_the_frame(
         (answers(off_mm=3.0), CheckFailedError, "nothing is stored"),
     ],
 )
-def test_align_stores_nothing_unless_it_ends_well(
+def test_align_stores_nothing_unless_it_succeeds(
     stage: FakeStage, tmp_path: Path, monkeypatch: Patch, lines: list[str], error: type[Exception], message: str
 ) -> None:
     path = tmp_path / "study.toml"
@@ -359,10 +359,10 @@ def test_align_stores_nothing_unless_it_ends_well(
         ("[protocol]\ndepth_limit_mm = 50.0\n", r"limits_mm z .*needs -111\.000"),
     ],
 )
-def test_align_refuses_what_cannot_be_reached(
+def test_align_refuses_unreachable_positions(
     stage: FakeStage, tmp_path: Path, monkeypatch: Patch, line: str, message: str
 ) -> None:
-    """By the rule of acquire: the travel height over a rim that stands above the block counts, too."""
+    """The rule is that of ``acquire``: the travel height over a rim higher than the block counts as well."""
     path = tmp_path / "study.toml"
     path.write_text(STUDY + line)
     typed(monkeypatch, *answers())
@@ -371,7 +371,7 @@ def test_align_refuses_what_cannot_be_reached(
     assert path.read_text() == STUDY + line
 
 
-def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) -> None:
+def test_align_refuses_invalid_tolerances_and_studies_without_a_rig(tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     path.write_text(STUDY[: STUDY.index("[stage]")])
     for value in ("0", "-1", "nan", "six"):
@@ -384,7 +384,7 @@ def test_align_refuses_odd_tolerances_and_studies_without_a_rig(tmp_path: Path) 
 # --- identify, over real ports ---
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 @pytest.mark.parametrize("kind", [pytest.param("grbl", marks=pytest.mark.long), "marlin"])
 def test_firmware_and_gauge_are_identified(kind: str) -> None:
     from tacbench_cad.virtual_rig.process import launch
@@ -394,8 +394,8 @@ def test_firmware_and_gauge_are_identified(kind: str) -> None:
         assert "sends samples of 1 number" in probing.identify(virtual.gauge_port)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
-def test_a_silent_port_is_no_error(monkeypatch: Patch) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+def test_a_silent_port_is_not_an_error(monkeypatch: Patch) -> None:
     import os
 
     def silent(port: str, **options: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Lines of numbers: whatever bytes come, a sample is a sample or it is skipped and counted."""
+"""Test lines of numbers: for arbitrary bytes, each line is a sample or is skipped and counted."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerErr
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import SampleStream, parse_numbers
 
-pty_only = pytest.mark.skipif(sys.platform == "win32", reason="WINDOWS HAS NO PSEUDO-TERMINALS: not tested here")
+pty_only = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 
 class Script:
-    """Lines that are there already; then nothing."""
+    """A source of given lines, and nothing after them."""
 
     def __init__(self, *lines: str) -> None:
         self.lines = list(lines)
@@ -43,7 +43,7 @@ def stream(*lines: str, columns: int = 1) -> SampleStream:
 
 @contextmanager
 def terminal() -> Iterator[str]:
-    """A silent pseudo-terminal; yields its path."""
+    """Open a silent pseudo-terminal and yield its path."""
     master, slave = os.openpty()
     try:
         yield os.ttyname(slave)
@@ -96,7 +96,7 @@ def test_samples_are_read(line: str, numbers: tuple[float, ...]) -> None:
         "9" * 21,
     ],
 )
-def test_anything_else_is_no_sample(line: str) -> None:
+def test_other_texts_are_not_samples(line: str) -> None:
     assert parse_numbers(line) is None
 
 
@@ -111,7 +111,7 @@ def test_any_text_is_a_sample_or_none(line: str) -> None:
     st.sampled_from([",", ", ", ";", "\t", " ", " ;\t"]),
     st.sampled_from(["", "\r", ",", " "]),
 )
-def test_what_is_printed_is_read_back(values: list[float], between: str, end: str) -> None:
+def test_printed_samples_round_trip(values: list[float], between: str, end: str) -> None:
     line = between.join(f"{value:.17g}" for value in values) + end
     assert parse_numbers(line) == tuple(values)
 
@@ -119,10 +119,10 @@ def test_what_is_printed_is_read_back(values: list[float], between: str, end: st
 @pty_only
 @settings(max_examples=25, deadline=None)
 @given(data=st.binary(max_size=300), columns=st.integers(1, 3))
-def test_arbitrary_bytes_give_samples_or_named_errors(data: bytes, columns: int) -> None:
+def test_arbitrary_bytes_give_samples_or_specific_errors(data: bytes, columns: int) -> None:
     with terminal() as path, Line(path, baud=115200, what="gauge") as line:
         samples = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
-        # Straight into the line's buffer, as if it had come: a pseudo-terminal adds nothing to it.
+        # The bytes go directly into the line's buffer; a pseudo-terminal would add nothing to the test.
         line._buffer += data + b"\n"
         try:
             for _ in range(300):
@@ -153,7 +153,7 @@ def test_garbled_lines_are_skipped_and_counted() -> None:
     assert samples.garbled == 3
 
 
-def test_too_many_garbled_lines_end_it() -> None:
+def test_too_many_garbled_lines_cause_an_error() -> None:
     lines = [line for i in range(40) for line in (f"{i}", "?#")]
     samples = stream(*lines)
     with pytest.raises(GaugeError, match=r"cell: 10 of the last 20 lines are garbled, for example '\?#'"):
@@ -161,19 +161,19 @@ def test_too_many_garbled_lines_end_it() -> None:
             samples.next()
 
 
-def test_few_garbled_lines_do_not(lines: int = 400) -> None:
+def test_few_garbled_lines_cause_no_error(lines: int = 400) -> None:
     samples = stream(*[f"{i}" if i % 5 else "?" for i in range(lines)])
     assert [samples.next() for _ in range(320)][-1] == (399.0,)
     assert samples.garbled == 80
 
 
-def test_a_number_too_many_is_garbled() -> None:
+def test_a_line_with_too_many_numbers_is_garbled() -> None:
     with pytest.raises(GaugeError, match=r"no valid line in time; the last line was '1,2'"):
         stream("1,2").next()
     assert stream("1,2", columns=2).next() == (1.0, 2.0)
 
 
-def test_silence_has_a_name() -> None:
+def test_silence_causes_a_specific_error() -> None:
     with pytest.raises(NoAnswerError, match="sends no data"):
         stream().next()
     with pytest.raises(NoAnswerError):
@@ -181,7 +181,7 @@ def test_silence_has_a_name() -> None:
 
 
 @pty_only
-def test_only_samples_that_came_after_the_call_are_given() -> None:
+def test_only_samples_after_the_call_are_returned() -> None:
     import tty
 
     master, slave = os.openpty()

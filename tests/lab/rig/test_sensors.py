@@ -1,4 +1,4 @@
-"""Sensors by name, and one of a user's own."""
+"""Test sensors by name, and a user's sensor."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("own")
-def test_a_sensor_of_ones_own() -> None:
+def test_a_users_sensor() -> None:
     settings = SensorSettings(driver="own_skin:Skin", device="usb7", options={"gain": 2.0})
     with open_sensor(settings, Clock()) as sensor:
         assert isinstance(sensor, Sensor)
@@ -53,7 +53,7 @@ def test_a_sensor_of_ones_own() -> None:
 
 
 @pytest.mark.usefixtures("own")
-def test_what_is_no_sensor_is_refused() -> None:
+def test_other_objects_are_refused() -> None:
     with pytest.raises(InputError, match="lacks name, units"):
         open_sensor(SensorSettings(driver="own_skin:Broken"), Clock())
 
@@ -63,7 +63,7 @@ def test_unknown_names_are_refused() -> None:
         open_sensor(SensorSettings(driver="taxel"), Clock())
 
 
-def test_the_named_ones_are_opened() -> None:
+def test_named_sensors_are_opened() -> None:
     with pytest.raises(DeviceLostError, match="camera"):
         open_sensor(SensorSettings(driver="opencv", device="/dev/video-none", options={"exposure": 1}), Clock())
     with pytest.raises(InputError, match="sensor port"):

@@ -1,4 +1,4 @@
-"""Taxels over serial: one sample or a series without holes, new ones only, stuck arrays noticed."""
+"""Test taxels over a serial port: a sample or a series without gaps, new samples only, and stuck arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tacbench_cad.util.errors import InputError
 
 
 class Array:
-    """Lines of an array of four taxels; the first number counts the samples."""
+    """The lines of an array of four taxels; the first number counts the samples."""
 
     def __init__(self, alter: Callable[[int, str], str | None] = lambda i, line: line) -> None:
         self.alter = alter
@@ -40,7 +40,7 @@ def taxels(array: Array, **options: Any) -> TaxelSensor:
     return TaxelSensor(array, name="taxels", options=chosen, clock=Clock())
 
 
-def test_one_sample_is_a_row() -> None:
+def test_a_single_sample_is_a_row() -> None:
     array = Array()
     with taxels(array, units="kPa") as sensor:
         assert isinstance(sensor, Sensor)
@@ -52,11 +52,11 @@ def test_one_sample_is_a_row() -> None:
     assert array.closed == 1
 
 
-def test_samples_are_new_and_whole() -> None:
+def test_samples_are_new_and_complete() -> None:
     array = Array()
     sensor = taxels(array)
     before = array.sent
-    # What was there is forgotten, the line after it may be half of one.
+    # The old input is discarded, and the next line may be incomplete.
     assert sensor.read()[0] == before + 102
 
 
@@ -67,7 +67,7 @@ def test_a_series_has_a_row_for_each_sample() -> None:
     assert np.all(np.diff(series[:, 0]) == 1.0)
 
 
-def test_a_series_has_no_holes() -> None:
+def test_a_series_has_no_gaps() -> None:
     array = Array()
     sensor = taxels(array, samples=25)
     hole = array.sent + 100 + 10
@@ -77,7 +77,7 @@ def test_a_series_has_no_holes() -> None:
     assert sensor.garbled == 1
 
 
-def test_a_series_that_never_gets_whole_is_an_error() -> None:
+def test_a_series_that_is_never_complete_causes_an_error() -> None:
     array = Array()
     sensor = taxels(array, samples=25)
     array.alter = lambda i, line: "?" if i % 10 == 0 else line
@@ -86,7 +86,7 @@ def test_a_series_that_never_gets_whole_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("line", ["1,2,3", "1,2,3,4,5", "", "a,b,c,d", "1,2,,4"])
-def test_lines_of_another_shape_are_no_samples(line: str) -> None:
+def test_lines_of_another_length_are_not_samples(line: str) -> None:
     array = Array()
     sensor = taxels(array)
     array.alter = lambda i, sound: line if i % 7 == 0 else sound
@@ -97,7 +97,7 @@ def test_lines_of_another_shape_are_no_samples(line: str) -> None:
         sensor.read()
 
 
-def test_a_stuck_array_is_noticed() -> None:
+def test_a_stuck_array_is_detected() -> None:
     array = Array(lambda i, line: "1,2,3,4")
     sensor = taxels(array)
     with pytest.raises(SensorError, match="50 samples in a row are 1, 2, 3, 4, so the device is stuck"):
@@ -106,7 +106,7 @@ def test_a_stuck_array_is_noticed() -> None:
     assert taxels(Array(lambda i, line: "1,2,3,4"), samples=200, stuck_samples=0).read().shape == (200, 4)
 
 
-def test_a_silent_array_is_named_and_let_go() -> None:
+def test_a_silent_array_is_reported_and_closed() -> None:
     array = Array(lambda i, line: None)
     with pytest.raises(NoAnswerError, match="taxels: sends no data"):
         taxels(array)
