@@ -1,4 +1,4 @@
-"""A small run: 2 x 2 positions, 2 forces, 2 repeats, images of 24 x 32 pixels."""
+"""Fixtures for a small run: 2 x 2 positions, 2 forces, 2 repeats, images of 24 x 32 pixels."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MakeInfo = Callable[..., RunInfo]
 
 @pytest.fixture(scope="session")
 def make_info() -> MakeInfo:
-    """Makes the small run's info, with some things changed."""
+    """Return a function that makes the small run's info with the given changes."""
 
     def make(shape: tuple[int, ...] = (24, 32), sensor: dict[str, Any] | None = None, **changes: Any) -> RunInfo:
         protocol = Protocol(
@@ -62,12 +62,12 @@ def make_info() -> MakeInfo:
 
 
 def picture(seed: int, shape: tuple[int, ...] = (24, 32)) -> np.ndarray:
-    """An image of noise: bright, sharp and like no other."""
+    """Return a bright and sharp image of noise that depends on the seed."""
     return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
 
 
 def press_all(writer: RunWriter, count: int | None = None) -> None:
-    """What the press loop does: reference, stationary readings, presses."""
+    """Write a reference, stationary frames and presses as the press loop does."""
     shape = writer.info.frame_shape or (24, 32)
     image = len(shape) > 1
 
@@ -88,8 +88,8 @@ def press_all(writer: RunWriter, count: int | None = None) -> None:
 
 
 @pytest.fixture(scope="session")
-def whole_run(tmp_path_factory: pytest.TempPathFactory, make_info: MakeInfo) -> Path:
-    """A whole small run, to be copied."""
+def complete_run(tmp_path_factory: pytest.TempPathFactory, make_info: MakeInfo) -> Path:
+    """Return the folder of a complete small run, which tests must not change."""
     folder = tmp_path_factory.mktemp("runs") / "run"
     with RunWriter.open(folder, make_info(), durable=False) as writer:
         press_all(writer)
@@ -97,18 +97,18 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory, make_info: MakeInfo) -> 
 
 
 @pytest.fixture
-def run_folder(tmp_path: Path, whole_run: Path) -> Path:
-    """A whole small run, a test's own."""
-    return shutil.copytree(whole_run, tmp_path / "run")
+def run_folder(tmp_path: Path, complete_run: Path) -> Path:
+    """Return a copy of the complete small run, which a test may change."""
+    return shutil.copytree(complete_run, tmp_path / "run")
 
 
 @pytest.fixture(scope="session")
 def filled() -> Callable[..., None]:
-    """Fills an open run."""
+    """Return a function that fills an open run."""
     return press_all
 
 
 @pytest.fixture(scope="session")
 def noise() -> Callable[..., np.ndarray]:
-    """Makes images."""
+    """Return a function that makes images of noise."""
     return picture

@@ -1,4 +1,4 @@
-"""``tacbench export-runs --to tactile-data``: what tactile_learning reads."""
+"""Test ``tacbench export-runs --to tactile-data``, whose output tactile_learning reads."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def image_of(path: Path) -> Any:
     return decoded(path.read_bytes(), path.name)
 
 
-def test_images_table_and_parameters_lie_where_tactile_learning_looks(run_folder: Path) -> None:
+def test_images_table_and_parameters_have_the_paths_of_tactile_learning(run_folder: Path) -> None:
     assert export_tactile_data(run_folder) == 16
     with (run_folder / "targets_images.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -46,7 +46,7 @@ def test_images_table_and_parameters_lie_where_tactile_learning_looks(run_folder
     assert processed["simulated"] == ["stage: stage model"]
 
 
-def test_another_folder_gets_everything_and_the_run_stays_as_it_was(run_folder: Path, tmp_path: Path) -> None:
+def test_an_export_to_another_folder_does_not_change_the_run(run_folder: Path, tmp_path: Path) -> None:
     before = sorted(path for path in run_folder.rglob("*") if path.name != ".tacbench-lock")
     export_tactile_data(run_folder, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
@@ -60,7 +60,7 @@ def test_another_folder_gets_everything_and_the_run_stays_as_it_was(run_folder: 
     assert sorted(path for path in run_folder.rglob("*") if path.name != ".tacbench-lock") == before
 
 
-def test_colours_become_grey_by_bt601_and_sizes_follow(tmp_path: Path) -> None:
+def test_colours_become_grey_by_bt601_and_images_are_resized(tmp_path: Path) -> None:
     image = np.zeros((40, 60, 3), np.uint8)
     image[:, 30:] = (200, 100, 50)
     grey = Processing(bbox=(40, 10, 60, 30), size=(10, 10))(image)
@@ -70,7 +70,7 @@ def test_colours_become_grey_by_bt601_and_sizes_follow(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bbox", [(0, 0, 0, 5), (5, 0, 2, 5), (-1, 0, 5, 5)])
-def test_wrong_boxes_are_refused(bbox: tuple[int, int, int, int]) -> None:
+def test_invalid_boxes_are_refused(bbox: tuple[int, int, int, int]) -> None:
     with pytest.raises(InputError, match="bbox"):
         Processing(bbox=bbox)
 
@@ -113,6 +113,6 @@ def test_the_command_exports_every_run(run_folder: Path, tmp_path: Path, capsys:
         (["--to", "tactile-data", "--bbox", "1,2,3"], "must be X0,Y0,X1,Y1"),
     ],
 )
-def test_wrong_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
+def test_invalid_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
     assert main(["export-runs", str(run_folder), *words]) == 2
     assert message in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""``tacbench export-runs --to huggingface|webdataset|imagefolder|zarr|npz``: whole, streamed, true to the run."""
+"""Test ``tacbench export-runs --to huggingface|webdataset|imagefolder|zarr|npz``: complete, streamed and unchanged."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def rows_of(folder: Path) -> list[Any]:
     return sorted(Run.open(folder).rows, key=lambda row: row.number)
 
 
-def test_the_columns_are_those_of_the_table_and_of_the_run() -> None:
+def test_the_columns_come_from_the_table_and_the_run() -> None:
     assert [column.name for column in COLUMNS] == ["run", "label", *TARGETS_COLUMNS, "simulated"]
     assert all(column.description for column in COLUMNS if not column.name.startswith(("pose", "shear")))
     kinds = {column.name: column.kind for column in COLUMNS}
     assert (kinds["object_label"], kinds["repeat"], kinds["in_band"], kinds["pose_z"]) == (str, int, bool, float)
 
 
-def test_what_is_unknown_is_none(run_folder: Path) -> None:
+def test_unknown_values_are_none(run_folder: Path) -> None:
     from dataclasses import replace
 
     row = replace(rows_of(run_folder)[0], pose_z=float("nan"), measured_force_n=None)
@@ -57,7 +57,7 @@ def test_what_is_unknown_is_none(run_folder: Path) -> None:
     assert values["object_label"] == "4" and values["simulated"] == ""
 
 
-def test_the_tar_holds_the_images_bytes_and_a_document_for_each(run_folder: Path, tmp_path: Path) -> None:
+def test_the_tar_contains_each_images_bytes_and_a_document(run_folder: Path, tmp_path: Path) -> None:
     samples = export_runs([run_folder], "webdataset", tmp_path / "out")
     assert len(samples) == 16
     with tarfile.open(tmp_path / "out" / "frames-000000.tar") as shard:
@@ -72,7 +72,7 @@ def test_the_tar_holds_the_images_bytes_and_a_document_for_each(run_folder: Path
         assert document["time_utc"].endswith("Z") and document["in_band"] is row.in_band
 
 
-def test_tar_files_are_cut_at_their_size(run_folder: Path, tmp_path: Path) -> None:
+def test_tar_files_are_divided_at_the_given_size(run_folder: Path, tmp_path: Path) -> None:
     web_dataset.write(Samples([run_folder]), tmp_path, shard_bytes=20_000)
     names = []
     for path in sorted(tmp_path.glob("*.tar")):
@@ -82,7 +82,7 @@ def test_tar_files_are_cut_at_their_size(run_folder: Path, tmp_path: Path) -> No
     assert all(len(shard) % 2 == 0 for shard in names)
 
 
-def test_the_folder_of_each_label_holds_the_images_as_they_are(run_folder: Path, tmp_path: Path) -> None:
+def test_the_folder_of_each_label_contains_the_unchanged_images(run_folder: Path, tmp_path: Path) -> None:
     export_runs([run_folder], "imagefolder", tmp_path / "out")
     with (tmp_path / "out" / "metadata.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
@@ -98,7 +98,7 @@ def test_a_label_names_its_folder(label: str | None, name: str) -> None:
 
 
 @pytest.mark.parametrize("label", ["..", "a/b", "../../x", " ", "a\\b", ".hidden", "ß" * 300])
-def test_a_label_that_is_no_folder_name_stays_inside(label: str, tmp_path: Path) -> None:
+def test_a_label_that_is_not_a_folder_name_stays_inside_the_output(label: str, tmp_path: Path) -> None:
     path = (tmp_path / folder_name(label)).resolve()
     assert path.parent == tmp_path.resolve() and not path.name.startswith(".")
     assert folder_name(label) != folder_name(label + "x")
@@ -115,7 +115,7 @@ def test_numpy_reads_frames_and_columns(run_folder: Path, tmp_path: Path) -> Non
         assert data["simulated"].tolist() == [SIMULATED] * 16
 
 
-def test_a_column_without_values_is_no_array_and_a_partly_known_number_is_nan(run_folder: Path, tmp_path: Path) -> None:
+def test_an_empty_column_has_no_array_and_a_missing_number_is_nan(run_folder: Path, tmp_path: Path) -> None:
     table = run_folder / "targets.csv"
     with table.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -147,7 +147,7 @@ def test_zarr_reads_frames_columns_and_attributes(run_folder: Path, tmp_path: Pa
     assert group.attrs["simulated"] == [SIMULATED] and group.attrs["runs"] == ["run"]
 
 
-def test_parquet_holds_the_images_bytes_and_typed_columns(run_folder: Path, tmp_path: Path) -> None:
+def test_parquet_contains_the_images_bytes_and_typed_columns(run_folder: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     export_runs([run_folder], "huggingface", tmp_path / "out")
     table = parquet.read_table(tmp_path / "out" / "data" / "train-00000.parquet")
@@ -160,7 +160,7 @@ def test_parquet_holds_the_images_bytes_and_typed_columns(run_folder: Path, tmp_
     assert table.schema.metadata[b"simulated"] == SIMULATED.encode()
 
 
-def test_parquet_files_are_cut_at_their_size(run_folder: Path, tmp_path: Path) -> None:
+def test_parquet_files_are_divided_at_the_given_size(run_folder: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     hugging_face.write(Samples([run_folder]), tmp_path, shard_bytes=5000)
     sizes = [parquet.ParquetFile(path).metadata.num_rows for path in sorted((tmp_path / "data").iterdir())]
@@ -168,7 +168,7 @@ def test_parquet_files_are_cut_at_their_size(run_folder: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_page_lies_beside_the_data(to: str, run_folder: Path, tmp_path: Path) -> None:
+def test_a_readme_is_written_next_to_the_data(to: str, run_folder: Path, tmp_path: Path) -> None:
     needs(to)
     export_runs([run_folder], to, tmp_path / "out")
     page = (tmp_path / "out" / "README.md").read_text()
@@ -177,7 +177,7 @@ def test_a_page_lies_beside_the_data(to: str, run_folder: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_changed_frame_stops_it_and_leaves_nothing(to: str, run_folder: Path, tmp_path: Path) -> None:
+def test_a_changed_frame_stops_the_export_and_leaves_nothing(to: str, run_folder: Path, tmp_path: Path) -> None:
     needs(to)
     (run_folder / "sensor_images" / "image_9.png").write_bytes(
         (run_folder / "sensor_images" / "image_4.png").read_bytes()
@@ -201,7 +201,7 @@ def test_an_interruption_leaves_nothing(to: str, run_folder: Path, tmp_path: Pat
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
 
 
-def test_what_a_killed_export_left_is_swept_by_the_next(run_folder: Path, tmp_path: Path) -> None:
+def test_remains_of_a_killed_export_are_removed_by_the_next(run_folder: Path, tmp_path: Path) -> None:
     left = tmp_path / ".tacbench-unfinished-folder-1-out"
     left.mkdir()
     (left / "frames.npz").write_bytes(b"half")
@@ -219,7 +219,7 @@ def test_existing_output_is_not_overwritten(run_folder: Path, tmp_path: Path, ca
     assert (tmp_path / "out" / npz.FILE).read_bytes() == before
 
 
-def test_runs_of_one_name_are_told_apart_by_their_folders(run_folder: Path, tmp_path: Path) -> None:
+def test_runs_of_the_same_name_are_distinguished_by_their_folders(run_folder: Path, tmp_path: Path) -> None:
     for study in ("a", "b"):
         shutil.copytree(run_folder, tmp_path / "studies" / study / "run")
     samples = Samples([tmp_path / "studies"])
@@ -237,7 +237,9 @@ def test_frames_of_another_shape_are_refused_as_arrays(
     assert len(export_runs([run_folder, tmp_path / "wide"], "webdataset", tmp_path / "tar")) == 32
 
 
-def test_readings_that_are_no_images_go_into_arrays_and_tars(tmp_path: Path, make_info: Any, filled: Any) -> None:
+def test_frames_that_are_not_images_are_exported_to_arrays_and_tars(
+    tmp_path: Path, make_info: Any, filled: Any
+) -> None:
     with RunWriter.open(tmp_path / "run", make_info(shape=(16,))) as writer:
         filled(writer)
     for to in ("huggingface", "imagefolder"):
@@ -264,7 +266,7 @@ def test_memory_does_not_grow_with_the_frames(
     for name in ("a", "b", "c"):
         with RunWriter.open(tmp_path / "runs" / name, make_info(shape=shape), durable=False) as writer:
             filled(writer)
-    export_runs([tmp_path / "runs" / "a"], to, tmp_path / "first")  # imports, which are kept
+    export_runs([tmp_path / "runs" / "a"], to, tmp_path / "first")  # imports, whose memory stays allocated
     peaks = []
     for folders in (["a"], ["a", "b", "c"]):
         tracemalloc.start()
@@ -274,7 +276,7 @@ def test_memory_does_not_grow_with_the_frames(
     assert peaks[1] - peaks[0] < 16 * shape[0] * shape[1], peaks
 
 
-def test_the_help_names_every_format(capsys: Capture) -> None:
+def test_the_help_lists_every_format(capsys: Capture) -> None:
     assert main(["export-runs", "--help"]) == 0
     (to,) = (parameter for parameter in command.params if parameter.name == "to")
     assert re.findall(r"[a-z-]+", to.help.removesuffix(".").replace(" or ", ", ")) == [*FORMATS, TACTILE_DATA]
@@ -289,6 +291,6 @@ def test_the_help_names_every_format(capsys: Capture) -> None:
         (["--to", "npz", "-o", "x", "--colour"], "colour: is only for --to tactile-data"),
     ],
 )
-def test_wrong_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
+def test_invalid_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
     assert main(["export-runs", str(run_folder), *words]) == 2
     assert message in capsys.readouterr().err

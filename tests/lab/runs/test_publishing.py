@@ -1,4 +1,4 @@
-"""``tacbench publish``: an RO-Crate with everything, whose metadata say only what was said."""
+"""Test ``tacbench publish``: an RO-Crate with everything, whose metadata contain only known information."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def published(run_folder: Path, about: Path, out: Path, **more: Any) -> list[Pat
     return publish([run_folder], out, read_publication(about), report=write_report, parts=write_parts, **more)
 
 
-def test_the_crate_is_read_back_with_everything_in_it(run_folder: Path, about: Path, tmp_path: Path) -> None:
+def test_the_crate_contains_everything(run_folder: Path, about: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     files = published(run_folder, about, out)
     crate = rocrate.ROCrate(out)
@@ -81,7 +81,7 @@ def test_the_crate_is_read_back_with_everything_in_it(run_folder: Path, about: P
     assert copies == {path.relative_to(run_folder) for path in run_folder.rglob("*") if path.is_file()}
 
 
-def test_the_checksums_are_those_of_every_other_file(run_folder: Path, about: Path, tmp_path: Path) -> None:
+def test_the_checksums_cover_every_other_file(run_folder: Path, about: Path, tmp_path: Path) -> None:
     files = published(run_folder, about, tmp_path / "out")
     lines = (tmp_path / "out" / "SHA256SUMS").read_text().splitlines()
     assert sorted(line[66:] for line in lines) == sorted(str(path) for path in files if path.name != "SHA256SUMS")
@@ -89,7 +89,7 @@ def test_the_checksums_are_those_of_every_other_file(run_folder: Path, about: Pa
     assert end.returncode == 0, end.stderr
 
 
-def test_datacites_own_schema_accepts_the_metadata(run_folder: Path, about: Path, tmp_path: Path) -> None:
+def test_the_metadata_match_datacites_schema(run_folder: Path, about: Path, tmp_path: Path) -> None:
     schema = pytest.importorskip("datacite.schema45")
     published(run_folder, about, tmp_path / "out")
     document = json.loads((tmp_path / "out" / "datacite.json").read_text())
@@ -105,7 +105,7 @@ def test_datacites_own_schema_accepts_the_metadata(run_folder: Path, about: Path
     }
 
 
-def test_zenodos_file_has_what_its_form_asks_for(run_folder: Path, about: Path, tmp_path: Path) -> None:
+def test_zenodos_file_has_the_fields_of_its_form(run_folder: Path, about: Path, tmp_path: Path) -> None:
     published(run_folder, about, tmp_path / "out")
     document = json.loads((tmp_path / "out" / ".zenodo.json").read_text())
     assert document["upload_type"] == "dataset" and document["license"] == "CC-BY-4.0"
@@ -116,7 +116,7 @@ def test_zenodos_file_has_what_its_form_asks_for(run_folder: Path, about: Path, 
     }
 
 
-def test_a_zip_file_is_a_crate_too(run_folder: Path, about: Path, tmp_path: Path) -> None:
+def test_a_zip_file_is_a_crate(run_folder: Path, about: Path, tmp_path: Path) -> None:
     files = published(run_folder, about, tmp_path / "new" / "out.zip")
     with zipfile.ZipFile(tmp_path / "new" / "out.zip") as archive:
         assert sorted(archive.namelist()) == sorted(path.as_posix() for path in files)
@@ -178,14 +178,14 @@ def test_the_form_is_refused_until_it_is_filled_in(tmp_path: Path) -> None:
         ("title", "titel", "titel"),
     ],
 )
-def test_what_is_missing_or_wrong_is_named(old: str, new: str, message: str, tmp_path: Path) -> None:
+def test_missing_or_wrong_entries_are_reported(old: str, new: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "about.toml"
     path.write_text(ABOUT.replace(old, new, 1))
     with pytest.raises(InputError, match=message):
         read_publication(path)
 
 
-def test_the_licences_text_and_a_doi_are_taken(run_folder: Path, about: Path, tmp_path: Path) -> None:
+def test_the_licences_text_and_a_doi_are_included(run_folder: Path, about: Path, tmp_path: Path) -> None:
     (tmp_path / "own.txt").write_text("Do as you like.")
     about.write_text('licence_file = "own.txt"\ndoi = "10.5281/zenodo.1234567"\n' + ABOUT)
     published(run_folder, about, tmp_path / "out")
@@ -196,7 +196,7 @@ def test_the_licences_text_and_a_doi_are_taken(run_folder: Path, about: Path, tm
 
 
 @pytest.mark.long
-def test_the_command_makes_the_blocks_files(run_folder: Path, about: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_the_command_exports_the_blocks(run_folder: Path, about: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     assert main(["publish", str(run_folder), "--about", str(about), "--no-report", "-o", str(out)]) == 0
     assert "nothing was uploaded" in capsys.readouterr().out
@@ -204,7 +204,7 @@ def test_the_command_makes_the_blocks_files(run_folder: Path, about: Path, tmp_p
     assert not (out / "report.html").exists()
 
 
-def test_the_command_takes_files_and_report_that_are_there(
+def test_the_command_includes_existing_files_and_a_report(
     run_folder: Path, about: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     (tmp_path / "made").mkdir()
@@ -226,12 +226,12 @@ def test_the_command_takes_files_and_report_that_are_there(
         (["runs", "--about", "x.toml"], "--out DIR: is missing"),
     ],
 )
-def test_what_the_command_lacks_is_named(words: list[str], message: str, capsys: Capture) -> None:
+def test_missing_arguments_are_reported(words: list[str], message: str, capsys: Capture) -> None:
     assert main(["publish", *words]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_what_nobody_said_of_imported_images_is_not_said(about: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_unknown_properties_of_imported_images_are_not_stated(about: Path, tmp_path: Path, capsys: Capture) -> None:
     import cv2
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""The quality of frames: what is wrong with the light, the focus or the camera is found, and nothing else."""
+"""Test the quality of frames: problems of light, focus and camera are reported, and nothing else."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tacbench_cad.lab.vision.region import Region, find_region
 
 @pytest.fixture(scope="module", params=LOOKS)
 def look(request: pytest.FixtureRequest) -> tuple[Judge, list[Frame]]:
-    """A judge and two frames of a look: at rest and pressed."""
+    """Return a judge and two frames of a look: at rest and pressed."""
     frames = [draw(LOOKS[request.param], 1).image, draw(LOOKS[request.param], 2, 12.0).image]
     return Judge(limits=FrameLimits(), region=find_region(frames[:1])), frames
 
@@ -32,21 +32,21 @@ def kinds(judge: Judge, frame: Frame) -> list[str]:
 
 
 def inside_blurred(judge: Judge, frame: Frame, sigma: float) -> Frame:
-    """A frame whose sensor is out of focus, while everything around it is sharp."""
+    """Return a frame that is blurred inside the sensor's region and sharp outside it."""
     assert judge.region is not None
     blurred = frame.copy()
     blurred[judge.region.mask] = cv2.GaussianBlur(frame, (0, 0), sigma)[judge.region.mask]
     return blurred
 
 
-def test_every_look_is_sound_and_a_blurred_dome_is_found(look: tuple[Judge, list[Frame]]) -> None:
+def test_frames_of_every_look_pass_and_a_blurred_dome_is_reported(look: tuple[Judge, list[Frame]]) -> None:
     judge, frames = look
     for frame in frames:
         assert kinds(judge, frame) == []
         assert kinds(judge, inside_blurred(judge, frame, 5.0)) == ["blurred"]
 
 
-def test_a_dark_dome_in_a_lit_surround_is_dark_and_not_blurred(look: tuple[Judge, list[Frame]]) -> None:
+def test_a_dark_dome_in_bright_surroundings_is_dark_and_not_blurred(look: tuple[Judge, list[Frame]]) -> None:
     judge, frames = look
     assert judge.region is not None
     dark = frames[0].copy()
@@ -54,7 +54,7 @@ def test_a_dark_dome_in_a_lit_surround_is_dark_and_not_blurred(look: tuple[Judge
     assert kinds(judge, dark) == ["dark"]
 
 
-def test_a_saturated_dome_is_named(look: tuple[Judge, list[Frame]]) -> None:
+def test_a_saturated_dome_is_reported(look: tuple[Judge, list[Frame]]) -> None:
     judge, frames = look
     bright = np.minimum(frames[0].astype(int) * 12, 255).astype(np.uint8)
     assert "saturated" in kinds(judge, bright)
@@ -76,7 +76,7 @@ def dome() -> tuple[Judge, Frame]:
     return Judge(limits=FrameLimits(), region=find_region([frame])), frame
 
 
-def test_a_region_too_narrow_for_a_margin_is_judged_whole() -> None:
+def test_a_region_too_narrow_for_a_margin_is_judged_completely() -> None:
     mask = np.zeros((60, 80), dtype=bool)
     mask[30:32] = True
     judge = Judge(limits=FrameLimits(), region=Region(text="rect:0,30,79,31", mask=mask))
@@ -84,14 +84,14 @@ def test_a_region_too_narrow_for_a_margin_is_judged_whole() -> None:
     assert measured.quality.saturated == 1.0
 
 
-def test_drift_and_flicker_as_in_public_recordings_are_no_findings(dome: tuple[Judge, Frame]) -> None:
+def test_normal_drift_and_flicker_cause_no_findings(dome: tuple[Judge, Frame]) -> None:
     judge, frame = dome
     light = np.concatenate([np.full(5, 1.0) + 0.002 * np.array([-1, 1, -1, 1, 0]), np.linspace(1.0, 0.97, 15)])
-    frames_shown = [np.roll(scaled(frame, factor), i % 2, axis=1) for i, factor in enumerate(light)]
-    assert findings(frames_shown, judge) == []
+    varied = [np.roll(scaled(frame, factor), i % 2, axis=1) for i, factor in enumerate(light)]
+    assert findings(varied, judge) == []
 
 
-def test_a_file_that_is_darker_than_the_others_is_named(dome: tuple[Judge, Frame]) -> None:
+def test_a_file_that_is_darker_than_the_others_is_reported(dome: tuple[Judge, Frame]) -> None:
     judge, frame = dome
     frames = [frame] * 19 + [scaled(frame, 117.0 / 143.0)]
     ((kind, where, text),) = findings(frames, judge)
@@ -100,7 +100,7 @@ def test_a_file_that_is_darker_than_the_others_is_named(dome: tuple[Judge, Frame
     assert text.endswith("(limit 12 %)")
 
 
-def test_flicker_drift_and_a_moved_camera_are_named(dome: tuple[Judge, Frame]) -> None:
+def test_flicker_drift_and_a_moved_camera_are_reported(dome: tuple[Judge, Frame]) -> None:
     judge, frame = dome
     assert [kind for kind, *_ in findings([scaled(frame, 1.0 - 0.04 * (i % 2)) for i in range(6)], judge)] == [
         "flicker"
@@ -114,7 +114,7 @@ def test_flicker_drift_and_a_moved_camera_are_named(dome: tuple[Judge, Frame]) -
     assert "px away from its median position" in shifted[0][2]
 
 
-def test_the_check_of_a_run_names_them_with_numbers_and_limits(tmp_path: Path) -> None:
+def test_the_check_of_a_run_reports_numbers_and_limits(tmp_path: Path) -> None:
     y, x = np.mgrid[:96, :128]
     inside = np.hypot(x - 64, y - 50) < 36
     clean = np.where(inside, 60.0 + 80.0 * ((x // 6 + y // 6) % 2), 210.0)

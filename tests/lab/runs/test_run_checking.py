@@ -1,4 +1,4 @@
-"""``tacbench check-runs``: every kind of damage by its name, and nothing repaired but a torn last row."""
+"""Test ``tacbench check-runs``: it reports every kind of damage and repairs only an incomplete last row."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def put(folder: Path, number: int, image: Any) -> None:
-    """Replace an image and its checksum: what a bad camera would have left."""
+    """Replace an image and its checksum, as if a faulty camera had recorded it."""
     path = folder / "sensor_images" / f"image_{number}.png"
     table = folder / "targets.csv"
     old = sha256(path.read_bytes())
@@ -31,7 +31,7 @@ def put(folder: Path, number: int, image: Any) -> None:
 
 
 def smooth() -> Any:
-    """An image without an edge: a wide bright hill."""
+    """Return an image without edges: a wide bright hill."""
     y, x = np.mgrid[:24, :32]
     return (200 * np.exp(-((x - 16) ** 2 + (y - 12) ** 2) / 2 / 9.0**2)).astype(np.uint8)
 
@@ -99,11 +99,11 @@ CASES: dict[str, tuple[Callable[[Path], object], list[tuple[str, str]]]] = {
         [("shape", "sensor_images/image_3.png")],
     ),
     "a doubled row": (_double, [("duplicate", "targets.csv")]),
-    "a row cut in the middle": (
+    "an incomplete row": (
         _line(4, "image_3.png,4,4.0\n"),
         [("gap", "protocol"), ("row", "targets.csv"), ("extra", "sensor_images/image_3.png")],
     ),
-    "a row that was deleted": (
+    "a deleted row": (
         _line(4, None),
         [("gap", "protocol"), ("extra", "sensor_images/image_3.png")],
     ),
@@ -111,7 +111,7 @@ CASES: dict[str, tuple[Callable[[Path], object], list[tuple[str, str]]]] = {
         lambda folder: (folder / "references" / "references.csv").unlink(),
         [("gap", "references"), ("extra", "sensor_images/image_0.png")],
     ),
-    "a stationary reading that is missing": (
+    "a missing stationary frame": (
         lambda folder: (folder / "stationary" / "start_free_01.png").unlink(),
         [("missing", "stationary/start_free_01.png")],
     ),
@@ -119,7 +119,7 @@ CASES: dict[str, tuple[Callable[[Path], object], list[tuple[str, str]]]] = {
         lambda folder: (folder / "print.toml").write_text("nozzle = 1"),
         [("record", "print.toml")],
     ),
-    "a photo that is missing": (
+    "a missing photo": (
         lambda folder: (folder / "print.toml").write_text('photos = ["top.jpg"]'),
         [("record", "print.toml")],
     ),
@@ -131,7 +131,7 @@ CASES: dict[str, tuple[Callable[[Path], object], list[tuple[str, str]]]] = {
 }
 
 
-def test_a_sound_run_has_no_findings(run_folder: Path) -> None:
+def test_a_valid_run_has_no_findings(run_folder: Path) -> None:
     report = check_run(run_folder)
     assert report.ok
     assert (report.presses, report.planned, report.references, report.stationary) == (16, 16, 1, 8)
@@ -140,7 +140,7 @@ def test_a_sound_run_has_no_findings(run_folder: Path) -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_damage_is_named(case: str, run_folder: Path) -> None:
+def test_damage_is_reported(case: str, run_folder: Path) -> None:
     damage, expected = CASES[case]
     damage(run_folder)
     before = {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()}
@@ -150,7 +150,9 @@ def test_damage_is_named(case: str, run_folder: Path) -> None:
     assert {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()} == before
 
 
-def test_a_sensor_without_markers_is_not_called_blurred(tmp_path: Path, make_info: Any, filled: Any) -> None:
+def test_frames_of_a_sensor_without_markers_are_not_reported_as_blurred(
+    tmp_path: Path, make_info: Any, filled: Any
+) -> None:
     settings = {"requested": {}, "actual": {}, "limits": {"dark_counts": 2.0, "blur_px": 0.0}}
     with RunWriter.open(tmp_path / "run", make_info(sensor={"settings": settings})) as writer:
         filled(writer)
@@ -159,7 +161,7 @@ def test_a_sensor_without_markers_is_not_called_blurred(tmp_path: Path, make_inf
     assert {finding.kind for finding in check_run(tmp_path / "run").findings} <= {"brightness", "drift"}
 
 
-def test_only_a_torn_last_row_is_repaired_and_only_when_asked(run_folder: Path) -> None:
+def test_only_an_incomplete_last_row_is_repaired_and_only_on_request(run_folder: Path) -> None:
     path = run_folder / "targets.csv"
     content = path.read_bytes()
     path.write_bytes(content[:-30])
@@ -172,7 +174,7 @@ def test_only_a_torn_last_row_is_repaired_and_only_when_asked(run_folder: Path) 
     assert path.read_bytes() == b"".join(content.splitlines(keepends=True)[:-1])
 
 
-def test_a_run_that_is_written_to_is_not_repaired(run_folder: Path, make_info: Any) -> None:
+def test_a_run_that_is_being_written_is_not_repaired(run_folder: Path, make_info: Any) -> None:
     path = run_folder / "targets.csv"
     with RunWriter.open(run_folder, make_info()):
         path.write_bytes(path.read_bytes()[:-30])
@@ -181,17 +183,17 @@ def test_a_run_that_is_written_to_is_not_repaired(run_folder: Path, make_info: A
     assert not report.repaired
 
 
-def test_an_unfinished_run_names_its_gaps(tmp_path: Path, make_info: Any, filled: Any) -> None:
+def test_the_gaps_of_an_unfinished_run_are_listed(tmp_path: Path, make_info: Any, filled: Any) -> None:
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
-        filled(writer, most=5)
+        filled(writer, count=5)
     report = check_run(tmp_path / "run")
     assert [(finding.kind, finding.text) for finding in report.findings] == [
         ("gap", "is not complete: the run lacks 11 of 16 presses (6 to 16)")
     ]
 
 
-def test_an_empty_run_is_nothing_but_gaps(tmp_path: Path, make_info: Any) -> None:
+def test_an_empty_run_has_only_gaps(tmp_path: Path, make_info: Any) -> None:
     with RunWriter.open(tmp_path / "run", make_info()):
         pass
     assert {finding.kind for finding in check_run(tmp_path / "run").findings} == {"gap"}
@@ -203,7 +205,7 @@ def test_progress_reaches_its_end(run_folder: Path) -> None:
     assert updates == [(number, 25) for number in range(1, 26)]
 
 
-def test_folders_of_runs_are_walked(tmp_path: Path, make_info: Any) -> None:
+def test_runs_in_folders_are_found(tmp_path: Path, make_info: Any) -> None:
     for name in ("b", "a", "deep/c"):
         with RunWriter.open(tmp_path / name, make_info()):
             pass
@@ -218,7 +220,7 @@ def test_folders_of_runs_are_walked(tmp_path: Path, make_info: Any) -> None:
     ("numbers", "text"),
     [([3], "3"), ([1, 2, 3, 7], "1 to 3, 7"), (list(range(1, 40, 2)), "1, 3, 5, 7, 9, 11, 13, 15, and 12 more")],
 )
-def test_numbers_for_people(numbers: list[int], text: str) -> None:
+def test_numbers_are_joined_to_ranges(numbers: list[int], text: str) -> None:
     assert ranges(numbers) == text
 
 
@@ -231,11 +233,11 @@ def test_numbers_for_people(numbers: list[int], text: str) -> None:
         (("stage: GRBL", "gauge: a load cell", "sensor: a TacTip"), "all"),
     ],
 )
-def test_the_table_says_which_devices_were_simulated(simulated: tuple[str, ...], text: str) -> None:
+def test_the_table_shows_the_simulated_devices(simulated: tuple[str, ...], text: str) -> None:
     assert _devices(simulated) == text
 
 
-def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) -> None:
+def test_the_command_accepts_a_valid_folder(run_folder: Path, capsys: Capture) -> None:
     assert main(["check-runs", str(run_folder.parent)]) == 0
     out = capsys.readouterr().out
     assert next(line for line in out.splitlines() if "16 of 16" in line).split()[-2:] == ["stage", "ok"]
@@ -243,7 +245,7 @@ def test_the_command_passes_a_sound_folder(run_folder: Path, capsys: Capture) ->
     assert "print.toml (1 run): 16 empty fields: printer_serial, filament_batch, slicer and 13 more" in out
 
 
-def test_the_command_names_findings_and_fails(run_folder: Path, capsys: Capture) -> None:
+def test_the_command_lists_findings_and_fails(run_folder: Path, capsys: Capture) -> None:
     for number in range(1, 15):
         (run_folder / "sensor_images" / f"image_{number}.png").unlink()
     assert main(["check-runs", str(run_folder)]) == 1
@@ -256,7 +258,7 @@ def test_the_command_names_findings_and_fails(run_folder: Path, capsys: Capture)
     assert len(document["runs"][0]["findings"]) == 14
 
 
-def test_the_command_repairs_and_says_so(run_folder: Path, capsys: Capture) -> None:
+def test_the_command_reports_repairs(run_folder: Path, capsys: Capture) -> None:
     path = run_folder / "targets.csv"
     path.write_bytes(path.read_bytes()[:-30])
     assert main(["check-runs", str(run_folder), "--repair"]) == 1
@@ -276,11 +278,11 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
     assert "1 run, 16 presses: nothing wrong" in output.out
 
 
-def test_a_missing_command_is_one_line(capsys: Capture) -> None:
+def test_a_missing_command_is_reported_in_one_line(capsys: Capture) -> None:
     assert main(["runs"]) == 2
     assert capsys.readouterr().err == "error: Missing command. (see tacbench runs --help)\n"
 
 
-def test_the_command_refuses_what_is_no_run(tmp_path: Path, capsys: Capture) -> None:
+def test_the_command_refuses_folders_without_runs(tmp_path: Path, capsys: Capture) -> None:
     assert main(["check-runs", str(tmp_path)]) == 2
     assert "contains no run folder" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""What ``run.json`` says: read back as it was written, and compared with a rig as it is now."""
+"""Test ``run.json``: it round-trips, and it is compared with the current rig."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ BLOCKS = {
 
 
 @pytest.mark.parametrize("name", BLOCKS)
-def test_the_block_is_made_again_from_run_json(name: str, make_info: Any) -> None:
+def test_the_block_is_rebuilt_from_run_json(name: str, make_info: Any) -> None:
     info = make_info(printed=PrintedBlock(block=BLOCKS[name], printer="my-printer", filament="tpu", copy=3))
     again = RunInfo.from_dict(json.loads(json.dumps(info.as_dict())))
     assert again == info
@@ -45,14 +45,14 @@ def test_the_block_is_made_again_from_run_json(name: str, make_info: Any) -> Non
     assert info.differences(again) == []
 
 
-def test_a_shuffled_order_comes_back_the_same(make_info: Any) -> None:
+def test_a_shuffled_order_round_trips(make_info: Any) -> None:
     info = make_info(protocol=replace(make_info().protocol, order="random", seed=7))
     again = RunInfo.from_dict(json.loads(json.dumps(info.as_dict())))
     assert again.presses == info.presses
     assert [press.position for press in info.presses] != [press.position for press in make_info().presses]
 
 
-def test_what_differs_is_named_with_both_values(make_info: Any) -> None:
+def test_differences_are_reported_with_both_values(make_info: Any) -> None:
     info = make_info()
     settings = {"settings": {"requested": {"exposure": 7}, "actual": {"exposure": 5}}}
     other = make_info(sensor=settings, protocol=replace(info.protocol, settle_s=0.5), slot=1)
@@ -63,7 +63,7 @@ def test_what_differs_is_named_with_both_values(make_info: Any) -> None:
     ]
 
 
-def test_a_setting_that_comes_or_goes_is_named(make_info: Any) -> None:
+def test_added_and_missing_settings_are_reported(make_info: Any) -> None:
     bare = make_info(gauge={"simulated": ""})
     assert bare.differences(make_info()) == ["gauge.calibration.scale_n_per_count was missing, is now 0.001"]
     assert make_info().differences(bare) == ["gauge.calibration.scale_n_per_count was 0.001, is now missing"]
@@ -74,19 +74,19 @@ def test_ports_identities_and_versions_may_change(make_info: Any) -> None:
     assert make_info().differences(make_info(stage=stage)) == []
 
 
-def test_what_is_simulated_is_said(make_info: Any) -> None:
+def test_simulated_devices_are_listed(make_info: Any) -> None:
     assert make_info().simulated == ("stage: stage model",)
     assert make_info(stage={"simulated": ""}).simulated == ()
 
 
 @pytest.mark.parametrize("value", [float("nan"), {1, 2}, object()])
-def test_what_json_cannot_hold_is_refused(value: object, make_info: Any) -> None:
+def test_values_that_json_cannot_store_are_refused(value: object, make_info: Any) -> None:
     with pytest.raises(InputError, match="gauge: has a value that JSON cannot store"):
         make_info(gauge={"simulated": "", "scale": value})
 
 
 @pytest.mark.parametrize("levels", [(), (2, 1), (1, 1), (0,), (3,)])
-def test_levels_outside_of_the_protocol_are_refused(levels: tuple[int, ...], make_info: Any) -> None:
+def test_levels_outside_the_protocol_are_refused(levels: tuple[int, ...], make_info: Any) -> None:
     with pytest.raises(InputError, match="levels"):
         make_info(levels=levels)
 
@@ -110,7 +110,7 @@ def test_levels_outside_of_the_protocol_are_refused(levels: tuple[int, ...], mak
         (("sensor", "shape"), [24, "x"]),
     ],
 )
-def test_a_damaged_document_is_refused_in_words(path: tuple[str, ...], value: object, make_info: Any) -> None:
+def test_a_damaged_document_is_refused_with_a_message(path: tuple[str, ...], value: object, make_info: Any) -> None:
     document = json.loads(json.dumps(make_info().as_dict()))
     inner = document
     for key in path[:-1]:
@@ -120,7 +120,7 @@ def test_a_damaged_document_is_refused_in_words(path: tuple[str, ...], value: ob
         RunInfo.from_dict(document)
 
 
-def test_a_missing_key_is_named(make_info: Any) -> None:
+def test_a_missing_key_is_reported(make_info: Any) -> None:
     document = make_info().as_dict()
     del document["holder"]
     with pytest.raises(InputError, match=r"run\.json: \[holder\]: this table is missing"):

@@ -1,4 +1,4 @@
-"""Reading runs: lazy, typed, and without trust in what lies there."""
+"""Test the reading of runs: lazy, typed, and without trust in the files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 
 def edit(folder: Path, line: int, column: str, value: str) -> None:
-    """Change one field of ``targets.csv``; the head is line 1."""
+    """Change a field of ``targets.csv``; the header is line 1."""
     path = folder / "targets.csv"
     lines = path.read_text().splitlines()
     fields = lines[line - 1].split(",")
@@ -49,7 +49,7 @@ def test_rows_are_typed(run_folder: Path) -> None:
     assert (row.target_force_n, row.measured_force_n, row.reference_age_s) == (0.5, 0.53, 3.0)
 
 
-def test_readings_come_back_as_they_were(run_folder: Path, noise: Any) -> None:
+def test_frames_round_trip(run_folder: Path, noise: Any) -> None:
     run = Run.open(run_folder)
     assert np.array_equal(run.frame(run.rows[4], verify=True), noise(5))
     assert np.array_equal(run.reference(), noise(0))
@@ -97,27 +97,27 @@ def test_a_run_is_read_without_pandas_opencv_or_cad(run_folder: Path) -> None:
         ("printer", "a,b", "fields, but the header has 30"),
     ],
 )
-def test_a_bad_row_is_named_with_its_line(column: str, value: str, message: str, run_folder: Path) -> None:
+def test_a_bad_row_is_reported_with_its_line(column: str, value: str, message: str, run_folder: Path) -> None:
     edit(run_folder, 4, column, value)
     with pytest.raises(InputError, match=message) as caught:
         _ = Run.open(run_folder).rows
     assert "targets.csv line 4" in str(caught.value)
 
 
-def test_a_doubled_row_is_refused(run_folder: Path) -> None:
+def test_a_repeated_row_is_refused(run_folder: Path) -> None:
     path = run_folder / "targets.csv"
     path.write_text(path.read_text() + path.read_text().splitlines(keepends=True)[3])
     with pytest.raises(InputError, match=r"line 18: sensor_image = 'image_3.png': is already in line 4"):
         _ = Run.open(run_folder).rows
 
 
-def test_a_torn_last_row_is_left_out(run_folder: Path) -> None:
+def test_an_incomplete_last_row_is_ignored(run_folder: Path) -> None:
     path = run_folder / "targets.csv"
     path.write_bytes(path.read_bytes()[:-30])
     assert [row.number for row in Run.open(run_folder).rows] == list(range(1, 16))
 
 
-def test_a_path_that_leads_elsewhere_is_refused(run_folder: Path) -> None:
+def test_a_path_outside_the_run_is_refused(run_folder: Path) -> None:
     path = run_folder / "references" / "references.csv"
     path.write_text(path.read_text().replace("sensor_images/image_0.png", "../../secret.png"))
     with pytest.raises(InputError, match="must be a file in one of the folders sensor_images"):
@@ -135,7 +135,7 @@ def test_a_path_that_leads_elsewhere_is_refused(run_folder: Path) -> None:
         (lambda path: (path.unlink(), path.mkdir()), "is a folder"),
     ],
 )
-def test_damaged_images_are_named(damage: Callable[[Path], object], message: str, run_folder: Path) -> None:
+def test_damaged_images_are_reported(damage: Callable[[Path], object], message: str, run_folder: Path) -> None:
     damage(run_folder / "sensor_images" / "image_5.png")
     run = Run.open(run_folder)
     with pytest.raises(CheckFailedError, match=f"image_5.png: {message}"):
@@ -143,12 +143,12 @@ def test_damaged_images_are_named(damage: Callable[[Path], object], message: str
 
 
 def _outside(path: Path) -> None:
-    """Replace a frame by a link to a copy outside of the run."""
+    """Replace a frame by a link to a copy outside the run."""
     path.rename(path.parents[2] / path.name)
     path.symlink_to(path.parents[2] / path.name)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders, and links need rights")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders, and links need permissions")
 @pytest.mark.parametrize(
     ("replace", "message"),
     [
@@ -158,7 +158,7 @@ def _outside(path: Path) -> None:
         (lambda path: (path.unlink(), path.symlink_to(path)), "cannot be read"),
     ],
 )
-def test_what_is_no_file_of_the_run_is_refused_and_nothing_waits(
+def test_links_and_pipes_are_refused_without_waiting(
     replace: Callable[[Path], object], message: str, run_folder: Path
 ) -> None:
     replace(run_folder / "sensor_images" / "image_5.png")
@@ -169,7 +169,7 @@ def test_what_is_no_file_of_the_run_is_refused_and_nothing_waits(
     assert finding.kind == "unreadable" and message in finding.text
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+@pytest.mark.skipif(sys.platform == "win32", reason="links need permissions on Windows")
 @pytest.mark.parametrize(
     ("name", "read"),
     [
@@ -181,7 +181,7 @@ def test_what_is_no_file_of_the_run_is_refused_and_nothing_waits(
         ("run.json", lambda run: run),
     ],
 )
-def test_no_file_of_a_run_may_be_a_link_that_leads_out_of_it(
+def test_links_out_of_a_run_are_refused_for_every_file(
     name: str, read: Callable[[Run], object], run_folder: Path
 ) -> None:
     path = run_folder / name
@@ -204,7 +204,7 @@ def test_a_table_that_is_a_pipe_or_too_large_is_refused(run_folder: Path, monkey
         _ = run.rows
 
 
-def test_a_png_with_a_damaged_length_allocates_nothing() -> None:
+def test_a_png_with_a_damaged_length_allocates_no_memory() -> None:
     data = bytearray(encoded(np.arange(600, dtype=np.uint8).reshape(20, 30), ("a",))[0])
     at = data.index(b"IDAT") - 4
     data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
@@ -215,7 +215,7 @@ def test_a_png_with_a_damaged_length_allocates_nothing() -> None:
     tracemalloc.stop()
 
 
-def test_a_changed_image_is_noticed_when_asked(run_folder: Path) -> None:
+def test_a_changed_image_is_detected_on_request(run_folder: Path) -> None:
     images = run_folder / "sensor_images"
     (images / "image_5.png").write_bytes((images / "image_6.png").read_bytes())
     run = Run.open(run_folder)
@@ -225,7 +225,7 @@ def test_a_changed_image_is_noticed_when_asked(run_folder: Path) -> None:
 
 
 class Bomb:
-    """Does something when it is unpickled."""
+    """An object that runs code when it is unpickled."""
 
     def __reduce__(self) -> Any:
         return (pytest.fail, ("it was unpickled",))
@@ -257,7 +257,7 @@ def long_header(shape: str) -> bytes:
         (long_header("(" * 3000), "its header is damaged"),
     ],
 )
-def test_bad_numpy_files_are_refused_and_never_unpickled(data: bytes, message: str, tmp_path: Path) -> None:
+def test_damaged_numpy_files_are_refused_and_never_unpickled(data: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "reading.npy"
     path.write_bytes(data)
     with pytest.raises(InputError, match=message):
@@ -274,24 +274,24 @@ def test_bad_numpy_files_are_refused_and_never_unpickled(data: bytes, message: s
         (np.zeros(16, dtype=complex), "must contain real numbers"),
     ],
 )
-def test_readings_of_another_shape_or_type_are_refused(
+def test_frames_of_another_shape_or_type_are_refused(
     array: Any, message: str, tmp_path: Path, make_info: Any, filled: Any
 ) -> None:
     with RunWriter.open(tmp_path / "run", make_info(shape=(16,))) as writer:
-        filled(writer, most=1)
+        filled(writer, count=1)
     (tmp_path / "run" / "sensor_data" / "reading_1.npy").write_bytes(npy(array))
     run = Run.open(tmp_path / "run")
     with pytest.raises(CheckFailedError, match=message):
         run.frame(run.rows[0])
 
 
-def test_arrays_in_either_order_come_back() -> None:
+def test_arrays_in_either_memory_order_round_trip() -> None:
     for array in (np.arange(12).reshape(3, 4), np.asfortranarray(np.arange(12).reshape(3, 4)), np.array(3.5)):
         assert np.array_equal(array_of(npy(array)), array)
 
 
 class TestArbitraryBytes:
-    """Whatever the bytes, one of our errors or a result."""
+    """Arbitrary bytes give a result or one of the project's errors."""
 
     quietly = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
@@ -373,7 +373,7 @@ def test_a_filled_print_record_is_read(run_folder: Path) -> None:
         ('slicer = ""', "slicer = [1]", "must be a string"),
     ],
 )
-def test_a_wrong_print_record_is_named(old: str, new: str, message: str, run_folder: Path) -> None:
+def test_a_wrong_print_record_is_reported(old: str, new: str, message: str, run_folder: Path) -> None:
     path = run_folder / "print.toml"
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match=message):

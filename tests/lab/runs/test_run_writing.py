@@ -1,4 +1,4 @@
-"""Writing a run: the layout, what is on the disk when, and going on after any interruption."""
+"""Test the writing of runs: the layout, the order of writes to the disk, and resuming after interruptions."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
 
 
 def name_of(handle: int) -> str:
-    """Name of an open file."""
+    """Return the name of an open file."""
     return Path(f"/proc/self/fd/{handle}").readlink().name
 
 
-def test_the_layout_is_that_of_the_tactip_toolchains(run_folder: Path) -> None:
+def test_the_layout_matches_the_tactip_toolchains(run_folder: Path) -> None:
     images = {path.name for path in (run_folder / "sensor_images").iterdir()}
     assert images == {f"image_{number}.png" for number in range(17)}
     for name in ("collect_params", "env_params", "sensor_image_params", "run"):
@@ -55,7 +55,7 @@ def test_the_layout_is_that_of_the_tactip_toolchains(run_folder: Path) -> None:
     )
 
 
-def test_run_json_says_what_the_run_is_made_of(run_folder: Path) -> None:
+def test_run_json_describes_the_run(run_folder: Path) -> None:
     document = json.loads((run_folder / "run.json").read_text())
     assert (document["schema"], document["version"]) == ("tacbench-run", 1)
     assert document["simulated"] == ["stage: stage model"]
@@ -66,7 +66,7 @@ def test_run_json_says_what_the_run_is_made_of(run_folder: Path) -> None:
     assert document["sittings"][0]["software"]["numpy"] == np.__version__
 
 
-def test_a_row_says_everything_of_its_press(run_folder: Path) -> None:
+def test_a_row_contains_all_data_of_its_press(run_folder: Path) -> None:
     row = rows_of(run_folder)[2]
     assert list(row) == list(COLUMNS)
     assert row == {
@@ -95,7 +95,7 @@ def test_a_row_says_everything_of_its_press(run_folder: Path) -> None:
     }
 
 
-def test_an_image_is_durable_before_its_row_and_the_row_before_the_next_press(
+def test_images_are_synced_before_rows_and_rows_before_the_next_press(
     tmp_path: Path, make_info: Any, noise: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     events: list[str] = []
@@ -110,7 +110,7 @@ def test_an_image_is_durable_before_its_row_and_the_row_before_the_next_press(
         return real_write(handle, data)
 
     if not Path("/proc/self/fd").is_dir():
-        pytest.skip("the order is watched through /proc, which this system lacks")
+        pytest.skip("the test needs /proc to observe the order of writes")
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
         monkeypatch.setattr(os, "fsync", fsync)
@@ -132,10 +132,10 @@ def test_simulated_studies_skip_the_syncs(
         assert writer.seconds["sync"] > 0.0
 
 
-def test_a_run_goes_on_at_the_first_missing_press(tmp_path: Path, make_info: Any, filled: Any) -> None:
+def test_a_run_is_resumed_at_the_first_missing_press(tmp_path: Path, make_info: Any, filled: Any) -> None:
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
-        filled(writer, most=5)
+        filled(writer, count=5)
     before = rows_of(tmp_path / "run")
     with RunWriter.open(tmp_path / "run", make_info()) as writer:
         assert writer.done == {1, 2, 3, 4, 5}
@@ -149,7 +149,7 @@ def test_a_run_goes_on_at_the_first_missing_press(tmp_path: Path, make_info: Any
     assert check_run(tmp_path / "run").ok
 
 
-def test_no_press_is_kept_twice(tmp_path: Path, make_info: Any, noise: Any) -> None:
+def test_no_press_is_stored_twice(tmp_path: Path, make_info: Any, noise: Any) -> None:
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
         writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(1))
@@ -161,7 +161,7 @@ def test_no_press_is_kept_twice(tmp_path: Path, make_info: Any, noise: Any) -> N
     assert len(rows_of(tmp_path / "run")) == 1
 
 
-def test_a_reading_of_another_shape_is_refused_before_anything_is_written(
+def test_a_frame_of_another_shape_is_refused_before_anything_is_written(
     tmp_path: Path, make_info: Any, noise: Any
 ) -> None:
     info = make_info()
@@ -172,7 +172,9 @@ def test_a_reading_of_another_shape_is_refused_before_anything_is_written(
 
 
 @pytest.mark.parametrize("keep", [1, 40, 150, -1])
-def test_a_torn_last_row_is_cut_off_and_said(keep: int, run_folder: Path, make_info: Any, filled: Any) -> None:
+def test_an_incomplete_last_row_is_removed_and_reported(
+    keep: int, run_folder: Path, make_info: Any, filled: Any
+) -> None:
     path = run_folder / "targets.csv"
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:-1]) + lines[-1][:keep])
@@ -183,7 +185,7 @@ def test_a_torn_last_row_is_cut_off_and_said(keep: int, run_folder: Path, make_i
     assert check_run(run_folder).ok
 
 
-def test_zero_bytes_after_a_power_cut_count_as_torn(run_folder: Path, make_info: Any) -> None:
+def test_zero_bytes_after_a_power_cut_count_as_incomplete(run_folder: Path, make_info: Any) -> None:
     path = run_folder / "targets.csv"
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:-1]) + lines[-1][:50] + bytes(200))
@@ -191,7 +193,7 @@ def test_zero_bytes_after_a_power_cut_count_as_torn(run_folder: Path, make_info:
         assert [press.number for press in writer.missing(writer.info.presses)] == [16]
 
 
-def test_other_settings_are_refused_and_named(run_folder: Path, make_info: Any) -> None:
+def test_other_settings_are_refused_and_reported(run_folder: Path, make_info: Any) -> None:
     other = make_info(sensor={"settings": {"requested": {"exposure": 7}, "actual": {"exposure": 5}}})
     before = {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()}
     with (
@@ -219,7 +221,7 @@ def test_a_users_print_record_is_never_overwritten(run_folder: Path, make_info: 
     assert path.read_text() == 'printer = "mine"\n'
 
 
-def test_a_later_session_with_other_devices_is_noted(run_folder: Path, make_info: Any) -> None:
+def test_a_later_session_with_other_devices_is_recorded(run_folder: Path, make_info: Any) -> None:
     stage = {**make_info().stage, "identity": "virtual GRBL on /dev/pts/9"}
     for _ in range(2):
         with RunWriter.open(run_folder, make_info(stage=stage)):
@@ -228,7 +230,9 @@ def test_a_later_session_with_other_devices_is_noted(run_folder: Path, make_info
     assert [session["devices"]["stage"][-1] for session in sessions] == ["3", "9"]
 
 
-def test_later_references_lie_apart_and_say_after_which_press(tmp_path: Path, make_info: Any, noise: Any) -> None:
+def test_later_references_have_their_own_files_and_name_the_press_before(
+    tmp_path: Path, make_info: Any, noise: Any
+) -> None:
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
         writer.reference(noise(0), NOW)
@@ -243,7 +247,7 @@ def test_later_references_lie_apart_and_say_after_which_press(tmp_path: Path, ma
     assert np.array_equal(run.reference(1), noise(2))
 
 
-def test_what_is_no_image_is_stored_as_numbers(tmp_path: Path, make_info: Any, filled: Any) -> None:
+def test_frames_that_are_not_images_are_stored_as_arrays(tmp_path: Path, make_info: Any, filled: Any) -> None:
     info = make_info(shape=(16,))
     with RunWriter.open(tmp_path / "run", info) as writer:
         filled(writer)
@@ -254,7 +258,7 @@ def test_what_is_no_image_is_stored_as_numbers(tmp_path: Path, make_info: Any, f
     assert check_run(tmp_path / "run").ok
 
 
-def test_a_large_array_of_taxels_is_no_image(tmp_path: Path, make_info: Any) -> None:
+def test_a_large_array_of_taxels_is_not_an_image(tmp_path: Path, make_info: Any) -> None:
     info = make_info(shape=(16, 24))
     taxels = np.linspace(0.0, 1.0, 16 * 24).reshape(16, 24)
     with RunWriter.open(tmp_path / "run", info) as writer:
@@ -265,7 +269,7 @@ def test_a_large_array_of_taxels_is_no_image(tmp_path: Path, make_info: Any) -> 
     assert np.array_equal(run.frame(run.rows[0], verify=True), taxels + 0.5)
 
 
-def test_images_say_what_was_simulated(run_folder: Path, tmp_path: Path, make_info: Any, noise: Any) -> None:
+def test_images_contain_what_was_simulated(run_folder: Path, tmp_path: Path, make_info: Any, noise: Any) -> None:
     data = (run_folder / "sensor_images" / "image_1.png").read_bytes()
     assert b"tEXtsimulated\0stage: stage model" in data
     Image = pytest.importorskip("PIL.Image")  # noqa: N806
@@ -288,7 +292,7 @@ def test_a_full_disk_loses_nothing(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with RunWriter.open(tmp_path / "run", info) as writer:
-        filled(writer, most=3)
+        filled(writer, count=3)
         before = (tmp_path / "run" / "targets.csv").read_bytes()
         monkeypatch.setattr(table.os, "write", full)
         with pytest.raises(InputError, match="is full"):
@@ -299,7 +303,7 @@ def test_a_full_disk_loses_nothing(
     assert check_run(tmp_path / "run").ok
 
 
-def test_a_full_disk_while_an_image_is_written_is_told(
+def test_a_full_disk_during_the_writing_of_an_image_is_reported(
     tmp_path: Path, make_info: Any, noise: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     info = make_info()
@@ -316,30 +320,30 @@ def test_a_full_disk_while_an_image_is_written_is_told(
 
 
 @pytest.mark.parametrize("code", [errno.EINVAL, errno.ENOTSUP])
-def test_a_file_system_that_cannot_sync_folders_will_do(
+def test_a_file_system_that_cannot_sync_folders_is_accepted(
     code: int, tmp_path: Path, make_info: Any, filled: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.fsync
 
-    def picky(handle: int) -> None:
+    def fail_for_folders(handle: int) -> None:
         if stat.S_ISDIR(os.fstat(handle).st_mode):
             raise OSError(code, "not here")
         real(handle)
 
-    monkeypatch.setattr(os, "fsync", picky)
+    monkeypatch.setattr(os, "fsync", fail_for_folders)
     with RunWriter.open(tmp_path / "run", make_info()) as writer:
-        filled(writer, most=2)
+        filled(writer, count=2)
     assert len(rows_of(tmp_path / "run")) == 2
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path, make_info: Any) -> None:
+def test_a_folder_that_cannot_be_created_is_reported(tmp_path: Path, make_info: Any) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is not a folder"), RunWriter.open(tmp_path / "file" / "run", make_info()):
         pass
 
 
 @pytest.mark.parametrize("name", ["sensor_images", "references", "stationary", "targets.csv", "run.json", "print.toml"])
-def test_a_file_for_a_folder_or_a_folder_for_a_file_is_told(name: str, tmp_path: Path, make_info: Any) -> None:
+def test_a_file_instead_of_a_folder_is_reported_and_vice_versa(name: str, tmp_path: Path, make_info: Any) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     if "." in name:
@@ -367,7 +371,7 @@ def test_an_image_replaced_by_a_folder_is_refused(run_folder: Path, make_info: A
         pass
 
 
-def test_a_folder_where_the_next_image_belongs_is_refused(tmp_path: Path, make_info: Any, noise: Any) -> None:
+def test_a_folder_at_the_path_of_the_next_image_is_refused(tmp_path: Path, make_info: Any, noise: Any) -> None:
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
         (tmp_path / "run" / "sensor_images" / "image_1.png").mkdir()
@@ -409,7 +413,7 @@ def _columns(folder: Path) -> None:
         (lambda folder: (folder / "targets.csv").write_text("a,b\n1,2\n"), "the column sensor_image is missing"),
     ],
 )
-def test_a_damaged_folder_is_refused_and_left_alone(
+def test_a_damaged_folder_is_refused_and_not_changed(
     damage: Callable[[Path], object], message: str, run_folder: Path, make_info: Any
 ) -> None:
     damage(run_folder)
@@ -419,7 +423,7 @@ def test_a_damaged_folder_is_refused_and_left_alone(
     assert {path: path.read_bytes() for path in run_folder.rglob("*") if path.is_file()} == before
 
 
-def test_reordered_rows_are_fine(run_folder: Path, make_info: Any) -> None:
+def test_reordered_rows_are_accepted(run_folder: Path, make_info: Any) -> None:
     path = run_folder / "targets.csv"
     head, *rows = path.read_text().splitlines(keepends=True)
     random.Random(0).shuffle(rows)
@@ -429,7 +433,7 @@ def test_reordered_rows_are_fine(run_folder: Path, make_info: Any) -> None:
     assert check_run(run_folder).ok
 
 
-#: Presses what is missing, slowly enough to be killed, and says when it begins.
+#: A program that makes the missing presses slowly enough to be killed; it prints a line when it begins.
 _PRESSER = """
 import sys
 sys.path[:0] = {path!r}
@@ -445,7 +449,7 @@ with RunWriter.open(pathlib.Path({folder!r}), info) as writer:
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(200, marks=pytest.mark.long)])
-def test_kills_at_any_instant_lose_nothing(kills: int, tmp_path: Path, make_info: Any) -> None:
+def test_kills_at_any_time_lose_nothing(kills: int, tmp_path: Path, make_info: Any) -> None:
     folder, seeded = tmp_path / "run", random.Random(4)
     (tmp_path / "info.json").write_text(json.dumps(make_info().as_dict()))
     here = [str(Path(__file__).parent), str(Path(__file__).parents[3])]

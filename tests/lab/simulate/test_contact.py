@@ -1,4 +1,4 @@
-"""Force and depth of the simulated contact, against closed forms and against each other."""
+"""Compare force and depth of the simulated contact with closed forms and with each other."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ BLOCK = contact_for(PRINTED, HolderRim())
 
 
 def _cap_n(depth_mm: float) -> float:
-    """Force on a flat plate in closed form: k times the volume of the sphere's cap."""
+    """Return the force on a flat plate in closed form: k times the volume of the spherical cap, in N."""
     return FOUNDATION_N_PER_MM3 * math.pi * depth_mm**2 * (DOME_RADIUS_MM - depth_mm / 3.0)
 
 
 @pytest.mark.parametrize("depth_mm", [0.2, 0.5, 1.0, 2.0, 4.0, 7.0])
-def test_force_on_a_flat_plate_is_that_of_the_spheres_cap(depth_mm: float) -> None:
+def test_the_force_on_a_flat_plate_equals_that_of_a_spherical_cap(depth_mm: float) -> None:
     for x, y in ((0.0, 0.0), (0.037, -0.021), (1.05, 2.0)):
         assert PLATE.force_n(x, y, -depth_mm) == pytest.approx(_cap_n(depth_mm), rel=2e-3)
 
 
 @pytest.mark.parametrize("force_n", FORCES_N)
-def test_the_measured_law_of_another_tactip_holds_within_a_factor_of_two(force_n: float) -> None:
+def test_the_measured_law_of_another_tactip_agrees_within_a_factor_of_two(force_n: float) -> None:
     depth = -PLATE.z_for_force(0.0, 0.0, force_n)
     assert 0.5 < 0.47 * depth**1.5 / force_n < 2.0
 
 
 @pytest.mark.parametrize("force_n", FORCES_N)
-def test_the_contact_is_as_wide_as_the_protocol_says(force_n: float) -> None:
+def test_the_contact_width_matches_the_protocol(force_n: float) -> None:
     overlap = PLATE.overlap(0.0, 0.0, PLATE.z_for_force(0.0, 0.0, force_n))
     area = np.count_nonzero(overlap.depth_mm) * overlap.cell_mm**2
     assert math.sqrt(area / math.pi) == pytest.approx(contact_radius_mm(force_n), rel=0.03)
@@ -57,7 +57,7 @@ def test_the_contact_is_as_wide_as_the_protocol_says(force_n: float) -> None:
     y=st.floats(18.0, 23.0),
     force=st.one_of(st.sampled_from(FORCES_N), st.floats(1e-3, 10.0)),
 )
-def test_the_pose_found_has_the_force_asked_for(x: float, y: float, force: float) -> None:
+def test_the_computed_pose_has_the_requested_force(x: float, y: float, force: float) -> None:
     z = BLOCK.z_for_force(x, y, force)
     assert abs(BLOCK.force_n(x, y, z) - force) <= FORCE_ERROR_N < min(FORCE_SPREADS_N) / 100.0
     assert z < BLOCK.first_touch(x, y)
@@ -65,7 +65,7 @@ def test_the_pose_found_has_the_force_asked_for(x: float, y: float, force: float
 
 @settings(max_examples=40, deadline=None)
 @given(x=st.floats(-5.0, 30.0), y=st.floats(-5.0, 35.0))
-def test_force_begins_at_first_touch_and_grows_with_depth(x: float, y: float) -> None:
+def test_the_force_begins_at_first_touch_and_grows_with_depth(x: float, y: float) -> None:
     touch = BLOCK.first_touch(x, y)
     forces = [BLOCK.force_n(x, y, touch + dz) for dz in (1.0, 1e-9, -0.01, -0.1, -0.5, -2.0, -5.0)]
     assert forces[0] == forces[1] == 0.0
@@ -73,7 +73,7 @@ def test_force_begins_at_first_touch_and_grows_with_depth(x: float, y: float) ->
     assert forces == sorted(forces)
 
 
-def test_the_answer_does_not_depend_on_what_was_asked_before() -> None:
+def test_the_result_does_not_depend_on_earlier_calls() -> None:
     fresh = contact_for(PRINTED, HolderRim()).force_n(6.0, 20.0, -2.0)
     BLOCK.first_touch(6.0, 20.0)
     BLOCK.force_n(6.0, 20.0, -5.0)
@@ -92,7 +92,7 @@ def test_the_rim_carries_some_of_the_force() -> None:
     assert high.z_for_force(4.0, 20.0, 3.0) > low.z_for_force(4.0, 20.0, 3.0) + 0.1
 
 
-def test_over_nothing_there_is_no_touch_and_no_force() -> None:
+def test_beside_the_block_there_is_no_contact_and_no_force() -> None:
     assert BLOCK.first_touch(500.0, 0.0) == -math.inf
     assert BLOCK.force_n(500.0, 0.0, -7.0) == 0.0
     with pytest.raises(InputError, match="cannot be reached"):
@@ -102,7 +102,7 @@ def test_over_nothing_there_is_no_touch_and_no_force() -> None:
 
 
 @pytest.mark.parametrize("force_n", [-1.0, math.nan, math.inf])
-def test_what_is_no_force_is_refused(force_n: float) -> None:
+def test_invalid_forces_are_refused(force_n: float) -> None:
     with pytest.raises(InputError, match="force_n"):
         PLATE.z_for_force(0.0, 0.0, force_n)
 
@@ -112,11 +112,11 @@ def test_a_force_beyond_the_domes_equator_is_refused() -> None:
         PLATE.z_for_force(0.0, 0.0, 1000.0)
 
 
-def test_no_force_is_first_touch() -> None:
+def test_zero_force_means_first_touch() -> None:
     assert PLATE.z_for_force(0.0, 0.0, 0.0) == PLATE.first_touch(0.0, 0.0) == pytest.approx(0.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("values", [{"radius_mm": 0.0}, {"stiffness_n_per_mm3": math.nan}])
-def test_a_dome_that_cannot_be_is_refused(values: dict[str, float]) -> None:
+def test_an_impossible_dome_is_refused(values: dict[str, float]) -> None:
     with pytest.raises(InputError):
         DomeContact(flat_plate(2.0), **values)

@@ -1,4 +1,4 @@
-"""The ground under the simulated sensor: block, gap, rim, and nothing beyond."""
+"""Test the ground under the simulated sensor: block, gap, rim, and nothing beyond."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_gap_is_open(x_mm: float) -> None:
 @pytest.mark.parametrize(
     "place", [(-0.35, 15.0), (23.65, 15.0), (11.0, -0.35), (11.0, 30.35), (-PLATE_MM, 15.0), (-0.35, -0.35)]
 )
-def test_the_rim_lies_beyond_the_gap(place: tuple[float, float]) -> None:
+def test_the_rim_begins_beyond_the_gap(place: tuple[float, float]) -> None:
     assert _at(_ground(Block.of(1)), *place) == -1.18
 
 
@@ -68,16 +68,16 @@ def test_nothing_lies_beyond_the_plate() -> None:
     assert np.all(np.isfinite(ground.z_mm[ground.y_mm < -HOLDER.gap_mm - CELL_MM][2:, 2:-2]))
 
 
-def test_the_block_itself_is_at_its_own_height() -> None:
+def test_the_block_has_its_own_height() -> None:
     ground = _ground(Block.of(1))
     rows, columns = (ground.y_mm > 0) & (ground.y_mm < 30.0), (ground.x_mm > 0) & (ground.x_mm < 23.3)
     assert np.all(ground.z_mm[np.ix_(rows, columns)] == 0.0)
     assert ground.top_mm == 0.0
 
 
-def test_a_key_opens_its_corner_and_the_rim_follows_it() -> None:
+def test_a_key_cuts_the_corner_and_the_rim_follows_it() -> None:
     ground = _ground(Block.of(1, key_mm=3.0))
-    # The key's line runs from (20.3, 0) to (23.3, 3).
+    # The cut of the key runs from (20.3, 0) to (23.3, 3).
     assert _at(ground, 21.5, 1.45) == 0.0
     assert _at(ground, 21.95, 1.45) == -math.inf
     assert _at(ground, 23.0, 0.3) == -1.18
@@ -87,7 +87,7 @@ def test_a_rim_above_the_block_is_the_highest() -> None:
     assert _ground(Block.of(1), HolderRim(rim_mm=-0.5)).top_mm == 0.5
 
 
-def test_near_is_empty_far_away_and_holds_what_is_within() -> None:
+def test_near_contains_only_cells_within_the_radius() -> None:
     ground = flat_plate(10.0)
     rows, columns = ground.near(100.0, 0.0, 5.0)
     assert ground.z_mm[rows, columns].size == 0
@@ -100,6 +100,6 @@ def test_near_is_empty_far_away_and_holds_what_is_within() -> None:
     ("z", "cell"),
     [(np.zeros((0, 3)), 0.1), (np.zeros(4), 0.1), (np.full((2, 2), np.nan), 0.1), (np.zeros((2, 2)), 0.0)],
 )
-def test_what_is_no_map_is_refused(z: np.ndarray, cell: float) -> None:
+def test_invalid_maps_are_refused(z: np.ndarray, cell: float) -> None:
     with pytest.raises(InputError):
         HeightMap(z_mm=z, x0_mm=0.0, y0_mm=0.0, cell_mm=cell)

@@ -1,4 +1,4 @@
-"""What the simulated sensor looks like, against what was measured on real ones, and studies made with it."""
+"""Compare the looks of the simulated sensor with measurements of real sensors, and test studies with these looks."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _at_rest(look: Look, seed: int = 0, *, colour: bool = False, seconds: float 
         (True, "bbe1083f8a084d1bc662fd160191b5c34761a01f6e48e8e25086f2cfc7771bbb"),
     ],
 )
-def test_clean_frames_are_what_they_always_were(colour: bool, digest: str) -> None:
+def test_clean_frames_have_not_changed(colour: bool, digest: str) -> None:
     sensor = TacTip(colour=colour)
     contact = DomeContact(flat_plate())
     frames = hashlib.sha256()
@@ -75,7 +75,7 @@ def test_clean_frames_are_what_they_always_were(colour: bool, digest: str) -> No
 
 
 @pytest.mark.parametrize("look", REAL)
-def test_each_statistic_is_as_measured(look: str) -> None:
+def test_each_statistic_is_in_the_measured_range(look: str) -> None:
     values = simulated_statistics(look, presses=1, recording=1)
     missed = {
         name: (values[name], goal)
@@ -87,12 +87,12 @@ def test_each_statistic_is_as_measured(look: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("look", REAL)
-def test_the_dome_moves_in_a_recording_as_measured(look: str) -> None:
+def test_the_motion_of_the_dome_is_in_the_measured_range(look: str) -> None:
     values = simulated_statistics(look)
     assert all(goal.met_by(values[name]) for name, goal in goals(look).items())
 
 
-def test_a_goal_is_a_fifth_a_range_or_little() -> None:
+def test_a_goal_is_a_range_with_a_tolerance() -> None:
     bristol, sussex = goals("tactip-bristol"), goals("tactip-sussex")
     assert bristol["mean, inside"].met_by(54.0 * 1.19) and not bristol["mean, inside"].met_by(54.0 * 1.21)
     assert bristol["1 % quantile, inside"].met_by(12.9) and not bristol["1 % quantile, inside"].met_by(13.1)
@@ -101,7 +101,7 @@ def test_a_goal_is_a_fifth_a_range_or_little() -> None:
 
 
 @pytest.mark.parametrize("look", REAL)
-def test_the_markers_truth_is_where_the_pins_are_in_the_frame(look: str) -> None:
+def test_the_true_markers_are_at_the_pins_in_the_frame(look: str) -> None:
     measured, tactip = SENSORS[look], TacTip(look=LOOKS[look], colour=False)
     contact = contact_for(PrintedBlock(block=Block.of(2), printer="form-3", filament="grey-v4"), HolderRim())
     for pins in (tactip.rest, tactip.pins(contact, (6.5, 20.5, contact.z_for_force(6.5, 20.5, FORCES_N[0])))):
@@ -141,7 +141,7 @@ def test_region_and_markers_of_every_look_are_found(look: str, min_found: float,
         assert circle == pytest.approx([dome.x, dome.y, dome.radius], abs=2.0) and region.sureness > 0.8
 
 
-def test_a_pin_below_a_reflection_or_in_the_noise_is_not_visible() -> None:
+def test_a_pin_under_a_reflection_or_below_the_noise_is_not_visible() -> None:
     sussex = LOOKS["tactip-sussex"]
     tactip = TacTip(look=sussex)
     markers = tactip.markers(tactip.rest)
@@ -166,7 +166,7 @@ def test_a_pin_below_a_reflection_or_in_the_noise_is_not_visible() -> None:
     assert np.mean(dim.markers(dim.rest).visible) < 0.2 and np.mean(bright.markers(bright.rest).visible) > 0.9
 
 
-def test_each_approach_misses_by_an_error_of_its_own_at_the_same_force() -> None:
+def test_each_approach_has_its_own_position_error_at_the_same_force() -> None:
     contact = contact_for(PrintedBlock(block=Block.of(1), printer="form-3", filament="grey-v4"), HolderRim())
     pose = (6.5, 20.5, contact.z_for_force(6.5, 20.5, FORCES_N[1]))
     tactip, clean = TacTip(look=LOOKS["tactip-bristol"]), TacTip()
@@ -192,7 +192,7 @@ def test_light_drifts_settles_and_saturates() -> None:
     assert _at_rest(bristol).max() == 255
 
 
-def test_a_compressed_look_has_blocks_and_still_pictures() -> None:
+def test_a_compressed_look_has_blocks_and_nearly_constant_pixels() -> None:
     sussex = LOOKS["tactip-sussex"]
     first, second = (_at_rest(replace(sussex, flicker=0.0), seed) for seed in (1, 2))
     assert np.mean(first == second) > 0.85 and not np.array_equal(first, second)
@@ -211,12 +211,12 @@ def test_colour_and_grey_show_the_same_light() -> None:
 
 @pytest.mark.parametrize("look", REAL)
 @pytest.mark.parametrize("colour", [False, True])
-def test_frames_of_every_look_are_sound(look: str, colour: bool) -> None:
+def test_frames_of_every_look_have_no_faults(look: str, colour: bool) -> None:
     first, second = (_at_rest(LOOKS[look], seed, colour=colour) for seed in (1, 2))
     assert frame_faults(first) == () == frame_faults(second, first)
 
 
-def test_an_unknown_look_is_refused_with_those_that_are_there(tmp_path: Path, capsys: Capture) -> None:
+def test_an_unknown_look_is_refused_with_the_known_looks(tmp_path: Path, capsys: Capture) -> None:
     with pytest.raises(InputError, match="must be one of: clean, tactip-bristol, tactip-sussex"):
         look_named("bristol")
     with pytest.raises(InputError, match="look"):
@@ -242,7 +242,7 @@ def test_the_simulated_sensor_keeps_an_approach_until_the_stage_moves() -> None:
 
 
 def _study() -> Study:
-    """Two textures of one printer, two copies each: 16 presses, and as many frames without motion, twice over."""
+    """Return a study of two textures from one printer with two copies each: 16 presses and 32 stationary frames."""
     protocol = Protocol(
         grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)),
         forces_n=(FORCES_N[1],),
@@ -265,7 +265,7 @@ def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return out
 
 
-def test_a_study_with_a_look_passes_the_check_and_says_which(runs: Path) -> None:
+def test_a_study_with_a_look_passes_the_check_and_names_the_look(runs: Path) -> None:
     for folder in runs.iterdir():
         report = check_run(folder)
         assert report.ok, [str(finding) for finding in report.findings]
@@ -275,15 +275,15 @@ def test_a_study_with_a_look_passes_the_check_and_says_which(runs: Path) -> None
 def test_repeats_of_a_print_differ_as_on_a_real_rig(runs: Path) -> None:
     table = variance_table(Collection.open([runs]), protocol="as-published")
     assert {cell.quantity for cell in table.cells} == {"repeats of one print"}
-    # 2.6 to 3.7 in the authors' notebooks; frames of the clean look have 0.1.
+    # The variance is 2.6 to 3.7 in the authors' notebooks and 0.1 with the clean look.
     assert 1.5 < np.mean([cell.variance for cell in table.cells]) < 6.0
     assert all(cell.noise_alone is not None and cell.noise_alone < cell.variance / 3.0 for cell in table.cells)
 
 
-def test_textures_are_told_apart_on_a_print_never_seen(runs: Path, tmp_path: Path) -> None:
+def test_textures_on_an_unseen_print_are_distinguished(runs: Path, tmp_path: Path) -> None:
     quick = ("--resolution", "0.1", "--components", "8", "--jobs", "1", "--trials", "1", "--hold-out", "copy")
     assert main(["classify", str(runs), "-o", str(tmp_path / "classes"), *quick, "--estimator", "forest"]) == 0
     with (tmp_path / "classes" / "classification.csv").open(newline="") as stream:
         (row, *_) = csv.DictReader(stream)
-    # Two textures of very different relief: chance is 50 %.
+    # The two textures have very different relief; chance is 50 %.
     assert float(row["accuracy"]) > 0.8

@@ -1,4 +1,4 @@
-"""Virtual printers: what each error does, and that a copy is always the same copy."""
+"""Test virtual printers: the effect of each error, and the reproducibility of copies."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
-#: A printer without errors, with layers too thin to see.
+#: A printer without errors and with very thin layers.
 PERFECT = VirtualPrinter(
     name="perfect",
     nozzle_mm=0.1,
@@ -58,19 +58,19 @@ def test_a_printer_without_errors_prints_the_formula() -> None:
 def test_layers_make_terraces_at_most_half_a_layer_off() -> None:
     block = Block.of(1, mm_per_unit=(6.0, 6.0, 1.0))
     z = as_printed(block, replace(PERFECT, layer_mm=0.25), seeded("test")).z_mm
-    # Only edges are round; at random heights one in fifty would lie so near to a whole number of layers.
+    # Only the edges are round. Of random heights only 2 % would be this near to a whole number of layers.
     layers = (z + block.height_mm) / 0.25
     assert np.mean(np.abs(layers - np.round(layers)) < 0.01) > 0.3
     assert np.max(np.abs(z - _design(block))) < 0.5 * 0.25 + 0.01
 
 
-def test_a_wide_line_draws_no_narrow_peak() -> None:
+def test_a_wide_line_removes_narrow_peaks() -> None:
     narrow, wide = _error(PERFECT), _error(replace(PERFECT, nozzle_mm=1.6))
     assert np.max(wide) < 0.01
     assert np.min(wide) < np.min(narrow) - 0.05
 
 
-def test_peaks_lose_height_and_nothing_gains() -> None:
+def test_peaks_lose_height_and_nothing_gains_height() -> None:
     block = Block.of(2)
     lossy = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.6))
     kept = _error(replace(PERFECT, nozzle_mm=0.4, peak_loss=0.0))
@@ -79,7 +79,7 @@ def test_peaks_lose_height_and_nothing_gains() -> None:
     assert np.mean((lossy - kept)[high]) < 4.0 * np.mean((lossy - kept)[~high]) < 0.0
 
 
-def test_walls_out_of_place_show_where_the_relief_is_steep() -> None:
+def test_misplaced_walls_have_the_largest_effect_on_steep_relief() -> None:
     block = Block.of(1)
     error = as_printed(block, replace(PERFECT, xy_error_mm=0.1), seeded("test")).z_mm - _design(block)
     x, _ = centres(block)
@@ -88,7 +88,7 @@ def test_walls_out_of_place_show_where_the_relief_is_steep() -> None:
     assert column[slope > 0.7].mean() > 3.0 * column[slope < 0.1].mean()
 
 
-def test_roughness_height_and_tilt_have_the_size_they_are_given() -> None:
+def test_roughness_height_and_tilt_have_the_given_size() -> None:
     assert np.std(_error(replace(PERFECT, nozzle_mm=0.4, roughness_mm=0.03))) == pytest.approx(0.03, rel=0.1)
     heights = [np.mean(_error(replace(PERFECT, z_error_mm=0.1), seed=seed)) for seed in range(40)]
     assert 0.07 < np.std(heights) < 0.13
@@ -97,13 +97,13 @@ def test_roughness_height_and_tilt_have_the_size_they_are_given() -> None:
     assert np.ptp(tilted.mean(axis=0)) > 0.01
 
 
-def test_strings_lie_on_the_surface_and_only_add() -> None:
+def test_strings_lie_on_the_surface_and_only_add_height() -> None:
     strung = _error(replace(PERFECT, stringing_per_cm2=3.0)) - _error(PERFECT)
     assert np.min(strung) > -1e-9
     assert 0.001 < np.mean(strung > 0.05) < 0.2
 
 
-def test_a_copy_is_always_the_same_copy_and_no_other_one() -> None:
+def test_a_copy_is_reproducible_and_differs_from_other_copies() -> None:
     first = stimulus(_printed(), HolderRim()).z_mm
     assert np.array_equal(first, stimulus(_printed(), HolderRim()).z_mm)
     there = np.isfinite(first)
@@ -119,13 +119,13 @@ def test_every_printer_and_filament_of_the_paper_has_a_preset() -> None:
         assert printer_of(_printed(printer, filament)).name == f"{printer} with {filament}"
 
 
-def test_an_unknown_printer_gets_the_generic_one_and_says_so() -> None:
+def test_an_unknown_printer_uses_a_generic_preset_and_reports_it() -> None:
     printer = printer_of(_printed("my-printer", "wood"))
     assert "my-printer with wood, as ender-3-v3-se" in printer.name
     assert printer.peak_loss == VIRTUAL_PRINTERS["ender-3-v3-se"].peak_loss
 
 
-def test_resin_comes_closer_to_the_design_than_filament() -> None:
+def test_resin_is_closer_to_the_design_than_filament() -> None:
     block = Block.of(3)
     off = {
         printer: np.std(stimulus_error(block, printer, filament))
@@ -135,7 +135,7 @@ def test_resin_comes_closer_to_the_design_than_filament() -> None:
 
 
 def stimulus_error(block: Block, printer: str, filament: str) -> np.ndarray:
-    """What a preset's print of a block has more or less than the design."""
+    """Return the height error of a preset's print of a block, in mm."""
     printed = PrintedBlock(block=block, printer=printer, filament=filament)
     return as_printed(block, printer_of(printed), seeded(printed.name)).z_mm - _design(block)
 
@@ -143,6 +143,6 @@ def stimulus_error(block: Block, printer: str, filament: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("field", "value"), [("nozzle_mm", 0.0), ("layer_mm", float("nan")), ("peak_loss", 1.5), ("tilt_mm", -0.1)]
 )
-def test_a_printer_that_cannot_be_is_refused(field: str, value: float) -> None:
+def test_an_impossible_printer_is_refused(field: str, value: float) -> None:
     with pytest.raises(InputError, match=field):
         replace(PERFECT, **{field: value})  # type: ignore[arg-type]

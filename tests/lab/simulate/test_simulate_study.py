@@ -1,4 +1,4 @@
-"""Whole simulated studies: what they hold, what they say, and that an interruption loses nothing."""
+"""Test complete simulated studies: their contents, their marks, and that interruptions lose nothing."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _infos(study: Study, options: SimulationOptions | None = None) -> list[RunIn
 
 
 def _files(folder: Path) -> dict[str, bytes]:
-    """Every file of a study but ``run.json``, which tells when it was made, and what a killed process leaves."""
+    """Return every file of a study except ``run.json``, which contains the time, and remains of killed processes."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
@@ -81,7 +81,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def study_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A small study, made in two processes."""
+    """Return a small study that two processes simulated."""
     out = tmp_path_factory.mktemp("made")
     counts: list[int] = []
     blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2, progress=counts.append)
@@ -91,7 +91,7 @@ def study_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     yield out
 
 
-def test_the_papers_study_has_its_images() -> None:
+def test_the_papers_study_has_the_papers_number_of_images() -> None:
     study = paper_study()
     firsts = [block for block in study.blocks if block.printed.copy == 1]
     more = [block for block in study.blocks if block.printed.copy > 1]
@@ -140,7 +140,7 @@ def test_the_run_folders_pass_the_check(study_folder: Path) -> None:
         assert report.ok, [str(finding) for finding in report.findings]
 
 
-def test_everything_says_that_it_is_simulated(study_folder: Path) -> None:
+def test_everything_is_marked_as_simulated(study_folder: Path) -> None:
     for folder in study_folder.iterdir():
         run = Run.open(folder)
         assert len(run.info.simulated) == 3
@@ -165,13 +165,13 @@ def test_images_are_grey_and_repeats_differ_by_noise(study_folder: Path) -> None
     assert 0 < np.var(difference) < 6.0
 
 
-def test_an_interrupted_study_ends_like_one_that_was_not(study_folder: Path, tmp_path: Path) -> None:
+def test_an_interrupted_study_ends_like_an_uninterrupted_one(study_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
     shutil.copytree(study_folder, out)
     first, second = sorted(out.iterdir())
     shutil.rmtree(second)
     lines = (first / "targets.csv").read_text().splitlines(keepends=True)
-    # Killed while the tenth row was written; its image and a later one are there already, the end's frames are not.
+    # The process was killed during the tenth row. Its image and a later one exist, the stationary end frames do not.
     (first / "targets.csv").write_text("".join(lines[:10]) + lines[10][:17])
     still = (first / "stationary" / "stationary.csv").read_text().splitlines(keepends=True)
     (first / "stationary" / "stationary.csv").write_text("".join(still[:5]))
@@ -182,7 +182,7 @@ def test_an_interrupted_study_ends_like_one_that_was_not(study_folder: Path, tmp
     assert _files(out) == _files(study_folder)
 
 
-def test_a_whole_study_is_not_made_again(study_folder: Path, tmp_path: Path) -> None:
+def test_a_complete_study_is_not_simulated_again(study_folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
     shutil.copytree(study_folder, out)
     blocks = simulate_study(_study(), out, SimulationOptions(), jobs=1)
@@ -194,7 +194,7 @@ def test_a_whole_study_is_not_made_again(study_folder: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("options", "message"), [(SimulationOptions(colour=True), "shape"), (SimulationOptions(seed=7), "seed")]
 )
-def test_a_run_is_not_gone_on_with_in_another_way(
+def test_a_run_is_not_resumed_with_other_options(
     study_folder: Path, tmp_path: Path, options: SimulationOptions, message: str
 ) -> None:
     out = tmp_path / "again"
@@ -205,7 +205,7 @@ def test_a_run_is_not_gone_on_with_in_another_way(
     assert _files(out) == _files(study_folder)
 
 
-def test_colour_and_another_seed_give_other_images(tmp_path: Path) -> None:
+def test_colour_and_another_seed_change_the_images(tmp_path: Path) -> None:
     study = _study(forces_n=(1.0,), bands_n=(0.01,), repeats=1)
     images = []
     for name, options in (("a", SimulationOptions(colour=True)), ("b", SimulationOptions(colour=True, seed=1))):
@@ -227,7 +227,7 @@ def test_depth_mode_leaves_the_force_empty(tmp_path: Path) -> None:
     assert [deep[place] for place in shallow] == pytest.approx([z - 0.5 for z in shallow.values()], abs=1e-4)
 
 
-def test_references_are_made_anew_at_the_interval(tmp_path: Path) -> None:
+def test_references_are_repeated_at_the_interval(tmp_path: Path) -> None:
     study = _study(reference_every_s=30.0, repeats=1)
     info = _infos(study)[0]
     result = simulate_block(tmp_path, info, SimulationOptions())
@@ -242,7 +242,7 @@ def test_a_press_below_the_depth_limit_is_refused(tmp_path: Path) -> None:
         simulate_block(tmp_path, _infos(study)[1], SimulationOptions())
 
 
-def test_a_disk_without_room_is_refused_with_the_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_space_is_refused_with_the_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     needed = SimulationEstimate(blocks=1, presses=1000, others=21, there=21, bytes_each=1e6, seconds_each=0.01, jobs=2)
     assert needed.gb == pytest.approx(1.0)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=1.0e9))
@@ -258,7 +258,7 @@ def test_an_unknown_study_is_refused(word: str, message: str) -> None:
         study_of(word)
 
 
-def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_simulates_a_study_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "study.toml").write_text(STUDY_FILE.replace("[18.0, 23.0]", "[18.0]"))
     assert main(["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "2", "--json"]) == 0
     out, err = capsys.readouterr()
@@ -284,7 +284,7 @@ def test_the_command_makes_a_study_from_a_file(tmp_path: Path, capsys: pytest.Ca
         (["--out", "x", "--seed", "-1"], "seed"),
     ],
 )
-def test_bad_options_end_with_one_line(
+def test_invalid_options_are_reported_in_one_line(
     argv: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -294,7 +294,7 @@ def test_bad_options_end_with_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_in_the_folders_place_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_instead_of_the_output_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "study.toml").write_text(STUDY_FILE)
     (tmp_path / "runs").write_text("precious")
     assert main(["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "1"]) == 2
@@ -303,7 +303,7 @@ def test_a_file_in_the_folders_place_is_refused(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for another process")
-def test_an_interruption_ends_with_130_and_the_study_can_go_on(tmp_path: Path) -> None:
+def test_an_interruption_ends_with_130_and_the_study_can_be_resumed(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(STUDY_FILE.replace("repeats = 1", "repeats = 2"))
     words = ["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "2"]
     command = [sys.executable, "-m", "tacbench_cad", *words]

@@ -1,4 +1,4 @@
-"""The simulated TacTip's images, measured with OpenCV as a user would, and the devices that give them."""
+"""Measure the simulated TacTip's images with OpenCV as a user would, and test its devices."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tacbench_cad.util.types import Bytes, Floats
 FAST = Clock(speed=1e6)
 RINGS = CLEAN.rings
 REST = TacTip().rest
-#: Noise of a clean frame, one standard deviation.
+#: The standard deviation of the noise of a clean frame, in counts.
 ((_, READ_NOISE),) = CLEAN.noise
 HOLDER = HolderRim()
 GROUNDS = {
@@ -45,7 +45,7 @@ def _pressed(contact: DomeContact, force_n: float, x: float = 6.5, y: float = 20
 
 
 def _markers(image: Bytes) -> Floats:
-    """Centroids (column, row) of the bright spots, weighted by brightness."""
+    """Return the centroids (column, row) of the bright spots, weighted by brightness."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     count, labels = cv2.connectedComponents((grey > 20).astype(np.uint8))
     weight = np.where(grey > 20, grey, 0).astype(np.float64)
@@ -56,7 +56,7 @@ def _markers(image: Bytes) -> Floats:
 
 
 @pytest.mark.parametrize("colour", [False, True])
-def test_at_rest_the_markers_lie_where_the_pinhole_camera_puts_the_pins(colour: bool) -> None:
+def test_at_rest_the_markers_match_the_pinhole_camera(colour: bool) -> None:
     markers = _markers(TacTip(colour=colour).image(None, (0.0, 0.0, 0.0), _rng()))
     assert len(markers) == 133
     for count, first, step, r, z in RINGS:
@@ -67,7 +67,7 @@ def test_at_rest_the_markers_lie_where_the_pinhole_camera_puts_the_pins(colour: 
             assert np.min(np.hypot(*(markers - place).T)) < 0.3
 
 
-def test_the_rings_have_the_radii_that_were_measured_on_images() -> None:
+def test_the_rings_have_the_radii_measured_on_images() -> None:
     radii = np.sort(np.hypot(*(_markers(TacTip().image(None, (0, 0, 0), _rng())) - (319.5, 239.5)).T))
     means = [ring.mean() for ring in np.split(radii, np.cumsum([count for count, *_ in RINGS])[:-1])]
     assert means[-1] == pytest.approx(143.0, abs=1.5)
@@ -85,7 +85,7 @@ def test_the_deformation_grows_with_the_force(number: int) -> None:
     assert 0.05 < distances[0] < distances[1] < distances[2] < 20.0
 
 
-def test_equal_poses_differ_by_noise_only() -> None:
+def test_frames_of_equal_poses_differ_by_noise_only() -> None:
     contact, sensor = GROUNDS[3], TacTip(colour=False, flicker=0.0)
     pose = _pressed(contact, FORCES_N[2])
     first, second = (sensor.image(contact, pose, _rng(seed)).astype(float) for seed in (1, 2))
@@ -107,7 +107,7 @@ def test_different_textures_differ_by_more_than_noise() -> None:
             assert np.mean((image - other) ** 2) > 10.0 * READ_NOISE**2
 
 
-def test_flicker_changes_the_pins_together() -> None:
+def test_flicker_changes_all_pins_together() -> None:
     still, lively = TacTip(colour=False, flicker=0.0), TacTip(colour=False, flicker=0.05)
     pins = still.image(None, (0, 0, 0), _rng()) > 100
 
@@ -118,7 +118,7 @@ def test_flicker_changes_the_pins_together() -> None:
     assert 5.0 < brightness_deviation(lively) < 15.0
 
 
-def test_read_noise_is_what_it_says_and_clips_at_the_ends() -> None:
+def test_read_noise_has_the_stated_size_and_is_clipped_at_the_ends() -> None:
     grey = np.full((480, 640), 100, dtype=np.uint8)
     noisy = with_noise(grey, CLEAN, _rng()).astype(float)
     assert np.std(noisy) == pytest.approx(READ_NOISE, rel=0.01)
@@ -127,7 +127,7 @@ def test_read_noise_is_what_it_says_and_clips_at_the_ends() -> None:
     assert with_noise(np.full_like(grey, 255), CLEAN, _rng()).max() == 255
 
 
-def test_the_background_is_near_zero_and_the_frame_is_sound() -> None:
+def test_the_background_is_near_zero_and_the_frame_has_no_faults() -> None:
     sensor = TacTip()
     image = sensor.image(GROUNDS[4], _pressed(GROUNDS[4], FORCES_N[2]), _rng())
     assert image.shape == sensor.shape == (480, 640, 3) and image.dtype == np.uint8
@@ -136,13 +136,13 @@ def test_the_background_is_near_zero_and_the_frame_is_sound() -> None:
     assert TacTip(colour=False).shape == (480, 640)
 
 
-def test_in_the_air_nothing_moves() -> None:
+def test_without_contact_nothing_moves() -> None:
     sensor = TacTip()
     assert sensor.pins(GROUNDS[1], (6.5, 20.5, 5.0)) is sensor.rest
     assert sensor.pins(None, (0.0, 0.0, -3.0)) is sensor.rest
 
 
-def test_on_a_plate_pins_move_up_in_the_middle_and_outwards_at_the_side() -> None:
+def test_on_a_plate_middle_pins_move_up_and_outer_pins_outwards() -> None:
     contact = DomeContact(flat_plate())
     displacement = TacTip().pins(contact, _pressed(contact, FORCES_N[1], 0.0, 0.0)).tips_mm - REST.tips_mm
     assert displacement[0, 2] < -1.0 and np.hypot(*displacement[0, :2]) < 1e-3
@@ -154,7 +154,7 @@ def test_on_a_plate_pins_move_up_in_the_middle_and_outwards_at_the_side() -> Non
     assert rings[-1].max() < 0.05
 
 
-def test_the_skin_spreads_without_loss_and_its_gradient_is_the_slope() -> None:
+def test_the_skin_spreads_without_loss_and_its_gradient_equals_the_slope() -> None:
     step = 1e-3
     places = np.array([[0.0, 0.0], [step, 0.0], [0.0, step], [8.0, 0.0], [5.5, 1.0], [5.5 + step, 1.0]])
     skin = Skin(places)
@@ -168,7 +168,7 @@ def test_the_skin_spreads_without_loss_and_its_gradient_is_the_slope() -> None:
     assert slope[4, 0] < -0.1
 
 
-def test_the_skins_volume_is_kept() -> None:
+def test_the_skin_keeps_its_volume() -> None:
     at = np.arange(-20.0, 20.5, 0.5)
     places = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
     small = np.array([0.05, 0.15])
@@ -176,20 +176,20 @@ def test_the_skins_volume_is_kept() -> None:
     assert np.sum(w) * 0.25 == pytest.approx(0.04, rel=0.02)
 
 
-def test_pins_are_inside_of_the_skin() -> None:
+def test_pins_are_inside_the_skin() -> None:
     assert len(REST.tips_mm) == 133
     assert np.all(np.linalg.norm(REST.tips_mm, axis=1) < INNER_RADIUS_MM)
     assert np.linalg.norm(REST.facing, axis=1) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("flicker", [-0.1, math.nan])
-def test_a_light_that_cannot_be_is_refused(flicker: float) -> None:
+def test_an_impossible_light_is_refused(flicker: float) -> None:
     with pytest.raises(InputError, match="flicker"):
         TacTip(flicker=flicker)
 
 
 class _Carriage:
-    """Stands in for a stage: is where it is told."""
+    """A replacement of a stage with a given position."""
 
     def __init__(self) -> None:
         self.at: Point = (0.0, 0.0, 0.0)
@@ -234,7 +234,7 @@ def test_the_simulated_sensor_follows_the_stage() -> None:
         assert sensor.settings["requested"]["colour"] is True and sensor.settings["actual"]["colour"] is True
 
 
-def test_two_sensors_without_a_seed_never_give_the_same_frame() -> None:
+def test_two_sensors_without_a_seed_never_return_the_same_frame() -> None:
     first, second = (SimulatedSensor(_Carriage().position, FAST).read() for _ in range(2))
     assert first.shape == (480, 640) and not np.array_equal(first, second)
 

@@ -1,4 +1,4 @@
-"""FILE.toml, the plan of presses and the values they are made of."""
+"""Test FILE.toml, the plan of presses and their values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _read(tmp_path: Path, text: str) -> StudyFile:
     return read_study(path)
 
 
-def test_a_single_block_with_the_papers_protocol(tmp_path: Path) -> None:
+def test_a_single_block_gets_the_papers_protocol(tmp_path: Path) -> None:
     file = _read(tmp_path, BLOCK + RIG)
     (block,) = file.study.blocks
     assert block.printed.name == "texture-4_paper_x1_bambu-p1p_pla-minus_copy01"
@@ -54,7 +54,7 @@ def test_a_study_lists_every_print_and_scales_its_grid(tmp_path: Path) -> None:
     assert file.study.presses == 4 * 150 + 2 * 50 and file.rig is None
 
 
-def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
+def test_a_users_texture_is_found_next_to_the_file(tmp_path: Path) -> None:
     (tmp_path / "wave.toml").write_text(
         '[texture]\nname = "wave"\nfamily = "plane-waves"\n[[wave]]\namplitude = 1\nf = 1\ng = 1\n'
     )
@@ -104,7 +104,7 @@ def test_a_texture_of_ones_own_is_found_beside_the_file(tmp_path: Path) -> None:
         ('[study]\nprints = [{printer = "a", filament = "b", copys = 2}]\n', ["[[prints]] 1: copys", '"copies"']),
     ],
 )
-def test_a_mistake_is_named(tmp_path: Path, text: str, needles: list[str]) -> None:
+def test_mistakes_are_reported(tmp_path: Path, text: str, needles: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         _read(tmp_path, text)
     message = str(caught.value)
@@ -119,7 +119,7 @@ def test_a_texture_without_the_ending_of_its_file_names_the_file(tmp_path: Path)
         _read(tmp_path, BLOCK.replace("texture = 4", 'texture = "cross60"'))
 
 
-def test_the_plan_presses_every_place_at_every_force_twice() -> None:
+def test_the_plan_presses_every_position_at_every_force_twice() -> None:
     presses = plan_presses(Protocol(), (1, 2, 3), "any")
     assert [p.number for p in presses] == list(range(1, 151))
     assert len({(p.force_level, p.repeat, p.position) for p in presses}) == 150
@@ -128,7 +128,7 @@ def test_the_plan_presses_every_place_at_every_force_twice() -> None:
     assert (presses[-1].x_mm, presses[-1].y_mm, presses[-1].force_level, presses[-1].repeat) == (9.0, 23.0, 3, 2)
 
 
-def test_a_shuffled_plan_is_seeded_and_another_for_each_block_and_repeat() -> None:
+def test_a_shuffled_plan_is_seeded_and_depends_on_block_and_repeat() -> None:
     protocol = Protocol(order="random", seed=7)
     first, again, other = (plan_presses(protocol, (2,), name) for name in ("a", "a", "b"))
     assert first == again and [p.position for p in first] != [p.position for p in other]
@@ -153,7 +153,7 @@ def test_the_blocks_of_a_study_may_be_shuffled() -> None:
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
-def test_the_work_frame_goes_there_and_back(turns: int) -> None:
+def test_the_work_frame_converts_in_both_directions(turns: int) -> None:
     frame = WorkFrame(origin_mm=(10.0, 20.0, -30.0), quarter_turns=turns)
     point = (1.0, 2.0, 3.0)
     assert frame.to_work(frame.to_stage(point)) == point
@@ -163,7 +163,7 @@ def test_the_work_frame_goes_there_and_back(turns: int) -> None:
     assert frame.shifted((1.0, 1.0, 1.0)).origin_mm == (11.0, 21.0, -29.0)
 
 
-def test_a_virtual_study_is_refused_by_name() -> None:
+def test_an_unknown_virtual_study_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="virtual-grbl, virtual-marlin"):
         virtual_study(driver="grbl")
 

@@ -1,4 +1,4 @@
-"""Markers are found in frames that look like five public recordings and a gel, without any tuning."""
+"""Find markers in frames like those of five public recordings and in a gel, without tuning."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from tacbench_cad.lab.vision.markers import MarkerFinder, Markers, MarkerSettings
 from tacbench_cad.util.errors import InputError
 
-#: The least fraction of visible markers found, the largest fraction of false ones, and the largest rms of centres (px).
+#: The smallest fraction of visible markers found, the largest fraction of false ones, and the largest rms error in px.
 LIMITS = {
     "A": (0.99, 0.005, 0.2),
     "B": (0.99, 0.005, 0.2),
@@ -23,8 +23,8 @@ LIMITS = {
 }
 
 
-def counted(shots: list[Shot], finder: MarkerFinder) -> tuple[float, float, float]:
-    """The fractions of visible markers that are found and of what is found that is none, and the rms of centres."""
+def detection_rates(shots: list[Shot], finder: MarkerFinder) -> tuple[float, float, float]:
+    """Return the fraction of visible markers found, the fraction of false ones, and the rms error in pixels."""
     visible = false = 0
     errors: list[float] = []
     for shot in shots:
@@ -39,7 +39,7 @@ def counted(shots: list[Shot], finder: MarkerFinder) -> tuple[float, float, floa
 @pytest.mark.parametrize("name", LOOKS)
 def test_markers_of_every_public_look_are_found(name: str) -> None:
     finder = MarkerFinder.learn([draw(LOOKS[name], 100).image])
-    recall, false, error = counted(
+    recall, false, error = detection_rates(
         [draw(LOOKS[name], 1), draw(LOOKS[name], 2, 12.0), draw(LOOKS[name], 3, 23.0)], finder
     )
     min_recall, max_false, max_rms = LIMITS[name]
@@ -51,10 +51,10 @@ def test_markers_of_every_public_look_are_found(name: str) -> None:
 def test_dark_markers_of_a_gel_are_found() -> None:
     finder = MarkerFinder.learn([gel(1).image])
     assert finder.dark
-    assert counted([gel(2), gel(3, 15.0)], finder) == (1.0, 0.0, pytest.approx(0.05, abs=0.05))
+    assert detection_rates([gel(2), gel(3, 15.0)], finder) == (1.0, 0.0, pytest.approx(0.05, abs=0.05))
 
 
-def test_any_number_of_markers_at_another_scale() -> None:
+def test_any_number_of_markers_is_found_at_another_scale() -> None:
     look = replace(LOOKS["A"], rings=((1, 0.0), (6, 30.0), (12, 60.0), (18, 90.0)), pin_width=(16.0, 16.0, 16.0))
     finder = MarkerFinder.learn([draw(look, 1).image])
     assert len(finder.find(draw(look, 2).image)) == 37
@@ -64,18 +64,18 @@ def test_any_number_of_markers_at_another_scale() -> None:
     assert 1.5 < small.sigma_px < 3.0
 
 
-def test_a_darker_and_a_noisier_frame() -> None:
+def test_markers_are_found_in_darker_and_noisier_frames() -> None:
     finder = MarkerFinder.learn([draw(LOOKS["A"], 1).image])
-    assert counted([draw(LOOKS["A"], 2, 6.0, light=0.6)], finder)[0] > 0.99
+    assert detection_rates([draw(LOOKS["A"], 2, 6.0, light=0.6)], finder)[0] > 0.99
     shot = draw(LOOKS["A"], 3)
     noisy = shot.image + np.random.default_rng(0).normal(0.0, 6.0, shot.image.shape)
     noisy_shot = replace(shot, image=np.clip(noisy, 0, 255).astype(np.uint8))
-    recall, false, _ = counted([noisy_shot], MarkerFinder.learn([noisy_shot.image]))
+    recall, false, _ = detection_rates([noisy_shot], MarkerFinder.learn([noisy_shot.image]))
     assert recall > 0.99
     assert false < 0.005
 
 
-def test_what_is_given_is_not_estimated_and_a_mask_holds() -> None:
+def test_given_values_are_not_estimated_and_a_mask_is_used() -> None:
     shot = draw(LOOKS["B"], 1)
     finder = MarkerFinder.learn([shot.image], MarkerSettings(sigma_px=4.0, threshold=70.0, dark=False))
     assert (finder.sigma_px, finder.threshold, finder.dark) == (4.0, 70.0, False)
@@ -89,7 +89,7 @@ def test_what_is_given_is_not_estimated_and_a_mask_holds() -> None:
         MarkerFinder.learn([shot.image], mask=left).find(shot.image[:100])
 
 
-def test_what_cannot_hold_markers_is_refused() -> None:
+def test_images_without_markers_are_refused() -> None:
     noise = np.random.default_rng(0).integers(100, 102, (64, 64), dtype=np.uint8)
     with pytest.raises(InputError, match="not found"):
         MarkerFinder.learn([noise])

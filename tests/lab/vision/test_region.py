@@ -1,4 +1,4 @@
-"""Domes and gels are found in frames of all looks, and regions are read, kept and refused."""
+"""Find domes and gels in frames of all looks, and read, store and refuse regions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def numbers(region: Region) -> list[float]:
     + [(LOOKS["E"], 12.0), (DARK, 0.0), (replace(LOOKS["B"], surround=(300, 300)), 0.0)],
     ids=[*LOOKS, "pressed", "dark surround", "saturated surround"],
 )
-def test_a_dome_is_found_in_every_surround(look: Look, press: float) -> None:
+def test_a_dome_is_found_in_all_surroundings(look: Look, press: float) -> None:
     region = find_region([draw(look, 1, press).image])
     assert region.text.startswith("circle:")
     assert numbers(region) == pytest.approx([*look.centre, look.radius], abs=1.5)
@@ -43,7 +43,7 @@ def test_a_gel_is_found() -> None:
 
 
 def dots() -> Frame:
-    """Bright pins on black, without any outline."""
+    """Return bright pins on a black background without an outline."""
     image = np.full((480, 640), 2, dtype=np.uint8)
     for radius in (0, 40, 80, 120):
         for angle in np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / max(1, radius // 5)):
@@ -52,13 +52,13 @@ def dots() -> Frame:
     return image
 
 
-def test_without_an_outline_the_markers_say_where_it_is_and_it_is_not_sure() -> None:
+def test_without_an_outline_the_markers_give_an_uncertain_region() -> None:
     region = find_region([dots()])
     assert numbers(region) == pytest.approx([320.0, 240.0, 145.0], abs=12.0)
     assert region.sureness < SURE
 
 
-def test_nothing_is_found_where_there_is_nothing() -> None:
+def test_an_empty_image_has_no_region() -> None:
     noise = np.random.default_rng(0).integers(90, 110, (120, 160), dtype=np.uint8)
     for frames in ([noise], []):
         with pytest.raises(InputError, match=r"roi|frames"):
@@ -78,12 +78,12 @@ def test_a_region_is_read(text: str, pixels: int) -> None:
 @pytest.mark.parametrize(
     "text", ["", "auto", "circle:1,2", "circle:1,2,x", "rect:9,9,1,1", "circle:500,500,10", "mask.jpg", "missing.png"]
 )
-def test_what_is_no_region_is_refused(text: str) -> None:
+def test_invalid_regions_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="roi"):
         parse_region(text, 80, 100)
 
 
-def test_a_picture_is_a_region_and_is_kept_with_a_run(tmp_path: Path) -> None:
+def test_a_picture_can_be_a_region_and_is_stored_with_a_run(tmp_path: Path) -> None:
     picture = np.zeros((80, 100, 3), dtype=np.uint8)
     picture[10:60, 20:70] = 255
     cv2.imwrite(str(tmp_path / "mask.png"), picture)
@@ -114,7 +114,7 @@ def test_a_picture_is_a_region_and_is_kept_with_a_run(tmp_path: Path) -> None:
         '{"roi": "circle:50,40,20", "width": 100, "height": 80, "sureness": 2}',
     ],
 )
-def test_a_damaged_kept_region_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_damaged_stored_region_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "roi.json").write_text(text)
     with pytest.raises(InputError, match=r"roi"):
         stored_region(tmp_path)

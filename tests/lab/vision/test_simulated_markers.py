@@ -1,4 +1,4 @@
-"""Markers of the simulated sensor, whose truth is known: how many are found, how many are false, and where they lie."""
+"""Compare detected markers of the simulated sensor with their true positions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tacbench_cad.lab.vision.markers import MarkerFinder
 from tacbench_cad.lab.vision.region import SURE, find_region
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 
-#: The least fraction found and the largest fraction of false ones.
+#: The smallest fraction of markers found and the largest fraction of false ones.
 LIMITS = {"tactip-bristol": (0.99, 0.005), "tactip-sussex": (0.95, 0.05), "clean": (0.99, 0.0)}
 
 

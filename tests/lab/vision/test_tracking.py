@@ -1,4 +1,4 @@
-"""Markers are followed where they move farther than they lie apart, with some missing and some false."""
+"""Follow markers that move farther than their spacing, with some missing and some false ones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_every_marker_is_followed(name: str, max_px: float) -> None:
         track = tracker.follow(centres)
         number = np.where(track.found, np.append(visible, [-1, -1, -1])[order][track.index], -1)
         right = number == np.arange(len(rest))
-        assert np.sum(track.found & ~right) <= 1  # a stray one may lie where a marker is missing
+        assert np.sum(track.found & ~right) <= 1  # a false marker may be at the place of a missing one
         assert np.mean(right[visible]) > 0.98
         error = np.hypot(*(track.displacement_px - (places - rest)).T)
         assert np.median(error) < 0.2
@@ -43,10 +43,10 @@ def test_a_shift_of_everything_is_followed() -> None:
         track.displacement_mm(0.0)
 
 
-def test_the_frame_before_helps_and_nothing_is_found_in_an_empty_frame() -> None:
+def test_the_previous_frame_helps_and_an_empty_frame_has_no_markers() -> None:
     rest = lattice(LOOKS["C"])
     tracker = MarkerTracker(reference_px=rest)
-    positions = rest + np.array([45.0, 0.0])  # three spacings: beyond what is tried without a start
+    positions = rest + np.array([45.0, 0.0])  # three spacings: farther than the search without a start
     assert tracker.follow(positions, start_px=rest * 0.0 + np.array([43.0, 0.0])).found.all()
     nothing = tracker.follow(np.zeros((0, 2)))
     assert not nothing.found.any()

@@ -1,4 +1,4 @@
-"""A small study of somebody else's: images of 24 x 32 pixels with a table."""
+"""Fixtures for a small study from other software: images of 24 x 32 pixels with a table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Images = Callable[..., Path]
 
 
 def image(seed: int, shape: tuple[int, ...] = (24, 32, 3)) -> np.ndarray:
-    """Noise like no other image's."""
+    """Return an image of noise that depends on the seed."""
     return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
 
 
@@ -27,7 +27,7 @@ def noise() -> Callable[..., np.ndarray]:
 
 @pytest.fixture(scope="session")
 def table() -> Callable[..., Path]:
-    """Writes a CSV file."""
+    """Return a function that writes a CSV file."""
 
     def write(path: Path, header: Texts, rows: Sequence[Texts]) -> Path:
         with path.open("w", newline="", encoding="utf-8") as stream:
@@ -39,7 +39,7 @@ def table() -> Callable[..., Path]:
 
 @pytest.fixture
 def images(tmp_path: Path) -> Images:
-    """Writes a folder of some images, ``0.png`` and so on."""
+    """Return a function that writes a folder of images ``0.png``, ``1.png``, ..."""
 
     def write(count: int, name: str = "frames", suffix: str = ".png") -> Path:
         folder = tmp_path / name

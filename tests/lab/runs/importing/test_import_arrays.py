@@ -1,4 +1,4 @@
-"""Import of arrays, videos and Hugging Face data sets, each with what says what its frames show."""
+"""Test the import of arrays, videos and Hugging Face data sets with the labels of their frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def frames(count: int = 12) -> np.ndarray:
 
 
 def require_equal(out: Path, array: Any) -> None:
-    """The frames of labels a and b are the even and the odd ones."""
+    """Check that the frames of label a are the even ones and those of label b the odd ones."""
     for first, name in enumerate(("a", "b")):
         run = Run.open(out / name)
         assert len(run.rows) == len(array) // 2
@@ -50,7 +50,7 @@ def test_arrays_with_a_table(suffix: str, kind: Any, table: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
-def test_a_file_can_say_by_itself_what_its_frames_show(suffix: str, tmp_path: Path) -> None:
+def test_a_file_can_contain_the_labels_of_its_frames(suffix: str, tmp_path: Path) -> None:
     array, labels = frames(), np.array(["a", "b"] * 6)
     path = tmp_path / f"X{suffix}"
     if suffix == ".npz":
@@ -73,7 +73,7 @@ def test_rows_may_name_frames_by_their_index(table: Any, tmp_path: Path) -> None
     assert np.array_equal(run.frame(run.rows[0]), frames()[11])
 
 
-def test_bad_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
+def test_damaged_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
     table(tmp_path / "a.csv", ("label",), [("a",)] * 12)
     np.save(tmp_path / "a.npy", frames(13))
     np.savez(tmp_path / "b.npz", X=np.array([{}, 1], dtype=object))
@@ -101,7 +101,7 @@ def test_bad_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_hdf5_that_points_to_other_files_is_left_out(tmp_path: Path) -> None:
+def test_hdf5_with_external_links_is_left_out(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     (tmp_path / "secret").write_bytes(bytes(12 * 16 * 24))
     with h5py.File(tmp_path / "X.h5", "w") as file:
@@ -114,11 +114,11 @@ def test_hdf5_that_points_to_other_files_is_left_out(tmp_path: Path) -> None:
 
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
-    """Two seconds of 10 frames a second, each of one grey level."""
+    """Write a video of two seconds with 10 frames per second, each of a single grey level."""
     path = tmp_path / "press.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (32, 24))
     if not writer.isOpened():
-        pytest.skip("this OpenCV writes no videos")
+        pytest.skip("this build of OpenCV writes no videos")
     for number in range(20):
         writer.write(np.full((24, 32, 3), 10 * number, np.uint8))
     writer.release()

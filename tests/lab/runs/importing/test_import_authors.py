@@ -1,4 +1,4 @@
-"""The authors' arrays: all names that occur in one go, their shapes, and what stays unknown."""
+"""Test the import of the authors' arrays: all published names, their shapes, and unknown information."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def save(folder: Path, name: str, array: Any) -> Path:
 
 @pytest.fixture
 def arrays(tmp_path: Path) -> Path:
-    """A small array under each name that occurs, and two that cannot be imported."""
+    """Write a small array under each published name, and two files that cannot be imported."""
     (tmp_path / "arrays").mkdir()
     for seed, name in enumerate(NAMES):
         save(tmp_path / "arrays", name, images(seed, 25, 8, 8))
@@ -41,7 +41,7 @@ def arrays(tmp_path: Path) -> Path:
     return tmp_path / "arrays"
 
 
-def test_all_names_that_occur_are_known(arrays: Path) -> None:
+def test_all_published_names_are_recognised(arrays: Path) -> None:
     items = list(sources_of([arrays], ImportOptions()))
     left_out = [item for item in items if isinstance(item, LeftOut)]
     assert [Path(sample.where).name for sample in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
@@ -52,7 +52,7 @@ def test_all_names_that_occur_are_known(arrays: Path) -> None:
     printed = [group.specimen for group in groups]
     assert {print_.printer for print_ in printed} == {"bambu", "ender", "creality", "crealty", "resin"}
     assert {print_.filament for print_ in printed} == {"plaminus", "plaplus", "petg", "resin", "wood"}
-    # A set without a number is a print of its own, beside the numbered ones.
+    # A set without a number is a separate print in addition to the numbered prints.
     bambu = {
         print_.copy for print_ in printed if (print_.combination, print_.texture) == ("bambu_plaminus", "texture-1")
     }
@@ -63,7 +63,7 @@ def test_all_names_that_occur_are_known(arrays: Path) -> None:
 
 
 @pytest.mark.long
-def test_all_names_that_occur_import_in_one_go(arrays: Path, capsys: Capture) -> None:
+def test_all_published_names_are_imported_together(arrays: Path, capsys: Capture) -> None:
     assert main(["import-frames", str(arrays), "-o", str(arrays.parent / "out")]) == 1
     assert "5,250 samples in 148 runs" in capsys.readouterr().out
     runs = find_runs([arrays.parent / "out"])
@@ -81,7 +81,7 @@ def test_all_names_that_occur_import_in_one_go(arrays: Path, capsys: Capture) ->
         (25, 16, 24),
     ],
 )
-def test_every_frame_comes_to_its_place(shape: tuple[int, ...], first_axis: Any, tmp_path: Path) -> None:
+def test_every_frame_gets_its_position(shape: tuple[int, ...], first_axis: Any, tmp_path: Path) -> None:
     array = images(1, *shape)
     path = save(tmp_path, "PLAminus_z3.2_P40_Bambu.npy", array)
     options = ImportOptions(authors=AuthorsOptions(first_axis=first_axis))
@@ -108,7 +108,7 @@ def test_float_frames_keep_every_digit(tmp_path: Path) -> None:
     assert all(np.array_equal(run.frame(row), array[row.number - 1]) for row in run.rows)
 
 
-def test_what_nobody_said_stays_unknown(tmp_path: Path) -> None:
+def test_missing_information_stays_unknown(tmp_path: Path) -> None:
     path = save(tmp_path, "resin_z3.2_P50_resin.npy", images(1))
     run = Run.open(import_samples([path], tmp_path / "out").runs[0].folder)
     info, row = run.info, run.rows[0]
@@ -148,7 +148,7 @@ def test_the_levels_of_a_print_become_one_run(tmp_path: Path) -> None:
         assert np.array_equal(run.frame(run.by_key[(level, 2, 25)]), array[0, 1, 4, 4])
 
 
-def test_names_make_two_spellings_one_printer_and_equal_prints_are_left_out(tmp_path: Path) -> None:
+def test_names_merge_two_spellings_and_equal_prints_are_left_out(tmp_path: Path) -> None:
     names = tmp_path / "names.toml"
     names.write_text(
         '[printers]\ncreality = "ender-3-v3-se"\ncrealty = "ender-3-v3-se"\n[filaments]\nplaminus = "pla-minus"\n'
@@ -159,7 +159,7 @@ def test_names_make_two_spellings_one_printer_and_equal_prints_are_left_out(tmp_
     assert sum(sample.count for sample in report.left_out) == 50
 
 
-def test_one_array_cannot_become_two_prints(tmp_path: Path) -> None:
+def test_an_array_cannot_become_two_prints(tmp_path: Path) -> None:
     first = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1))
     second = save(tmp_path, "PLAminus_z0.1_P30_bambu.npy", images(1))
     for paths in ([first, second], [second]):
@@ -169,7 +169,7 @@ def test_one_array_cannot_become_two_prints(tmp_path: Path) -> None:
     assert len(list((tmp_path / "out").iterdir())) == 1
 
 
-def test_another_file_under_the_same_name_is_left_out(tmp_path: Path) -> None:
+def test_a_different_file_of_the_same_name_is_left_out(tmp_path: Path) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Ender.npy", images(1))
     assert import_samples([path], tmp_path / "out").ok
     save(tmp_path, path.name, images(2))
@@ -226,14 +226,14 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
         (["--preset", "papers"], 'did you mean "paper"'),
     ],
 )
-def test_wrong_options_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
+def test_invalid_options_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1))
     assert main(["import-frames", str(path), "--out", str(tmp_path / "out"), *words]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
-def test_levels_are_called_as_the_files_are(tmp_path: Path) -> None:
+def test_force_levels_are_named_as_in_the_file_names(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="allowed: x, y"):
         AuthorsOptions(first_axis="z")  # type: ignore[arg-type]
     path = save(tmp_path, "PLAminus_z0_p20_Bambu.npy", images(1))

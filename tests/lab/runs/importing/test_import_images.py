@@ -1,4 +1,4 @@
-"""Import of images: with a table, by classes, as TacTip toolchains write them; and what is left out."""
+"""Test the import of images: with a table, by classes and from TacTip toolchains, and the images that are left out."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OPTIONS = ImportOptions(columns={"label": "material", "print": "block_id", "posi
 
 
 def rows_of(count: int) -> list[tuple[object, ...]]:
-    """Two materials, two blocks of each, three places, two forces, a frame of each; then repeats."""
+    """Return rows for two materials, two blocks of each, three positions and two forces; further rows are repeats."""
     return [
         (f"{i}.png", ("cork", "felt")[i % 2], f"b{i // 2 % 2}", "abc"[i // 4 % 3], (0.5, 2)[i // 12 % 2])
         for i in range(count)
@@ -80,7 +80,7 @@ def test_everything_is_optional(images: Any, table: Any, tmp_path: Path) -> None
     assert import_samples([folder], tmp_path / "c").runs[0].folder.name == "unknown"
 
 
-def test_jpeg_files_are_kept_as_they_are(images: Any, tmp_path: Path) -> None:
+def test_jpeg_files_are_copied_unchanged(images: Any, tmp_path: Path) -> None:
     folder = images(3, suffix=".jpg")
     content = (folder / "2.jpg").read_bytes()
     (folder / "2.jpg").write_bytes(content[: len(content) // 2])
@@ -137,7 +137,7 @@ def test_one_folder_for_each_class(images: Any, tmp_path: Path) -> None:
     assert [sample.where for sample in report.left_out] == [str(Path("felt/notes.txt"))]
 
 
-def test_folders_of_a_split_are_no_classes(images: Any, tmp_path: Path) -> None:
+def test_folders_of_a_split_are_not_classes(images: Any, tmp_path: Path) -> None:
     for name in ("split/train/cork", "split/train/felt", "split/test/cork"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         images(2, name)
@@ -156,7 +156,7 @@ def test_a_table_of_a_german_spreadsheet(images: Any, tmp_path: Path) -> None:
     assert [(row.target_force_n, row.pose_x) for row in rows] == [(1.5, -0.25), (2.5, -0.25)]
 
 
-def test_absolute_paths_in_the_folder_are_its_own(images: Any, table: Any, tmp_path: Path) -> None:
+def test_absolute_paths_inside_the_folder_are_accepted(images: Any, table: Any, tmp_path: Path) -> None:
     folder = images(3)
     paths = [folder / "0.png", folder / "1.png", tmp_path / "2.png"]
     labels = table(tmp_path / "labels.csv", ("image", "label"), [(path, "cork") for path in paths])
@@ -165,7 +165,7 @@ def test_absolute_paths_in_the_folder_are_its_own(images: Any, table: Any, tmp_p
     assert [sample.reason for sample in report.left_out] == ["is a path outside the folder"]
 
 
-def test_a_toolchains_folder_comes_back(run_folder: Path, tmp_path: Path) -> None:
+def test_a_toolchains_folder_round_trips(run_folder: Path, tmp_path: Path) -> None:
     export_tactile_data(run_folder, tmp_path / "exported")
     report = import_samples([tmp_path / "exported"], tmp_path / "out")
     assert report.ok and report.runs[0].kind == "a TacTip toolchain's folder" and report.runs[0].imported == 16
@@ -177,7 +177,7 @@ def test_a_toolchains_folder_comes_back(run_folder: Path, tmp_path: Path) -> Non
         assert row.pose_mm == first.pose_mm and row.measured_force_n == first.measured_force_n
 
 
-def torn(path: Path) -> None:
+def truncated(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-30])
 
 
@@ -205,7 +205,7 @@ def pipe(path: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (torn, "not a readable PNG"),
+        (truncated, "not a readable PNG"),
         (other_size, r"has shape \(10, 12, 3\), but the run has \(24, 32, 3\)"),
         (huge, "megapixels"),
         (Path.unlink, "No such file"),
@@ -217,7 +217,7 @@ def pipe(path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("number", [0, 5])
-def test_a_bad_image_is_left_out_in_one_line(
+def test_a_bad_image_is_left_out_with_a_message_of_one_line(
     damage: Callable[[Path], object],
     message: str,
     number: int,
@@ -238,7 +238,7 @@ def test_a_bad_image_is_left_out_in_one_line(
 
 
 @pytest.mark.parametrize("name", ["../x.png", "/etc/passwd", "a/../../x.png", "..\\x.png", ""])
-def test_a_path_that_leads_out_of_the_folder_is_left_out(name: str, images: Any, table: Any, tmp_path: Path) -> None:
+def test_a_path_outside_the_folder_is_left_out(name: str, images: Any, table: Any, tmp_path: Path) -> None:
     labels = table(tmp_path / "labels.csv", ("image", "label"), [("0.png", "a"), (name, "a"), ("0.png", "b")])
     report = import_samples([images(1), labels], tmp_path / "out")
     assert len(report.left_out) == 2 and sum(run.imported for run in report.runs) == 1
@@ -262,7 +262,7 @@ def test_a_path_that_leads_out_of_the_folder_is_left_out(name: str, images: Any,
         (("image", "force"), [(f"{i}.png", f"0.{i}1") for i in range(30)], {}, "measured forces"),
     ],
 )
-def test_what_contradicts_itself_is_refused_before_anything_is_written(
+def test_contradictions_are_refused_before_anything_is_written(
     header: Any, rows: Any, columns: Any, message: str, images: Any, table: Any, tmp_path: Path
 ) -> None:
     labels = table(tmp_path / "labels.csv", header, rows)
@@ -275,7 +275,7 @@ def test_what_contradicts_itself_is_refused_before_anything_is_written(
         assert not (tmp_path / "out").exists()
 
 
-def test_names_say_what_words_mean(images: Any, table: Any, tmp_path: Path, capsys: Capture) -> None:
+def test_names_translate_words(images: Any, table: Any, tmp_path: Path, capsys: Capture) -> None:
     rows = [("0.png", "Bambu", "PLAminus", "z0"), ("1.png", "bambu", "plaminus", "Z0"), ("2.png", "other", "", "z1")]
     labels = table(tmp_path / "labels.csv", ("image", "printer", "filament", "label"), rows)
     names = tmp_path / "names.toml"
@@ -315,7 +315,7 @@ def test_an_interrupted_import_is_resumed(
     assert [sample.where for sample in changed.left_out] == ["cork_b0"] and len(changed.runs) == 3
 
 
-def test_two_samples_of_one_place_and_repeat(images: Any, table: Any, tmp_path: Path) -> None:
+def test_two_samples_of_the_same_position_and_repeat(images: Any, table: Any, tmp_path: Path) -> None:
     rows = [(f"{i}.png", "cork", 1, 1, repeat) for i, repeat in enumerate((1, 2, 2))]
     labels = table(tmp_path / "labels.csv", ("image", "label", "print", "position", "repeat"), rows)
     report = import_samples([images(3), labels], tmp_path / "out")
@@ -334,7 +334,7 @@ def test_memory_does_not_grow_with_the_images(tmp_path: Path, noise: Any) -> Non
     assert peak < 40 * 120 * 160 * 3 / 2
 
 
-def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: Path, capsys: Capture) -> None:
+def test_the_command_reports_the_result(images: Any, table: Any, tmp_path: Path, capsys: Capture) -> None:
     folder = images(24)
     labels = table(tmp_path / "labels.csv", HEADER, rows_of(24))
     columns = "label=material,copy=block_id,position=place,force=newtons"
@@ -359,14 +359,14 @@ def test_the_command_says_what_became_of_it(images: Any, table: Any, tmp_path: P
         ([], "Missing argument"),
     ],
 )
-def test_wrong_words_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
+def test_unknown_words_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
     assert main(["import-frames", *words, "-o", str(tmp_path / "out")]) != 0
     output = capsys.readouterr()
     assert message in output.out + output.err
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_knows_every_kind() -> None:
+def test_the_command_accepts_every_kind() -> None:
     assert tuple(KINDS) == import_frames.KINDS
 
 
