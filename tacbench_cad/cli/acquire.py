@@ -25,7 +25,7 @@ _VIRTUAL = "With --virtual"
 @options.option(
     "--driver",
     options.text("NAME", "virtual-grbl", "virtual-marlin"),
-    "virtual-grbl or virtual-marlin. Default: virtual-grbl.",
+    "Firmware of the virtual stage: virtual-grbl or virtual-marlin. Default: virtual-grbl.",
     options.VIRTUAL_RIG,
 )
 @options.option(
@@ -94,7 +94,7 @@ def command(
             if value is not None:
                 raise InputError(name, value, "is only for --virtual; otherwise write it into the file")
         if study is None:
-            raise InputError("file", None, "is missing: name a study file (--init writes one), or use --virtual")
+            raise InputError("FILE.toml", None, "is missing; name a study file (--init writes one), or use --virtual")
         chosen = read_study(study)
     folder = out or chosen.out
     if folder is None:

@@ -25,7 +25,7 @@ def _frame_of(option: str, text: str) -> Frame:
     except InputError:
         numbers = ()
     if len(numbers) not in (2, 3):
-        raise InputError(option, text, "must be X,Y or X,Y,DEGREES, numbers separated by commas")
+        raise InputError(option, text, "must be X,Y or X,Y,DEGREES: numbers such as 88.35, separated by commas")
     degrees = numbers[2] if len(numbers) == 3 else 0.0
     if degrees not in (0.0, 90.0, 180.0, 270.0):
         raise InputError(option, text, "the rotation must be 0, 90, 180 or 270 degrees")

@@ -328,7 +328,13 @@ LEVELS = ("press", "position", "force", "copy", "printer-filament", "session")
 TEXTURE = text("T", complete=of_lists(*TEXTURES[:-1], suffix=".toml"))
 
 json = flag("--json", "Print the result as one JSON document.", OUTPUT)
-preset = option("--preset", PRESET, "Preset of the geometry.", PARTS, default="paper")
+preset = option(
+    "--preset",
+    PRESET,
+    "Geometry: paper for new work, released to compare with the authors' prints.",
+    PARTS,
+    default="paper",
+)
 scale = option(
     "--scale", SCALE, "Factor that multiplies all lengths of the block, and the press grid.", SIZE, default="1"
 )

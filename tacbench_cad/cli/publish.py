@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @options.flag("--no-report", "Leave out the report.", options.CONTENT)
 @options.flag("--no-parts", "Leave out the files of the blocks.", options.CONTENT)
 @options.flag(
-    "--no-classify", "Leave out classification from a new report. It takes most of the time.", options.CONTENT
+    "--no-classify", "Leave out classification, which takes most of the time, from a new report.", options.CONTENT
 )
 @options.out("DIR", "The data set: a new folder, or a ZIP file.")
 @options.option("--init", options.file("FILE.toml"), "Write an empty form for --about, and stop.", options.OUTPUT)

@@ -36,7 +36,7 @@ LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
 @options.option(
     "--study",
     options.text("STUDY", "quick", "paper", complete=completing.of_words_or_files("quick", "paper")),
-    "quick, paper, or a study file of tacbench acquire.",
+    "quick, paper, or a study file of your own, as for tacbench acquire.",
     options.INPUT,
     default="quick",
 )

@@ -113,9 +113,7 @@ def command(
         raise InputError("ddof", ddof, "must be 0 or 1")
     others = {"colour": colour, "ddof": ddof, "register": register, "roi": roi, "features": features != "pixels"}
     for name in (name for name, value in others.items() if value and protocol == "as-published"):
-        raise InputError(
-            name, others[name], "is only for --protocol paper; as-published has its own grey, size and divisor"
-        )
+        raise InputError(name, others[name], "is only for --protocol paper; as-published has fixed settings")
     if seed < 0:
         raise InputError("seed", seed, "must be 0 or more")
     collection = Collection.open(runs)

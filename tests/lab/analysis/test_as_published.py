@@ -132,9 +132,9 @@ def test_without_stationary_frames_there_is_no_noise_floor(make_study: Callable[
 
 
 def test_other_settings_are_refused(study: Collection) -> None:
-    with pytest.raises(InputError, match="has its own grey, resolution and ddof"):
+    with pytest.raises(InputError, match="always uses grey images at 40 % of their size and ddof 0"):
         variance_table(study, Preprocess(), protocol="as-published")
-    with pytest.raises(InputError, match="has its own grey, resolution and ddof"):
+    with pytest.raises(InputError, match="always uses grey images at 40 % of their size and ddof 0"):
         variance_table(study, protocol="as-published", ddof=1)
     with pytest.raises(InputError, match="protocol"):
         variance_table(study, protocol="printed")  # type: ignore[arg-type]
@@ -177,7 +177,7 @@ def test_the_command_shows_the_papers_row_next_to_it(tmp_path: Path, capsys: pyt
     assert document["protocol"] == "as-published" and {row["force_level"] for row in document["variance"]} == {2}
     for options in (["--colour"], ["--ddof", "1"], ["--register"]):
         assert main(["variance", runs, "--protocol", "as-published", *options]) == 2
-        assert "as-published has its own grey, size and divisor" in capsys.readouterr().err
+        assert "as-published has fixed settings" in capsys.readouterr().err
 
 
 def test_the_notebooks_output_is_the_printed_row_with_more_digits() -> None:

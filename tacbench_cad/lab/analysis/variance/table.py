@@ -172,7 +172,9 @@ def variance_table(
     if protocol == "as-published":
         if preprocess not in (None, AS_PUBLISHED) or ddof:
             raise InputError(
-                "protocol", protocol, "has its own grey, resolution and ddof; leave out --colour and --ddof"
+                "protocol",
+                protocol,
+                "always uses grey images at 40 % of their size and ddof 0; leave out preprocess and ddof",
             )
         collection.require("the published quantity", "print")
         settings, quantity = AS_PUBLISHED, OF_REPEATS
