@@ -10,7 +10,7 @@ from tacbench_cad import Block, Texture, as_part, export, plane_waves
 
 # amplitude, f, g and phase of each wave A sin(f u + g v + phase)
 waves = plane_waves((0.5, 1.0, -1.0, pi / 2), (-0.5, 1.0, 1.0, pi / 2), (0.2, 4.0, 0.0))
-waffle = Texture(name="waffle", equation="sin u sin v + 0.2 sin 4u", waves=waves)
+waffle = Texture(name="waffle", equation="sin u sin v + 0.2 sin 4u", surface=waves)
 block = Block.of(waffle, size_mm=(30.0, 30.0), mm_per_unit=(1.2, 1.2, 1.0))
 part = as_part(block)
 

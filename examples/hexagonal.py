@@ -14,7 +14,7 @@ MM_PER_UNIT = 0.8
 directions = [radians(angle) for angle in (0, 120, 240)]
 waves = plane_waves(*[(0.3, cos(a), sin(a), pi / 2) for a in directions])
 text = "0.3 sum cos(u cos a + v sin a), a = 0, 120, 240 degrees"
-bumps = Texture(name="hexagonal", waves=waves, equation=text)
+bumps = Texture(name="hexagonal", surface=waves, equation=text)
 
 block = Block.of(bumps, size_mm=(30.0, 30.0), height_mm=5.0, mm_per_unit=(MM_PER_UNIT, MM_PER_UNIT, 1.0))
 result = TextureBlock(block)

@@ -169,7 +169,8 @@ def _relief(part: Part, expected: ExpectedGeometry, points: Floats, rounding_mm:
     x, y, z = distance.at_mm
     where = "" if ok else f" (largest at x {x:.4g}, y {y:.4g}, z {z:.4g} mm)"
     measured = f"at most {distance.largest_mm:.3g} mm from the formula at {len(points)} points{where}"
-    return Check(name="relief", ok=ok, detail=f"{measured}; proved limit {allowed:.3g} mm"), distance.largest_mm
+    bound = f"{expected.certificate.evidence} limit"
+    return Check(name="relief", ok=ok, detail=f"{measured}; {bound} {allowed:.3g} mm"), distance.largest_mm
 
 
 def _verify_solid(part: Part, path: Path, full: bool) -> Report:

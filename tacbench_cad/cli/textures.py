@@ -25,7 +25,11 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
     For each texture the table has the equation, its lowest and highest value, the height of the relief, the thickness
     of the base, and the width of the finest ridge. The finest ridge is half as wide as the shortest wavelength.
 
-    The column "waves printable" counts the waves whose ridges are at least as wide as the nozzle. The layer height and
+    The column "waves printable" counts the waves whose ridges are at least as wide as the nozzle. A height map or a
+    Python function is not a sum of waves; its column has the fraction of the variance of the height that belongs to
+    such waves. If there is only one texture, a second table shows its spectrum.
+
+    The layer height and
     the slicer also matter: "tacbench check-gcode" judges the sliced file.
 
     Examples:
@@ -54,21 +58,38 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
                 f"{row['relief_mm']:.3f}",
                 f"{row['base_mm']:.3f}",
                 f"{row['finest_ridge_mm']:.3f}",
-                f"{row['waves_printable']} of {row['waves']}",
+                f"{100.0 * row['printable_fraction']:.4g} %"
+                if row["waves"] is None
+                else f"{row['waves_printable']} of {row['waves']}",
                 row["equation"],
             )
             for row in rows
         ],
     )
     print_lines('waves printable: by the width of the nozzle only; "tacbench check-gcode" judges the sliced file')
+    if len(rows) == 1:
+        print_table(
+            "spectrum: the fraction of the variance of the height in each octave of wavelengths",
+            (">from (mm)", ">to (mm)", ">ridge (mm)", ">variance (%)"),
+            [
+                (
+                    f"{band['from_mm']:g}",
+                    f"{band['to_mm']:g}",
+                    f"{band['from_mm'] / 2:g}",
+                    f"{100 * band['fraction']:.2f}",
+                )
+                for band in rows[0]["spectrum"]
+            ],
+        )
     print_next("make", *next_block(textures, preset, scale))
 
 
 def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:
     """The row of a texture. ``lowest`` and ``highest`` are values of the formula over the block, without a unit."""
-    table = block.surface.table
-    ridges = [math.pi / math.hypot(f, g) for a, f, g, _ in table if a != 0.0 and (f, g) != (0.0, 0.0)]
-    unit = block.mm_per_unit[2]
+    from tacbench_cad.spec.spectrum import spectrum
+
+    waves, unit = spectrum(block), block.mm_per_unit[2]
+    ridges = waves.wavelength_mm / 2.0
     return {
         "texture": block.texture.name,
         "equation": block.texture.equation,
@@ -77,7 +98,9 @@ def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:
         "relief_mm": block.relief_mm,
         "base_mm": block.base_mm,
         "size_mm": [*block.size_mm, block.height_mm],
-        "finest_ridge_mm": min(ridges),
-        "waves": len(ridges),
-        "waves_printable": sum(1 for ridge in ridges if ridge >= nozzle_mm),
+        "finest_ridge_mm": waves.finest_ridge_mm,
+        "waves": waves.waves,
+        "waves_printable": None if waves.waves is None else int((ridges >= nozzle_mm).sum()),
+        "printable_fraction": waves.printable(nozzle_mm),
+        "spectrum": [{"from_mm": low, "to_mm": high, "fraction": fraction} for low, high, fraction in waves.bands()],
     }

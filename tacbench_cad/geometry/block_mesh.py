@@ -25,7 +25,7 @@ def mesh_block(block: Block) -> tuple[Mesh, Certificate]:
             tolerance is too fine for single precision.
     """
     top = textured_top(block)
-    return mesh_of_top(block, top), top.certificate
+    return mesh_of_top(block, top), top.certificate.plus(block.surface.error, block.surface.evidence)
 
 
 def mesh_of_top(block: Block, top: Top) -> Mesh:

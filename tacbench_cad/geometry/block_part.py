@@ -12,6 +12,7 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.storage import surface_summary
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def block_part(block: Block) -> Part:
         expected = ExpectedGeometry(
             volume_mm3=piecewise_volume_mm3(block, top),
             volume_slack_mm3=volume_slack_mm3(block),
-            certificate=top.certificate,
+            certificate=top.certificate.plus(block.surface.error, block.surface.evidence),
             datum_mm=block.datum_mm,
         )
         return mesh_of_top(block, top), expected
@@ -39,7 +40,7 @@ def block_part(block: Block) -> Part:
         expected = ExpectedGeometry(
             volume_mm3=block.volume_mm3(block.solid_datum_mm),
             volume_slack_mm3=block.footprint_mm2 * certificate.vertical_mm,
-            certificate=certificate,
+            certificate=certificate.plus(block.surface.error, block.surface.evidence),
             datum_mm=block.solid_datum_mm,
         )
         return shape, expected
@@ -90,7 +91,7 @@ def block_spec(block: Block) -> dict[str, Any]:
     return {
         "texture": block.texture.name,
         "equation": block.texture.equation,
-        "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in block.texture.waves.waves],
+        **surface_summary(block.texture.surface),
         "preset": block.preset,
         "scale": block.scale,
         "size_mm": list(block.size_mm),

@@ -13,16 +13,22 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from tacbench_cad.geometry.mesh import Certificate
+from tacbench_cad.geometry.splines.exact import SplinePatches, spline_patches, spline_refusal
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
+    from tacbench_cad.geometry.splines.patches import Patches
+
 
 def solid_refusal(block: Block) -> str | None:
     """Return the reason why a block has no solid, or None if it has one."""
+    if isinstance(block.surface, SplineSurface) and (reason := spline_refusal(block.surface)):
+        return f"{block.name} has no solid: {reason}"
     if not block.grid_aliases:
         return None
     assert isinstance(block.sampling, SampleGrid)
@@ -74,10 +80,9 @@ def texture_face(block: Block) -> TopoDS_Face:
         InputError: Same as for :func:`solid_block`.
     """
     from tacbench_cad.geometry.splines.build import SolidBuilder
-    from tacbench_cad.geometry.splines.patches import patches
 
     _require_solid(block)
-    return SolidBuilder(block, patches(block, block.step_tolerance_mm)).face()
+    return SolidBuilder(block, _patches(block)).face()
 
 
 def _require_solid(block: Block) -> None:
@@ -89,7 +94,14 @@ def _require_solid(block: Block) -> None:
 @lru_cache(maxsize=8)
 def _solid(block: Block) -> tuple[TopoDS_Solid, Certificate]:
     from tacbench_cad.geometry.splines.build import SolidBuilder
+
+    relief = _patches(block)
+    return SolidBuilder(block, relief).solid(), relief.certificate
+
+
+def _patches(block: Block) -> Patches | SplinePatches:
     from tacbench_cad.geometry.splines.patches import patches
 
-    relief = patches(block, block.step_tolerance_mm)
-    return SolidBuilder(block, relief).solid(), relief.certificate
+    if isinstance(block.surface, SplineSurface):
+        return spline_patches(block, block.step_tolerance_mm)
+    return patches(block, block.step_tolerance_mm)

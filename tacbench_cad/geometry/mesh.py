@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -92,15 +92,23 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """Proved bounds for the difference between a surface and the formula. They hold for the whole surface.
+    """Bounds for the difference between a surface and the formula. They hold for the whole surface.
 
     Args:
         distance_mm: The bound of ``|z - formula| / sqrt(1 + |gradient|^2)``.
         vertical_mm: The bound of ``|z - formula|``.
+        evidence: ``proved``, or ``measured`` if the formula is a spline whose own error is only measured.
     """
 
     distance_mm: float
     vertical_mm: float
+    evidence: Literal["proved", "measured"] = "proved"
+
+    def plus(self, error_mm: float, evidence: Literal["proved", "measured"]) -> Certificate:
+        """Return the bounds for the source of the formula, from which the formula has an error of its own."""
+        return Certificate(
+            distance_mm=self.distance_mm + error_mm, vertical_mm=self.vertical_mm + error_mm, evidence=evidence
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

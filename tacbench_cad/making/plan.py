@@ -65,7 +65,7 @@ class Source:
         """A number that is larger for blocks with slower solids."""
         if self.part.block is None:
             return 0.0
-        f, g = self.part.block.texture.waves.highest_frequency
+        f, g = self.part.block.texture.surface.highest_frequency
         return (1.0 + f) * (1.0 + g)
 
     def without_step(self) -> Source:

@@ -193,7 +193,7 @@ def blocks_of(request: Request) -> list[Block]:
     step_tolerance = STEP_TOLERANCE_MM if request.step_tolerance_mm is None else request.step_tolerance_mm
     blocks: dict[str, Block] = {}
     # The highest relief comes first, so that an error message suggests a height that is sufficient for all blocks.
-    for texture, table in sorted(textures, key=lambda pair: -pair[0].waves.amplitude_sum):
+    for texture, table in sorted(textures, key=lambda pair: -pair[0].surface.amplitude_sum):
         blocks[texture.name] = Block.of(
             texture,
             request.preset,

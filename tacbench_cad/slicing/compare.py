@@ -321,7 +321,7 @@ def _inside(block: Block, x: Floats, y: Floats) -> Bools:
 def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Bools) -> float:
     """Return the standard deviation of the height error for another texture of the block."""
     along_x, along_y, up = block.mm_per_unit
-    formula = texture.waves.mapped((along_x, along_y), up, block.origin_uv).grid(x, y)
+    formula = texture.surface.mapped((along_x, along_y), up, block.origin_uv).grid(x, y)
     return float(np.std((printed - formula)[inside]))
 
 

@@ -17,9 +17,9 @@ from tacbench_cad.spec.extremes import Extremes, HalfPlane
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
 from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_table
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, highest_sample
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.textures import texture as find_texture
-from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats
@@ -101,22 +101,23 @@ class Block:
             label: Whether to engrave the underside.
             copy: The number of the copy. It is engraved, so it implies ``label``.
             step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
-            table: The block settings of a texture file, which replace the values of the preset.
+            table: The block settings of a texture file, which replace the values of the preset; None for those of
+                the texture itself.
 
         Raises:
             InputError: A value is not allowed.
         """
         one_of("preset", preset, PRESETS)
         surface = texture if isinstance(texture, Texture) else find_texture(texture, preset)
-        values = VALUES[preset]
-        start = with_table(values, table or BlockTable())
+        values, table = VALUES[preset], surface.block if table is None else table
+        start = with_table(values, table)
         if preset == "released" and sampling is None and (mm_per_unit or size_mm or height_mm or start[3]):
             raise InputError(
                 "preset", preset, "with other sides, height or mm per unit it needs --grid or --tolerance as well"
             )
         size, unit, origin, _ = start
         size, unit = size_mm or size, mm_per_unit or unit
-        height = height_mm if height_mm is not None else (table.height_mm if table else None) or values.height_mm
+        height = height_mm if height_mm is not None else table.height_mm or values.height_mm
         chosen = sampling if sampling is not None else values.sampling
         if chosen == "grid":
             chosen = grid_of_same_step(values, size, unit)
@@ -195,10 +196,11 @@ class Block:
         return ((u, u + x / mx), (v, v + y / my))
 
     @cached_property
-    def surface(self) -> WaveSum:
-        """The formula in mm as a wave sum over (x, y) of the block frame, without the offset :attr:`datum_mm`."""
+    def surface(self) -> Surface:
+        """The formula in mm over (x, y) of the block frame, without the offset :attr:`datum_mm`."""
         x, y, z = self.mm_per_unit
-        return self.texture.waves.mapped((x, y), z, self.origin_uv)
+        width, depth = self.size_mm
+        return self.texture.surface.mapped((x, y), z, self.origin_uv).over((0.0, width), (0.0, depth))
 
     @property
     def keep(self) -> HalfPlane | None:

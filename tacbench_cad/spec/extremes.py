@@ -7,6 +7,7 @@ better value are dropped and the others are halved, until the proved error is be
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,6 +20,8 @@ from tacbench_cad.util.types import Floats
 MAX_CELLS = 2_000_000
 #: The largest number of halvings. After more of them, rounding errors would exceed the differences.
 MAX_ROUNDS = 60
+#: The largest number of cells at a time where each cell has bounds of its own.
+MAX_LOCAL_CELLS = 300_000
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,93 @@ def search_rectangle(
     return Extremes(-bottom, top, at_bottom, at_top, max(gap_top, gap_bottom))
 
 
+class Surface2D(Function2D, Protocol):
+    """A function of two variables that is fast on a grid."""
+
+    def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the partial derivative of the given orders on a grid of lines, shape (n, m)."""
+        ...
+
+
+def search_cells(
+    surface: Surface2D,
+    lines: tuple[Floats, Floats],
+    second: Sequence[Floats],
+    limits: tuple[Floats, Floats],
+    error: float,
+    keep: HalfPlane | None = None,
+) -> Extremes:
+    """Find the extremes of a surface over a grid of cells, each of which has bounds of its own.
+
+    Args:
+        surface: The surface.
+        lines: The lines of the grid along u, shape (n,), and along v, shape (m,).
+        second: Bounds of ``|f_uu|``, ``|f_uv|``, ``|f_vv|`` on each cell, shape (n - 1, m - 1) each.
+        limits: A lower and an upper bound of the surface on each cell.
+        error: The error to prove. It can become larger, because there are at most :data:`MAX_LOCAL_CELLS` cells.
+        keep: The half-plane to which the search is limited; None for the whole rectangle.
+    """
+    top, at_top, gap_top = _highest_in_cells(surface, 1.0, lines, second, limits[1], error, keep)
+    bottom, at_bottom, gap_bottom = _highest_in_cells(surface, -1.0, lines, second, -limits[0], error, keep)
+    return Extremes(-bottom, top, at_bottom, at_top, max(gap_top, gap_bottom))
+
+
+def _highest_in_cells(
+    surface: Surface2D,
+    sign: float,
+    lines: tuple[Floats, Floats],
+    second: Sequence[Floats],
+    limit: Floats,
+    error: float,
+    keep: HalfPlane | None,
+) -> tuple[float, tuple[float, float], float]:
+    """Highest value of ``sign * surface``, where it is taken, and the proved gap."""
+    u, v = lines
+    corners = sign * surface.grid(u, v)
+    if keep is not None:
+        corners[keep.excess(u[:, None], v[None, :]) > 0.0] = -np.inf
+    i, j = np.unravel_index(int(corners.argmax()), corners.shape)
+    best, place, gap = float(corners[i, j]), (float(u[i]), float(v[j])), np.inf
+    ends = (float(u[0]), float(u[-1])), (float(v[0]), float(v[-1]))
+    if np.isfinite(best):
+        best, place = _polish_2d(surface, sign, best, place, *ends, keep)
+    shape = limit.shape
+    columns = np.broadcast_to(((u[1:] + u[:-1]) / 2.0)[:, None], shape), np.broadcast_to((v[1:] + v[:-1]) / 2.0, shape)
+    halves = np.broadcast_to((np.diff(u) / 2.0)[:, None], shape), np.broadcast_to(np.diff(v) / 2.0, shape)
+    chosen = limit > best + error
+    # the columns: centre u, v; half sides; bounds of the second derivatives; limit
+    cells = np.stack([part[chosen] for part in (*columns, *halves, *second, limit)])
+    for _ in range(2 * MAX_ROUNDS):
+        if keep is not None:
+            cu, cv = _corner_inside(keep, *cells[:4])
+            cells = cells[:, keep.excess(cu, cv) <= 0.0]
+        if cells.shape[1] == 0:
+            return best, place, error
+        cu, cv, hu, hv, uu, uv, vv, limit = cells
+        value = sign * surface(cu, cv)
+        best, place = _best_point(surface, sign, best, place, value, cu, cv, hu, hv, keep)
+        best, place = _polish_2d(surface, sign, best, place, *ends, keep)
+        upper = value + np.abs(surface(cu, cv, (1, 0))) * hu + np.abs(surface(cu, cv, (0, 1))) * hv
+        upper += 0.5 * uu * hu**2 + uv * hu * hv + 0.5 * vv * hv**2
+        cells[7] = np.minimum(upper, limit)
+        gap = max(float(cells[7].max()) - best, 0.0)
+        alive = cells[7] > best + error
+        if gap <= error or 2 * np.count_nonzero(alive) > MAX_LOCAL_CELLS:
+            break
+        parts = []
+        cells = cells[:, alive]
+        wide = cells[4] * cells[2] ** 2 >= cells[6] * cells[3] ** 2
+        for mask, centre, half in ((wide, 0, 2), (~wide, 1, 3)):
+            some = cells[:, mask]
+            some[half] /= 2.0
+            for way in (-1.0, 1.0):
+                moved = some.copy()
+                moved[centre] += way * moved[half]
+                parts.append(moved)
+        cells = np.concatenate(parts, axis=1)
+    return best, place, gap
+
+
 def _highest_1d(
     function: Function1D, sign: float, second: float, low: float, high: float, error: float
 ) -> tuple[float, float, float]:
@@ -226,7 +316,9 @@ def _highest_2d(
     return best, place, max(gap, 0.0)
 
 
-def _corner_inside(keep: HalfPlane, cu: Floats, cv: Floats, half_u: float, half_v: float) -> tuple[Floats, Floats]:
+def _corner_inside(
+    keep: HalfPlane, cu: Floats, cv: Floats, half_u: float | Floats, half_v: float | Floats
+) -> tuple[Floats, Floats]:
     """Return the corner of each cell that lies deepest in the half-plane."""
     return cu - np.sign(keep.a) * half_u, cv - np.sign(keep.b) * half_v
 
@@ -244,8 +336,8 @@ def _best_point(
     value: Floats,
     cu: Floats,
     cv: Floats,
-    half_u: float,
-    half_v: float,
+    half_u: float | Floats,
+    half_v: float | Floats,
     keep: HalfPlane | None,
 ) -> tuple[float, tuple[float, float]]:
     """Return the best of ``best`` and those points of the cells that lie in the half-plane."""

@@ -2,35 +2,52 @@
 
 A surface is a function ``z(u, v)`` with bounds of its derivatives. Meshes, solids, pictures, the simulated sensor and
 the checks use only these methods, so every implementation works with all of them.
-:class:`tacbench_cad.spec.waves.WaveSum` is the exact one.
+:class:`tacbench_cad.spec.waves.WaveSum` is a formula, and :class:`tacbench_cad.spec.spline.SplineSurface` represents
+height maps, functions of Python and textures with creases.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, HalfPlane
+from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Floats
-
-
-class Profile(Protocol):
-    """A function of one variable: one half of a separable surface."""
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether the function does not depend on its variable."""
-        ...
-
-    def __call__(self, t: ArrayLike, order: int = 0) -> Floats:
-        """Return the value or the derivative of the given order at ``t``, with the shape of ``t``."""
-        ...
 
 
 class Surface(Protocol):
     """A function ``z(u, v)`` with bounds of its derivatives."""
+
+    @property
+    def error(self) -> float:
+        """The largest vertical distance of the surface from the function that it represents; 0 for a definition."""
+        ...
+
+    @property
+    def evidence(self) -> Literal["proved", "measured"]:
+        """Whether the error is proved, or only measured at many points."""
+        ...
+
+    @property
+    def creases(self) -> tuple[Floats, Floats]:
+        """The positions along u and along v of the lines along which the slope changes suddenly.
+
+        A cell must not have a crease inside, because its second derivatives have no bound there.
+        """
+        ...
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all heights are equal."""
+        ...
+
+    @property
+    def amplitude_sum(self) -> float:
+        """An upper bound of ``|z|``."""
+        ...
 
     @property
     def is_separable(self) -> bool:
@@ -38,12 +55,12 @@ class Surface(Protocol):
         ...
 
     @property
-    def along_u(self) -> Profile:
+    def along_u(self) -> Sines:
         """The part ``p(u)`` of a separable surface, including its constant."""
         ...
 
     @property
-    def along_v(self) -> Profile:
+    def along_v(self) -> Sines:
         """The part ``q(v)`` of a separable surface."""
         ...
 
@@ -97,4 +114,12 @@ class Surface(Protocol):
         self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
     ) -> Surface:
         """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise."""
+        ...
+
+    def over(self, u: tuple[float, float], v: tuple[float, float]) -> Surface:
+        """Return the part of the surface over a rectangle. Bounds of cells and integrals need this part.
+
+        Raises:
+            InputError: The surface is not known over the whole rectangle.
+        """
         ...

@@ -6,8 +6,10 @@ import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+from tacbench_cad.spec.spline import SplineSurface
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.convert import Bounds, Length, read_toml
 from tacbench_cad.util.errors import InputError, located, one_of
@@ -27,43 +29,70 @@ RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
 
 
 @dataclass(frozen=True, kw_only=True)
+class BlockTable:
+    """The block settings of a texture file. A setting that the file leaves out is None.
+
+    Args:
+        size_mm: The sides x, y, in mm.
+        height_mm: The height of the highest point, in mm.
+        mm_per_unit: The millimetres per unit of u, v and height.
+        domain: The part of the plane to use, ``((u low, u high), (v low, v high))``.
+    """
+
+    size_mm: tuple[float, float] | None = None
+    height_mm: float | None = None
+    mm_per_unit: tuple[float, float, float] | None = None
+    domain: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Texture:
     """A surface with a name.
 
     Args:
         name: The name in lower case, which file names contain: ``texture-4``, ``hex``.
-        waves: The formula.
-        equation: The formula as text. If it is empty, it is written from the waves.
+        surface: The formula: a sum of waves, or a spline.
+        equation: The formula as text. If it is empty, it is written from the surface.
         number: The number 1 to 6 of a texture of the paper, otherwise None.
+        block: The block settings that belong to the surface, for example the size of a height map.
 
     Raises:
         InputError: The name is not allowed or is already used, the surface is flat, or a number is out of bounds.
     """
 
     name: str
-    waves: WaveSum
+    surface: Surface
     equation: str = ""
     number: int | None = None
+    block: BlockTable = field(default_factory=BlockTable)
+
+    def __new__(cls, **values: Any) -> Texture:
+        """Refuse the former name of ``surface``."""
+        if "waves" in values:
+            raise InputError("texture waves", None, "is now called surface: Texture(name=..., surface=...)")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", self.name):
             raise InputError("texture name", self.name, "use 1 to 32 of the characters a-z, 0-9 and inner hyphens")
         if self.number is None and (self.name in RESERVED or re.fullmatch(r"(texture-?)?\d+", self.name)):
             raise InputError("texture name", self.name, "is the name of a part of the print set; choose another")
-        if not isinstance(self.waves, WaveSum):
+        if not isinstance(self.surface, WaveSum | SplineSurface):
             raise InputError(
-                f"texture {self.name} waves",
-                type(self.waves).__name__,
-                "must be a sum of waves: plane_waves((amplitude, f, g), ...), series(...), equation1(...) or a WaveSum",
+                f"texture {self.name} surface",
+                type(self.surface).__name__,
+                "must be a sum of waves (plane_waves, series, equation1, WaveSum) or a spline (sampled for a Python "
+                "function, height_map for an array)",
             )
-        if all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves.waves):
+        if self.surface.is_flat:
             raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
-        for wave in self.waves.waves:
-            for name, bounds in _BOUNDS.items():
-                if refusal := bounds.refusal(value := getattr(wave, name)):
-                    raise InputError(f"texture {self.name} wave {name}", value, refusal)
+        if isinstance(self.surface, WaveSum):
+            for wave in self.surface.waves:
+                for name, bounds in _BOUNDS.items():
+                    if refusal := bounds.refusal(value := getattr(wave, name)):
+                        raise InputError(f"texture {self.name} wave {name}", value, refusal)
         if not self.equation:
-            object.__setattr__(self, "equation", str(self.waves))
+            object.__setattr__(self, "equation", str(self.surface))
 
 
 def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) -> WaveSum:  # noqa: N803 (the paper's)
@@ -135,19 +164,19 @@ def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:
     weight = "8/pi^2 (-1)^((i-1)/2)/i^2" if law == "triangle" else "4/(pi i)"
     shape = "(sin iu + sin iv)" if axes == "xy" else "sin iu"
     text = f"sum of {weight} {shape}, odd i = 1..{highest}"
-    return Texture(name=f"texture-{number}", number=number, equation=text, waves=series(law, highest, axes=axes))
+    return Texture(name=f"texture-{number}", number=number, equation=text, surface=series(law, highest, axes=axes))
 
 
 def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
     """Return the paper's six textures. For ``released``, textures 4 and 6 have N = 101, as in the authors' files."""
     square = 101 if preset == "released" else 25
     return (
-        Texture(name="texture-1", number=1, equation="sin u", waves=equation1(1.0, 0.0, 1.0, 1.0, math.pi / 2)),
+        Texture(name="texture-1", number=1, equation="sin u", surface=equation1(1.0, 0.0, 1.0, 1.0, math.pi / 2)),
         Texture(
             name="texture-2",
             number=2,
             equation="sin u + sin(v + pi/2)",
-            waves=equation1(1.0, 1.0, 1.0, 1.0, math.pi / 2),
+            surface=equation1(1.0, 1.0, 1.0, 1.0, math.pi / 2),
         ),
         _series_texture(3, "triangle", 25, "xy"),
         _series_texture(4, "square", square, "xy"),
@@ -181,23 +210,6 @@ def texture(name: str | int, preset: str = "paper") -> Texture:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlockTable:
-    """The block settings of a texture file. A setting that the file leaves out is None.
-
-    Args:
-        size_mm: The sides x, y, in mm.
-        height_mm: The height of the highest point, in mm.
-        mm_per_unit: The millimetres per unit of u, v and height.
-        domain: The part of the plane to use, ``((u low, u high), (v low, v high))``.
-    """
-
-    size_mm: tuple[float, float] | None = None
-    height_mm: float | None = None
-    mm_per_unit: tuple[float, float, float] | None = None
-    domain: tuple[tuple[float, float], tuple[float, float]] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class TextureFile:
     """The content of a texture file.
 
@@ -225,7 +237,7 @@ def read_texture(path: Path) -> TextureFile:
         if not isinstance(family, _PlaneWaves) and document.wave:
             raise InputError("[[wave]]", None, f'only allowed with family = "plane-waves", not "{family.family}"')
         waves = family.waves(document.wave)
-        texture = Texture(name=family.name, equation=family.equation(waves), waves=waves)
+        texture = Texture(name=family.name, equation=family.equation(waves), surface=waves)
     return TextureFile(texture=texture, block=document.block)
 
 

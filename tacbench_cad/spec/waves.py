@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -128,6 +129,10 @@ class WaveSum:
     """
 
     waves: tuple[Wave, ...]
+    #: A sum of waves is its own definition, so it has no error.
+    error: ClassVar[float] = 0.0
+    #: The kind of evidence for the error.
+    evidence: ClassVar[Literal["proved", "measured"]] = "proved"
 
     def __str__(self) -> str:
         """Return the formula as text with at most three waves: ``0.6 sin(2u + v) + sin(2u - v)``."""
@@ -141,6 +146,11 @@ class WaveSum:
         rows = [(w.amplitude, w.f, w.g, w.phase) for w in self.waves]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
+    @property
+    def creases(self) -> tuple[Floats, Floats]:
+        """The lines along which the slope changes suddenly. A sum of waves has none."""
+        return np.zeros(0), np.zeros(0)
+
     @cached_property
     def amplitude_sum(self) -> float:
         """The sum of the absolute amplitudes, which is an upper bound of ``|z|``."""
@@ -153,6 +163,11 @@ class WaveSum:
         if len(used) == 0:
             return (0.0, 0.0)
         return (float(np.max(np.abs(used[:, 1]))), float(np.max(np.abs(used[:, 2]))))
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all heights are equal."""
+        return all(w.amplitude == 0.0 or (w.f, w.g) == (0.0, 0.0) for w in self.waves)
 
     @cached_property
     def is_separable(self) -> bool:
@@ -345,6 +360,10 @@ class WaveSum:
                 for w in self.waves
             )
         )
+
+    def over(self, u: tuple[float, float], v: tuple[float, float]) -> WaveSum:
+        """Return the surface itself, because it is known over the whole plane."""
+        return self
 
 
 # A study has many blocks of few textures, and each block asks for the same.

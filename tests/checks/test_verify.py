@@ -55,7 +55,7 @@ def test_a_report_is_printed_with_every_check() -> None:
         Block.of(3, scale=0.5),
         Block.of(5, key_mm=3.0),
         Block.of(2, label=True),
-        Block.of(Texture(name="weave", waves=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5))), key_mm=3.0),
+        Block.of(Texture(name="weave", surface=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5))), key_mm=3.0),
         Block.of(6, sampling="grid"),
         Block.of(1, "released", sampling=Tolerance(mm=0.02)),
         Block.of(2, copy=4, key_mm=2.0, scale=1.5, sampling=Tolerance(mm=0.05)),

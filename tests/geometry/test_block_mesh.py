@@ -35,7 +35,7 @@ def closed_to_the_height(block: Block) -> Mesh:
 def hexagonal() -> Texture:
     angles = (0.2, 0.2 + np.pi / 3, 0.2 + 2 * np.pi / 3)
     waves = (Wave(amplitude=0.3, f=float(1.2 * np.cos(a)), g=float(1.2 * np.sin(a)), phase=0.3) for a in angles)
-    return Texture(name="hex", equation="three waves", waves=WaveSum(tuple(waves)))
+    return Texture(name="hex", equation="three waves", surface=WaveSum(tuple(waves)))
 
 
 def vertices_of_top(mesh: Mesh, block: Block) -> Floats:
@@ -165,7 +165,7 @@ def test_a_key_that_takes_the_only_summit(sampling: Tolerance | SampleGrid, obli
         Wave(amplitude=1.0, f=0.0, g=g, phase=float(np.pi / 2)),
         Wave(amplitude=oblique, f=0.5, g=0.5),
     )
-    block = Block.of(Texture(name="summit", equation="", waves=WaveSum(waves)), sampling=sampling, key_mm=3.0)
+    block = Block.of(Texture(name="summit", equation="", surface=WaveSum(waves)), sampling=sampling, key_mm=3.0)
     whole = block.surface.extremes((0.0, block.size_mm[0]), (0.0, block.size_mm[1]))
     assert block.extremes.high < whole.high - 1e-4
     mesh = closed_to_the_height(block)

@@ -31,7 +31,7 @@ from tacbench_cad.util.errors import InputError
 OBLIQUE = Texture(
     name="oblique",
     equation="two oblique waves and one along y",
-    waves=WaveSum(
+    surface=WaveSum(
         (
             Wave(amplitude=0.5, f=3.0, g=2.0),
             Wave(amplitude=0.6, f=-1.0, g=4.0, phase=1.0),
@@ -259,7 +259,7 @@ def test_too_many_poles_names_a_sufficient_tolerance() -> None:
 
 
 def test_a_series_of_thousands_of_waves_is_refused() -> None:
-    long = Texture(name="long", equation="long", waves=series("triangle", 2001))
+    long = Texture(name="long", equation="long", surface=series("triangle", 2001))
     with pytest.raises(InputError, match="million poles"):
         patches(Block.of(long), 0.001)
 

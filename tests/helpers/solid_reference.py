@@ -99,5 +99,5 @@ def random_block(rng: np.random.Generator, oblique: bool) -> Block:
         waves.append(
             Wave(amplitude=float(rng.uniform(0.02, 0.9)), f=float(f), g=float(g), phase=float(rng.uniform(0.0, 6.28)))
         )
-    texture = Texture(name="random", equation="random", waves=WaveSum(tuple(waves)))
+    texture = Texture(name="random", equation="random", surface=WaveSum(tuple(waves)))
     return Block.of(texture, height_mm=20.0, size_mm=(float(rng.uniform(4.0, 25.0)), float(rng.uniform(4.0, 25.0))))

@@ -102,4 +102,4 @@ def random_texture(rng: np.random.Generator, oblique: bool) -> Texture:
         amplitude = float(rng.uniform(0.05, 0.5)) / max(1.0, frequency)
         phase = float(rng.uniform(0.0, 6.3))
         waves.append(Wave(amplitude=amplitude, f=frequency * direction[0], g=frequency * direction[1], phase=phase))
-    return Texture(name="random", equation="random", waves=WaveSum(tuple(waves)))
+    return Texture(name="random", equation="random", surface=WaveSum(tuple(waves)))

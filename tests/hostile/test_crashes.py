@@ -139,7 +139,7 @@ def test_a_mesh_is_oriented_whichever_triangles_are_flipped() -> None:
 
 
 def test_a_texture_other_than_the_six_is_reported(tmp_path: Path) -> None:
-    texture = Texture(name="other", waves=plane_waves((0.7, 1.3, 2.1), (0.4, 3.1, -0.6), (0.5, 0.0, 5.3)))
+    texture = Texture(name="other", surface=plane_waves((0.7, 1.3, 2.1), (0.4, 3.1, -0.6), (0.5, 0.0, 5.3)))
     block = Block.of(texture, size_mm=(30.0, 40.0), height_mm=9.0, sampling=SampleGrid(nx=91, ny=121))
     path = tmp_path / "other.stl"
     write_stl(block_part(block), path)

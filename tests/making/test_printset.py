@@ -190,7 +190,7 @@ def test_a_broken_kernel_is_an_error_if_a_solid_is_requested(tmp_path: Path) -> 
 
 
 def test_textures_are_numbers_or_objects(tmp_path: Path) -> None:
-    ridges = Texture(name="ridges", waves=equation1(1.0, 1.0, 2.0, 2.0))
+    ridges = Texture(name="ridges", surface=equation1(1.0, 1.0, 2.0, 2.0))
     assert names(replace(LIGHT, textures=(4, ridges, "1"))) == [
         "texture-4_paper_x1",
         "ridges_paper_x1",

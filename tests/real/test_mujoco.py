@@ -91,7 +91,7 @@ def test_contact_of_a_ball(number: str, kind: str, exported: Exported) -> None:
 def test_contact_of_a_ball_on_oblique_waves_at_twice_the_size(tmp_path: Path) -> None:
     """The texture has three waves at 60 degrees, so it is not the sum of a profile along x and a profile along y."""
     waves = WaveSum(tuple(Wave(amplitude=0.4, f=f, g=g) for f, g in ((1.0, 0.0), (-0.5, 0.866), (-0.5, -0.866))))
-    block = Block.of(Texture(name="hexagonal", equation="three waves", waves=waves), scale=2.0)
+    block = Block.of(Texture(name="hexagonal", equation="three waves", surface=waves), scale=2.0)
     folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
     x, y, z = valley_mm(block)
     for kind in FILES:

@@ -124,7 +124,7 @@ def test_bodies_have_their_places_and_colours_and_hide_each_other() -> None:
     assert is_red[0].max() > 160 and is_red[1].min() < 4, "the small box is in front, at the lower left"
 
 
-OWN = Texture(name="hexagonal", waves=plane_waves((0.5, 1.0, 0.0), (0.5, 0.5, 0.866), (0.5, -0.5, 0.866)))
+OWN = Texture(name="hexagonal", surface=plane_waves((0.5, 1.0, 0.0), (0.5, 0.5, 0.866), (0.5, -0.5, 0.866)))
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def test_the_height_error_is_measured_on_the_flat_part_only(printed: AsSliced) -
 
 def wave(amplitude: float, f: float, g: float = 0.0) -> Texture:
     """Return a texture of one wave."""
-    return Texture(name="one-wave", equation="a wave", waves=WaveSum((Wave(amplitude=amplitude, f=f, g=g),)))
+    return Texture(name="one-wave", equation="a wave", surface=WaveSum((Wave(amplitude=amplitude, f=f, g=g),)))
 
 
 @pytest.mark.parametrize("shift", [0.05, -0.12])

@@ -21,7 +21,7 @@ from tacbench_cad.util.text import decimal
 SINGLE_PEAK = Texture(
     name="peak",
     equation="one hill with its top near the key",
-    waves=WaveSum((Wave(amplitude=1.0, f=0.1, g=0.0), Wave(amplitude=1.0, f=0.0, g=0.1, phase=math.pi / 2))),
+    surface=WaveSum((Wave(amplitude=1.0, f=0.1, g=0.0), Wave(amplitude=1.0, f=0.0, g=0.1, phase=math.pi / 2))),
 )
 
 
@@ -35,8 +35,8 @@ def test_the_presets_agree_with_the_paper() -> None:
     assert released.mm_per_unit == (1.0, 1.0, 1.0)
     assert released.sampling == SampleGrid(nx=294, ny=301)
     assert {paper.height_mm, released.height_mm} == {7.0}
-    assert len(paper.texture.waves.waves) == 26
-    assert len(released.texture.waves.waves) == 102
+    assert len(paper.texture.surface.waves) == 26
+    assert len(released.texture.surface.waves) == 102
 
 
 @pytest.mark.parametrize(("number", "relief"), [(1, 2.0), (2, 4.0), (3, 3.937), (4, 4.693), (5, 1.969), (6, 2.346)])
@@ -111,7 +111,7 @@ def test_the_block_table_of_a_texture_file_replaces_the_preset() -> None:
     block = Block.of(SINGLE_PEAK, table=BlockTable(domain=domain, mm_per_unit=(2.0, 1.5, 1.0), height_mm=6.0))
     assert block.size_mm == (20.0, 30.0)
     assert block.domain == (pytest.approx(domain[0]), pytest.approx(domain[1]))
-    assert float(block.surface(0.0, 0.0)) == pytest.approx(float(SINGLE_PEAK.waves(1.0, 2.0)))
+    assert float(block.surface(0.0, 0.0)) == pytest.approx(float(SINGLE_PEAK.surface(1.0, 2.0)))
     stretched = Block.of(SINGLE_PEAK, table=BlockTable(domain=domain, size_mm=(30.0, 30.0)))
     assert stretched.mm_per_unit == pytest.approx((3.0, 1.5, 1.0))
     with pytest.raises(InputError, match="leave one of the three out"):

@@ -35,7 +35,7 @@ def test_the_six_textures_are_the_equations_of_the_paper(preset: str, highest: i
         square(U, highest),
     ]
     for pattern, values in zip(catalogue(preset), expected, strict=True):
-        np.testing.assert_allclose(pattern.waves(U, V), values, atol=1e-12, err_msg=pattern.name)
+        np.testing.assert_allclose(pattern.surface(U, V), values, atol=1e-12, err_msg=pattern.name)
 
 
 @pytest.mark.parametrize("name", [4, "4", "texture-4", " Texture-4 "])
@@ -65,13 +65,13 @@ def test_the_three_families_are_read(tmp_path: Path) -> None:
     definition = read_texture(
         write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nA1=1\nA2=0.5\nf1=1\nf2=2\nphase=0.3\n')
     )
-    np.testing.assert_allclose(definition.texture.waves(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
+    np.testing.assert_allclose(definition.texture.surface(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
     two = read_texture(write(tmp_path, '[texture]\nname="b"\nfamily="series"\nlaw="square"\nN=5\naxes="y"\n'))
-    np.testing.assert_allclose(two.texture.waves(U, V), square(V, 5), atol=1e-12)
+    np.testing.assert_allclose(two.texture.surface(U, V), square(V, 5), atol=1e-12)
     text = '[texture]\nname="c"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nf=1\ng=0.5\n'
     text += "[block]\nsize_mm=[20,25]\nheight_mm=6\nmm_per_unit=[1,1.5,0.5]\n"
     three = read_texture(write(tmp_path, text))
-    np.testing.assert_allclose(three.texture.waves(U, V), np.sin(U + 0.5 * V), atol=1e-12)
+    np.testing.assert_allclose(three.texture.surface(U, V), np.sin(U + 0.5 * V), atol=1e-12)
     assert three.block.size_mm == (20.0, 25.0)
     assert three.block.mm_per_unit == (1.0, 1.5, 0.5)
     assert three.block.height_mm == 6.0
@@ -79,8 +79,8 @@ def test_the_three_families_are_read(tmp_path: Path) -> None:
 
 def test_the_default_amplitude_is_1_and_the_default_phase_is_0(tmp_path: Path) -> None:
     file = read_texture(write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nf1=2\nf2=3\n'))
-    assert file.texture.waves == equation1(1.0, 1.0, 2.0, 3.0)
-    np.testing.assert_allclose(file.texture.waves(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
+    assert file.texture.surface == equation1(1.0, 1.0, 2.0, 3.0)
+    np.testing.assert_allclose(file.texture.surface(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
 
 
 def test_plane_waves_are_triples_or_quadruples() -> None:
@@ -91,10 +91,10 @@ def test_plane_waves_are_triples_or_quadruples() -> None:
 
 
 def test_the_equation_is_derived_from_the_waves() -> None:
-    assert Texture(name="diamonds", waves=plane_waves((0.6, 2.0, 1.0), (1.0, 2.0, -1.0))).equation == (
+    assert Texture(name="diamonds", surface=plane_waves((0.6, 2.0, 1.0), (1.0, 2.0, -1.0))).equation == (
         "0.6 sin(2u + v) + sin(2u - v)"
     )
-    assert Texture(name="own", waves=plane_waves((1.0, 1.0, 0.0)), equation="my own").equation == "my own"
+    assert Texture(name="own", surface=plane_waves((1.0, 1.0, 0.0)), equation="my own").equation == "my own"
 
 
 GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'
@@ -160,7 +160,7 @@ def test_folders_missing_files_and_binary_files_are_refused(tmp_path: Path) -> N
 
 def test_a_flat_texture_is_refused() -> None:
     with pytest.raises(InputError, match="flat"):
-        Texture(name="flat", equation="0", waves=WaveSum(()))
+        Texture(name="flat", equation="0", surface=WaveSum(()))
 
 
 @pytest.mark.parametrize(
@@ -169,10 +169,19 @@ def test_a_flat_texture_is_refused() -> None:
 )
 def test_numbers_out_of_range_are_refused(wave: tuple[float, float, float], field: str, value: float) -> None:
     with pytest.raises(InputError, match=f"texture far wave {field} = .*must be from -1") as refusal:
-        Texture(name="far", waves=plane_waves(wave))
+        Texture(name="far", surface=plane_waves(wave))
     assert refusal.value.value == value
 
 
+def test_the_former_name_of_the_surface_is_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"texture waves: is now called surface: Texture\(name=\.\.\., surface=\.\.\.\)"
+    ):
+        Texture(name="old", waves=plane_waves((1.0, 1.0, 0.0)))  # type: ignore[call-arg]
+
+
 def test_a_function_instead_of_a_sum_of_waves_is_refused() -> None:
-    with pytest.raises(InputError, match=r"texture bumps waves = 'function': must be a sum of waves: plane_waves"):
-        Texture(name="bumps", waves=lambda u, v: u * v)  # type: ignore[arg-type]
+    with pytest.raises(
+        InputError, match=r"texture bumps surface = 'function': must be a sum of waves .*sampled for a Python function"
+    ):
+        Texture(name="bumps", surface=lambda u, v: u * v)  # type: ignore[arg-type]

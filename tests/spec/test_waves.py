@@ -163,7 +163,7 @@ def test_extremes_of_equal_sums_are_computed_once() -> None:
 def test_the_extremes_of_the_papers_textures_over_a_whole_period() -> None:
     expected = [1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732]
     for texture, value in zip(catalogue(), expected, strict=True):
-        extremes = texture.waves.extremes(PERIOD, PERIOD)
+        extremes = texture.surface.extremes(PERIOD, PERIOD)
         assert extremes.high == pytest.approx(value, abs=1e-7)
         assert extremes.low == pytest.approx(-value, abs=1e-7)
 

@@ -141,7 +141,12 @@ def sampled(block: Block, grid: SampleGrid) -> HeightField:
         )
     x, y = replace(block, sampling=grid).samples_mm
     z = block.surface.grid(x, y)
-    return HeightField(x_mm=x, y_mm=y, z_mm=block.datum_mm + z.T, certificate=_certificate(block, x, y, z))
+    return HeightField(
+        x_mm=x,
+        y_mm=y,
+        z_mm=block.datum_mm + z.T,
+        certificate=_certificate(block, x, y, z).plus(block.surface.error, block.surface.evidence),
+    )
 
 
 def _certificate(block: Block, x: Floats, y: Floats, z: Floats) -> Certificate:

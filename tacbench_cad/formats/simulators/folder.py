@@ -26,7 +26,7 @@ RECORD = "texture.json"
 README = "README.md"
 #: The keys that identify a block. All other keys of its description follow from these.
 IDENTITY = (
-    *("texture", "waves", "preset", "scale", "size_mm", "height_mm", "mm_per_unit", "domain", "sampling"),
+    *("texture", "waves", "spline", "preset", "scale", "size_mm", "height_mm", "mm_per_unit", "domain", "sampling"),
     *("key_mm", "label", "copy"),
 )
 _NEW, _OLD = f"{TEMPORARY_PREFIX}new-", f"{TEMPORARY_PREFIX}old-"
@@ -121,7 +121,7 @@ def _record_of(folder: Path, asset: SimulatorAsset) -> dict[str, Any]:
             "out", str(record), f"is not a record of export-simulator ({error}); remove the folder"
         ) from None
     own = _described(asset.block)
-    differs = [key for key in IDENTITY if block.get(key) != own[key]]
+    differs = [key for key in IDENTITY if block.get(key) != own.get(key)]
     if differs:
         raise InputError(
             "out",

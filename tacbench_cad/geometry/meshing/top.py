@@ -89,9 +89,12 @@ def textured_top(block: Block) -> Top:
     """
     if isinstance(block.sampling, SampleGrid):
         return _sampled_top(block, block.sampling)
-    tolerance = block.sampling.mm
+    tolerance = block.sampling.mm - block.surface.error
     rounding = _rounding_mm(block)
-    if tolerance < 8.0 * rounding:
+    if tolerance < 8.0 * rounding + block.surface.error:
+        if block.surface.error > rounding:
+            own = f"must be at least twice the error {block.surface.error:.2g} mm of the texture itself"
+            raise InputError("tolerance", block.sampling.mm, own)
         limit = f"{8.0 * rounding:.2g}"
         raise InputError(
             "tolerance", tolerance, f"must be at least {limit} mm, because STL files have single precision"
@@ -275,18 +278,17 @@ def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats,
     needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
     coarser = tolerance * needed / MAX_TRIANGLES
     refuse_too_many("tolerance", tolerance, needed, f"use about {coarser:.2g} mm")
-    at = block.extremes.at_high
-    return _lines(t, per_x, at[0]), _lines(s, per_y, at[1])
+    at, creases = block.extremes.at_high, surface.creases
+    return _lines(t, per_x, at[0], creases[0]), _lines(s, per_y, at[1], creases[1])
 
 
-def _lines(t: Floats, per_mm: Floats, through: float) -> Floats:
-    """Return lines with a given density, one of them at a given position, as float32 values."""
+def _lines(t: Floats, per_mm: Floats, through: float, creases: Floats) -> Floats:
+    """Return lines with a given density as float32 values. There is one at a given position, and one at each crease."""
     total = np.append(0.0, np.cumsum(np.diff(t) * (per_mm[1:] + per_mm[:-1]) / 2.0))
-    place = float(np.float32(through))
     gap = 1e-5 * t[-1]
-    ends = [0.0, float(np.interp(place, t, total)), total[-1]] if gap < place < t[-1] - gap else [0.0, total[-1]]
+    places = np.unique(single(np.append(creases, through if np.all(np.abs(creases - through) > gap) else creases)))
+    places = places[(places > gap) & (places < t[-1] - gap)]
+    ends = [0.0, *np.interp(places, t, total).tolist(), total[-1]]
     runs = [np.linspace(low, high, max(2, math.ceil(high - low) + 1)) for low, high in itertools.pairwise(ends)]
-    lines = np.interp(np.concatenate(runs), total, t)
-    if len(ends) == 3:
-        lines[len(runs[0]) - 1 : len(runs[0]) + 1] = place
-    return np.unique(single(lines))
+    lines = [np.interp(run[1:-1], total, t) for run in runs]
+    return np.unique(single(np.concatenate([t[[0, -1]], places, *lines])))

@@ -10,6 +10,7 @@ from OCP.Geom2d import Geom2d_Line
 from OCP.gp import gp_Dir2d, gp_Pnt2d
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
 
+from tacbench_cad.geometry.splines.exact import SplinePatches
 from tacbench_cad.geometry.splines.patches import Patches
 from tacbench_cad.geometry.splines.splinegeom import SplineGeometry
 from tacbench_cad.geometry.splines.topology import Point, Topology, plane, turned
@@ -28,7 +29,7 @@ class SolidBuilder:
         relief: The patches of the block.
     """
 
-    def __init__(self, block: Block, relief: Patches) -> None:
+    def __init__(self, block: Block, relief: Patches | SplinePatches) -> None:
         self._block, self._relief = block, relief
         self._top = Topology()
         self._geometry = SplineGeometry(relief)

@@ -35,12 +35,14 @@ def area_error(block: Block, patches: tuple[int, int]) -> float:
         block: The block.
         patches: The numbers of patches along x and y.
     """
+    surface = block.surface
+    assert isinstance(surface, WaveSum)
     areas = []
     for more in (1, 2):
         taken = [min(count, _MAX_PATCHES) for count in patches]
         ends = [side * few / count for side, few, count in zip(block.size_mm, taken, patches, strict=True)]
         (x, weight_x), (y, weight_y) = (_gauss(end, more * few) for end, few in zip(ends, taken, strict=True))
-        areas.append(sum(float(np.dot(weight_x[rows], area)) for rows, area in _strips(block.surface, x, y, weight_y)))
+        areas.append(sum(float(np.dot(weight_x[rows], area)) for rows, area in _strips(surface, x, y, weight_y)))
     (x_side, y_side), flat = block.size_mm, ends[0] * ends[1]
     rest = (x_side * y_side + 2.0 * (x_side + y_side) * block.solid_datum_mm) * flat / (x_side * y_side)
     return abs(areas[0] - areas[1]) / (areas[1] + rest)

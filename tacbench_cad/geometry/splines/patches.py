@@ -135,6 +135,7 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
     """
     if not (math.isfinite(tolerance_mm) and tolerance_mm >= FINEST_TOLERANCE_MM):
         raise InputError("step-tolerance", tolerance_mm, f"must be at least {FINEST_TOLERANCE_MM:g} mm")
+    assert isinstance(block.surface, WaveSum), "a spline surface has patches of its own"
     plan = _plan(block, tolerance_mm)
     if plan.poles > MAX_POLES:
         raise InputError("step-tolerance", tolerance_mm, _too_many(block, tolerance_mm, plan.poles))
@@ -194,6 +195,7 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
 
     If even the smallest number of spans gives more than :data:`MAX_POLES` poles, the plan with these spans is returned.
     """
+    assert isinstance(block.surface, WaveSum)
     table = block.surface.table[block.surface.table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
     frequency = (np.abs(table[:, 1]), np.abs(table[:, 2]))
@@ -299,7 +301,7 @@ def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
     need = (
         f"the solid would need at least {poles / 1e6:.3g} million poles, but {MAX_POLES / 1e6:g} million is the maximum"
     )
-    if len(block.surface.waves) > _MAX_WAVES_PLANNED:
+    if isinstance(block.surface, WaveSum) and len(block.surface.waves) > _MAX_WAVES_PLANNED:
         return f"{need}; use a coarser --step-tolerance"
     coarser = tolerance_mm
     while coarser < block.relief_mm / 12.0:

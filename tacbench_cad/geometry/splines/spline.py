@@ -206,6 +206,11 @@ class Axis:
         return len(self.lines) - 1
 
     @property
+    def degree(self) -> int:
+        """The polynomial degree."""
+        return self.basis.degree
+
+    @property
     def pole_count(self) -> int:
         """The number of poles along the whole axis. Poles at joints are counted once."""
         return self.patches * (self.basis.count - 1) + 1
@@ -221,6 +226,33 @@ class Axis:
     def knots_mm(self, patch: int) -> Floats:
         """Return the ends of the spans of a patch in mm, shape (spans + 1,)."""
         return self._scaled(patch, self.basis.breaks)
+
+    def knots_of(self, patch: int) -> tuple[Floats, list[int]]:
+        """Return the different knots of a patch in mm, and the number of copies of each."""
+        ends = self.degree + 1
+        return self.knots_mm(patch), [ends, *([1] * (self.basis.spans - 1)), ends]
+
+    def inner_knots(self, patch: int) -> dict[float, int]:
+        """Return the inner knots of a patch on the unit interval, and the number of copies of each."""
+        return {number / self.basis.spans: 1 for number in range(1, self.basis.spans)}
+
+    def values(self, patch: int, t: Floats) -> Floats:
+        """Return all basis functions of a patch at ``t`` in [0, 1], shape (len(t), count)."""
+        return self.basis.values(t)
+
+    def joined(self) -> tuple[tuple[Floats, list[int]], Bools]:
+        """Return the knots of the whole axis with C1 at the joints, the copies of each, and a mask of the kept poles.
+
+        The pole at a joint is a mean of its neighbours and is removed.
+        """
+        keep = np.ones((self.patches, self.basis.count), dtype=np.bool_)
+        keep[1:, 0] = False
+        keep[:-1, -1] = False
+        knots = np.concatenate([self.lines[:1], *(self.knots_mm(i)[1:] for i in range(self.patches))])
+        times = np.ones(len(knots), dtype=np.intp)
+        times[:: self.basis.spans] = self.degree - 1
+        times[[0, -1]] = self.degree + 1
+        return (knots, times.tolist()), keep.ravel()
 
     def abscissae_mm(self, patch: int) -> Floats:
         """Return the positions of the poles of a patch along the axis in mm, shape (count,)."""

@@ -12,9 +12,9 @@ from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array2OfPnt
 from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
 
+from tacbench_cad.geometry.splines.exact import SplinePatches
 from tacbench_cad.geometry.splines.patches import Patches
-from tacbench_cad.geometry.splines.spline import Axis
-from tacbench_cad.util.types import Bools, Floats
+from tacbench_cad.util.types import Floats
 
 
 class SplineGeometry:
@@ -24,7 +24,7 @@ class SplineGeometry:
         relief: The patches.
     """
 
-    def __init__(self, relief: Patches) -> None:
+    def __init__(self, relief: Patches | SplinePatches) -> None:
         self._relief = relief
         self._made_x: dict[tuple[int, int], Geom_BSplineCurve] = {}
         self._made_y: dict[tuple[int, int], Geom_BSplineCurve] = {}
@@ -44,11 +44,11 @@ class SplineGeometry:
             axis, y = self._relief.x, float(self._relief.y.lines[j])
             if self._relief.profiles_mm is None:
                 poles = _points(axis.abscissae_mm(i), y, self._row_along_x(i, j))
-                self._made_x[i, j] = _curve(poles, *_knots(axis, i), axis.basis.degree)
+                self._made_x[i, j] = _curve(poles, *axis.knots_of(i), axis.degree)
             else:
                 if i not in self._profiles_x:
                     poles = _points(axis.abscissae_mm(i), 0.0, self._relief.profiles_mm[0][i])
-                    self._profiles_x[i] = _curve(poles, *_knots(axis, i), axis.basis.degree)
+                    self._profiles_x[i] = _curve(poles, *axis.knots_of(i), axis.degree)
                 rise = _at_line(self._relief.profiles_mm[1], j)
                 self._made_x[i, j] = self._profiles_x[i].Translated(gp_Vec(0.0, y, rise))
         return self._made_x[i, j]
@@ -59,11 +59,11 @@ class SplineGeometry:
             axis, x = self._relief.y, float(self._relief.x.lines[i])
             if self._relief.profiles_mm is None:
                 poles = _points(x, axis.abscissae_mm(j), self._column_along_y(i, j))
-                self._made_y[i, j] = _curve(poles, *_knots(axis, j), axis.basis.degree)
+                self._made_y[i, j] = _curve(poles, *axis.knots_of(j), axis.degree)
             else:
                 if j not in self._profiles_y:
                     poles = _points(0.0, axis.abscissae_mm(j), self._relief.profiles_mm[1][j])
-                    self._profiles_y[j] = _curve(poles, *_knots(axis, j), axis.basis.degree)
+                    self._profiles_y[j] = _curve(poles, *axis.knots_of(j), axis.degree)
                 rise = _at_line(self._relief.profiles_mm[0], i)
                 self._made_y[i, j] = self._profiles_y[j].Translated(gp_Vec(x, 0.0, rise))
         return self._made_y[i, j]
@@ -78,7 +78,7 @@ class SplineGeometry:
             return _coons(self.curve_x(i, j), self.curve_y(i + 1, j), self.curve_x(i, j + 1), self.curve_y(i, j))
         x, y = self._relief.x, self._relief.y
         poles = (x.abscissae_mm(i), y.abscissae_mm(j), self._relief.heights_mm(i, j))
-        return _surface(*poles, _knots(x, i), _knots(y, j), (x.basis.degree, y.basis.degree))
+        return _surface(*poles, x.knots_of(i), y.knots_of(j), (x.degree, y.degree))
 
     def curve_diagonal(self, i: int, j: int) -> Geom_BSplineCurve:
         """Return the curve over the diagonal of the square patch (i, j). Its parameter is ``sqrt(2) y`` in mm.
@@ -89,19 +89,18 @@ class SplineGeometry:
         """
         from scipy.interpolate import BSpline
 
-        x, y = self._relief.x.basis, self._relief.y.basis
+        x, y = self._relief.x, self._relief.y
         degrees = (x.degree, y.degree)
         degree = max(degrees) if self._relief.profiles_mm is not None else sum(degrees)
-        degree_at = {(number, basis.spans): basis.degree for basis in (x, y) for number in range(1, basis.spans)}
         breaks: dict[float, int] = {}
-        for (number, spans), own in degree_at.items():
-            place = number / spans
-            breaks[place] = max(breaks.get(place, 1), degree - own + 1)
-        inner = np.repeat(sorted(breaks), [breaks[place] for place in sorted(breaks)])
-        knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+        for inner, own in ((x.inner_knots(i), x.degree), (y.inner_knots(j), y.degree)):
+            for place, times in inner.items():
+                breaks[place] = max(breaks.get(place, 1), degree - own + times)
+        repeated = np.repeat(sorted(breaks), [breaks[place] for place in sorted(breaks)])
+        knots = np.concatenate([np.zeros(degree + 1), repeated, np.ones(degree + 1)])
         greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
         greville = np.clip(greville, 0.0, 1.0)
-        heights = np.einsum("ki,ij,kj->k", x.values(greville), self._relief.heights_mm(i, j), y.values(greville))
+        heights = np.einsum("ki,ij,kj->k", x.values(i, greville), self._relief.heights_mm(i, j), y.values(j, greville))
         z = np.linalg.solve(BSpline.design_matrix(greville, knots, degree).toarray(), heights)
         z[0], z[-1] = heights[0], heights[-1]
         lines_x, lines_y = self._relief.x.lines, self._relief.y.lines
@@ -119,11 +118,11 @@ class SplineGeometry:
     def whole_surface(self) -> Geom_BSplineSurface:
         """Return all patches as one surface that is C1 at the joints. Its parameters are x and y in mm."""
         x, y = self._relief.x, self._relief.y
-        knots_x, keep_x = _joined(x)
-        knots_y, keep_y = _joined(y)
+        knots_x, keep_x = x.joined()
+        knots_y, keep_y = y.joined()
         at_x = np.concatenate([x.abscissae_mm(i) for i in range(x.patches)])[keep_x]
         at_y = np.concatenate([y.abscissae_mm(j) for j in range(y.patches)])[keep_y]
-        degrees = (x.basis.degree, y.basis.degree)
+        degrees = (x.degree, y.degree)
         if self._relief.profiles_mm is None:
             rows = [np.hstack([self._relief.heights_mm(i, j) for j in range(y.patches)]) for i in range(x.patches)]
             heights = np.vstack(rows)[np.ix_(keep_x, keep_y)]
@@ -150,28 +149,6 @@ def _at_line(profile: Floats, line: int) -> float:
 
 def _points(x: Floats | float, y: Floats | float, z: Floats) -> Floats:
     return np.column_stack(np.broadcast_arrays(x, y, z))
-
-
-def _knots(axis: Axis, patch: int) -> tuple[Floats, list[int]]:
-    """Return the knots of a patch and their multiplicities."""
-    ends = axis.basis.degree + 1
-    return axis.knots_mm(patch), [ends, *([1] * (axis.basis.spans - 1)), ends]
-
-
-def _joined(axis: Axis) -> tuple[tuple[Floats, list[int]], Bools]:
-    """Return the knots of the whole axis with C1 at the joints, their multiplicities, and a mask of the kept poles.
-
-    The pole at a joint is a mean of its neighbours and is removed.
-    """
-    degree, spans, count = axis.basis.degree, axis.basis.spans, axis.basis.count
-    keep = np.ones((axis.patches, count), dtype=np.bool_)
-    keep[1:, 0] = False
-    keep[:-1, -1] = False
-    knots = np.concatenate([axis.lines[:1], *(axis.knots_mm(i)[1:] for i in range(axis.patches))])
-    times = np.ones(len(knots), dtype=np.intp)
-    times[::spans] = degree - 1
-    times[[0, -1]] = degree + 1
-    return (knots, times.tolist()), keep.ravel()
 
 
 def _curve(poles: Floats, knots: Floats, times: Sequence[int], degree: int) -> Geom_BSplineCurve:

@@ -20,6 +20,7 @@ from tacbench_cad.lab.study.spec import (
     WorkFrame,
 )
 from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.storage import surface_from
 from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_of
 
@@ -281,16 +282,16 @@ def printed_from(values: Any, where: str = "") -> Pressed:
 
 
 def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
-    """Make a printed block from ``PrintedBlock.as_dict()``. The texture is made from its waves, as it may be custom.
+    """Make a printed block from ``PrintedBlock.as_dict()``. The texture is made from its surface, as it may be custom.
 
     Raises:
         InputError: A key is missing, or a value is not allowed.
     """
     try:
         block = dict(values)
-        waves = [dict(zip(("amplitude", "f", "g", "phase"), wave, strict=True)) for wave in block.pop("waves")]
+        surface = surface_from({key: block.pop(key) for key in ("waves", "spline") if key in block}, where)
         sampling = block.pop("sampling")
-        texture = {"name": block.pop("texture"), "waves": {"waves": waves}}
+        texture = {"name": block.pop("texture"), "surface": surface}
         texture |= {key: block.pop(key) for key in ("number", "equation")}
         printed = {key: block.pop(key) for key in ("printer", "filament", "copy")}
         block |= {

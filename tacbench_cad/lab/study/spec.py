@@ -15,6 +15,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.storage import surface_values
 from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields
 from tacbench_cad.util.errors import InputError, one_of
 
@@ -183,7 +184,7 @@ def block_values(block: Block) -> dict[str, Any]:
         "texture": texture.name,
         "number": texture.number,
         "equation": texture.equation,
-        "waves": [[w.amplitude, w.f, w.g, w.phase] for w in texture.waves.waves],
+        **surface_values(texture.surface),
         "preset": block.preset,
         "scale": block.scale,
         "nominal_size_mm": list(block.nominal_size_mm),

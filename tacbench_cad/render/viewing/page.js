@@ -123,9 +123,9 @@
       vec3 up = cross(dFdx(tbPlace), dFdy(tbPlace));
       if (tbOnly == ${thing.id} && abs(up.z) > 1e-4 * length(up) && tbPlace.z > ${real(formula.range[0] - 0.5)} && gl_FrontFacing && facesUp()) {
         if (tbMode == 1) gl_FragColor.rgb = heights((tbPlace.z - ${real(formula.range[0])}) / ${real(formula.range[1] - formula.range[0])}) * light;
-        if (tbMode == 2) { vec2 q = tbPlace.xy; float z = ${real(formula.datum)}; vec2 slope = vec2(0.0);
+        ${formula.waves ? `if (tbMode == 2) { vec2 q = tbPlace.xy; float z = ${real(formula.datum)}; vec2 slope = vec2(0.0);
           ${formula.waves.map(wave).join("\n")}
-          gl_FragColor.rgb = deviations(0.5 + 0.5 * (tbPlace.z - z) / sqrt(1.0 + dot(slope, slope)) / ${real(formula.scale)}); }
+          gl_FragColor.rgb = deviations(0.5 + 0.5 * (tbPlace.z - z) / sqrt(1.0 + dot(slope, slope)) / ${real(formula.scale)}); }` : ""}
       }` : "";
     const head = `varying vec3 tbPlace; uniform int tbMode; uniform int tbOnly;
       ${ramp("heights", HEIGHTS)} ${ramp("deviations", DEVIATIONS)}
@@ -349,7 +349,9 @@
     }
   }
   function drawScale(block) {
-    const scale = byId("scale"), mode = block ? state.colour : "part";
+    const exact = block && block.formula.waves !== null;  // the shader calculates deviations from waves only
+    byId("colour").options[2].disabled = block && !exact;
+    const scale = byId("scale"), mode = block && (exact || state.colour !== "deviation") ? state.colour : "part";
     scale.hidden = mode === "part";
     if (scale.hidden) return;
     const deviating = mode === "deviation", formula = block.formula, bound = 1000 * formula.scale;

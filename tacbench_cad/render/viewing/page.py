@@ -164,11 +164,11 @@ def _plain(number: int, thing: Thing) -> dict[str, Any]:
 
 def _plain_formula(formula: Formula) -> dict[str, Any]:
     # Frequencies and phases are in turns: a shader subtracts whole turns exactly; its sine is accurate near zero only.
-    waves = formula.waves / np.array([1.0, *[2.0 * np.pi] * 3])
+    waves = None if formula.waves is None else formula.waves / np.array([1.0, *[2.0 * np.pi] * 3])
     return {
         "equation": formula.equation,
         "datum": formula.datum_mm,
-        "waves": waves.tolist(),
+        "waves": None if waves is None else waves.tolist(),
         "range": list(formula.range_mm),
         "scale": formula.scale_mm,
     }

@@ -16,6 +16,7 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import report_rows
 from tacbench_cad.util.types import Floats
@@ -43,7 +44,7 @@ class Formula:
     Args:
         equation: The texture's formula in a readable form.
         datum_mm: z of the formula's zero in the mesh.
-        waves: Rows ``amplitude mm, f rad/mm, g rad/mm, phase rad``; shape (n, 4).
+        waves: Rows ``amplitude mm, f rad/mm, g rad/mm, phase rad``; shape (n, 4). None if the surface is a spline.
         range_mm: Lowest and highest z.
         bound_mm: Proved bound of the distance between the mesh's top and the formula.
         scale_mm: Distance at the end of the colour scale. For a mesh within a tolerance this is the bound. The bound of
@@ -52,7 +53,7 @@ class Formula:
 
     equation: str
     datum_mm: float
-    waves: Floats
+    waves: Floats | None
     range_mm: tuple[float, float]
     bound_mm: float
     scale_mm: float
@@ -116,16 +117,16 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
     formula = Formula(
         equation=block.texture.equation,
         datum_mm=block.datum_mm,
-        waves=block.surface.table,
+        waves=block.surface.table if isinstance(block.surface, WaveSum) else None,
         range_mm=(low, high),
         bound_mm=bound,
         scale_mm=bound if isinstance(sampling, Tolerance) else min(bound, _farthest_mm(block, mesh)),
     )
-    rows = report_rows(str(block))
+    rows, evidence = report_rows(str(block)), expected.certificate.evidence
     facts: Facts = (
         *((name, rows[name]) for name in ("z", "size", "relief", "base", "mm per unit", "mesh")),
         ("triangles", f"{len(mesh.faces):,}"),
-        ("proved", f"at most {1000.0 * bound:.4g} µm from the formula everywhere"),
+        (evidence, f"at most {1000.0 * bound:.4g} µm from the formula everywhere"),
     )
     if formula.scale_mm < bound:
         facts += (("measured", f"at most {1000.0 * formula.scale_mm:.4g} µm at the triangles' centres and sides"),)

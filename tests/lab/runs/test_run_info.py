@@ -18,7 +18,7 @@ from tacbench_cad.util.errors import InputError
 HEX = Texture(
     name="hex",
     equation="three waves",
-    waves=WaveSum(
+    surface=WaveSum(
         tuple(Wave(amplitude=0.3, f=frequency, g=1.0 - frequency, phase=0.1) for frequency in (0.0, 0.25, 1.0 / 3.0))
     ),
 )

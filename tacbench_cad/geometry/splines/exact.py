@@ -1,0 +1,219 @@
+"""The relief of a block whose surface is a spline: its own pieces are the patches, so the solid follows it exactly."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tacbench_cad.geometry.mesh import Certificate
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.spline import SplineAxis, SplineSurface
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools, Floats
+
+#: The largest number of poles of a surface for which a solid is made. A solid of a larger height map would take minutes
+#: and hundreds of megabytes.
+MAX_SPLINE_POLES = 160_000
+#: The largest number of spans on a patch. The kernel's default volume uses at most 61 points along an axis of a face,
+#: and 4 points in each span are exact for a cubic spline.
+MAX_SPANS = 12
+#: The tolerance of the kernel in mm. Files have no more decimals than it needs.
+KERNEL_MM = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class PieceAxis:
+    """One axis of a spline surface, divided into patches.
+
+    Args:
+        lines: The ends of the patches in mm, ascending, shape (patches + 1,).
+        pieces: The knots on each patch.
+    """
+
+    lines: Floats
+    pieces: tuple[SplineAxis, ...]
+
+    @property
+    def patches(self) -> int:
+        """The number of patches."""
+        return len(self.pieces)
+
+    @property
+    def degree(self) -> int:
+        """The polynomial degree."""
+        return self.pieces[0].degree
+
+    @property
+    def pole_count(self) -> int:
+        """The number of poles along the whole axis. Poles at joints are counted once."""
+        return sum(piece.count - 1 for piece in self.pieces) + 1
+
+    @cached_property
+    def firsts(self) -> list[int]:
+        """The index of the first pole of each patch."""
+        return [0, *np.cumsum([piece.count - 1 for piece in self.pieces]).tolist()]
+
+    def knots_of(self, patch: int) -> tuple[Floats, list[int]]:
+        """Return the different knots of a patch in mm, and the number of copies of each."""
+        piece = self.pieces[patch]
+        times = np.diff(np.append(np.searchsorted(piece.knots, piece.breaks), len(piece.knots)))
+        return piece.breaks, times.tolist()
+
+    def inner_knots(self, patch: int) -> dict[float, int]:
+        """Return the inner knots of a patch on the unit interval, and the number of copies of each."""
+        knots, times = self.knots_of(patch)
+        places = (knots - knots[0]) / (knots[-1] - knots[0])
+        return {round(float(at), 12): count for at, count in zip(places[1:-1], times[1:-1], strict=True)}
+
+    def values(self, patch: int, t: Floats) -> Floats:
+        """Return all basis functions of a patch at ``t`` in [0, 1], shape (len(t), count)."""
+        piece = self.pieces[patch]
+        low, high = piece.ends
+        first, local = piece.local(np.clip(low + (high - low) * t, low, high))
+        full = np.zeros((len(t), piece.count))
+        np.put_along_axis(full, first[:, None] + np.arange(piece.degree + 1), local.T, axis=1)
+        return full
+
+    def abscissae_mm(self, patch: int) -> Floats:
+        """Return the positions of the poles of a patch along the axis in mm, shape (count,)."""
+        return self.pieces[patch].greville
+
+    def joined(self) -> tuple[tuple[Floats, list[int]], Bools]:
+        """Return the knots of the whole axis, the copies of each, and a mask of the poles that are not duplicates."""
+        keep = np.concatenate([np.arange(piece.count) > 0 for piece in self.pieces])
+        keep[0] = True
+        knots, times = [self.lines[:1]], [self.degree + 1]
+        for patch in range(self.patches):
+            at, copies = self.knots_of(patch)
+            knots.append(at[1:])
+            times += [*copies[1:-1], self.degree]
+        times[-1] = self.degree + 1
+        return (np.concatenate(knots), times), keep
+
+
+@dataclass(frozen=True, eq=False)
+class SplinePatches:
+    """The pieces of a spline surface over the rectangle of a block. Create them with :func:`spline_patches`.
+
+    Args:
+        surface: The surface in mm.
+        datum_mm: The z of the surface's zero.
+        x: The axis along x.
+        y: The axis along y.
+        poles: The heights of all poles without the datum, shape (x.pole_count, y.pole_count).
+        certificate: The proved bounds of the distance between the patches and the surface, which is only rounding.
+        key_patches: The number of patches along each side of the key's square; 0 without a key.
+    """
+
+    surface: SplineSurface
+    datum_mm: float
+    x: PieceAxis
+    y: PieceAxis
+    poles: Floats
+    certificate: Certificate
+    key_patches: int
+
+    #: A spline surface is never treated as separable.
+    profiles_mm = None
+
+    @property
+    def pole_count(self) -> int:
+        """The number of poles of the whole surface."""
+        return self.poles.size
+
+    def heights_mm(self, i: int, j: int) -> Floats:
+        """Return the heights z of the poles of patch (i, j) in mm, shape (count x, count y)."""
+        rows = slice(self.x.firsts[i], self.x.firsts[i + 1] + 1)
+        columns = slice(self.y.firsts[j], self.y.firsts[j + 1] + 1)
+        return np.asarray(self.datum_mm + self.poles[rows, columns])
+
+    def __call__(self, x: Floats, y: Floats) -> Floats:
+        """Return the heights z of the patches at the points (x, y), in mm."""
+        return np.asarray(self.datum_mm + self.surface(x, y))
+
+
+def spline_refusal(surface: SplineSurface) -> str | None:
+    """Return the reason why a surface has no solid, or None if it has one."""
+    if surface.poles.size <= MAX_SPLINE_POLES:
+        return None
+    return (
+        f"its spline has {surface.poles.shape[0]} x {surface.poles.shape[1]} poles, and a solid may have "
+        f"{MAX_SPLINE_POLES:,} at most; use a smaller or coarser height map, or fit waves to it"
+    )
+
+
+def spline_patches(block: Block, tolerance_mm: float) -> SplinePatches:
+    """Divide the spline surface of a block into patches. There are lines along all creases.
+
+    Raises:
+        InputError: The surface has too many poles, or its own error is larger than the tolerance.
+    """
+    surface = block.surface
+    assert isinstance(surface, SplineSurface)
+    if refusal := spline_refusal(surface):
+        raise InputError("formats", "step", f"{block.texture.name} has no solid: {refusal}")
+    if surface.error > tolerance_mm:
+        raise InputError(
+            "step-tolerance",
+            tolerance_mm,
+            f"must be larger than the error {surface.error:.2g} mm of the texture itself",
+        )
+    (width, depth), key = block.size_mm, block.key_mm or 0.0
+    offsets = np.zeros(0)
+    if key:
+        near = [axis.breaks - start for axis, start in ((surface.u, width - key), (surface.v, 0.0))]
+        creases = [axis.creases - start for axis, start in ((surface.u, width - key), (surface.v, 0.0))]
+        most = max(int(np.count_nonzero((part > 0.0) & (part < key))) for part in near) + 1
+        even = key * np.arange(math.ceil(most / MAX_SPANS) + 1) / math.ceil(most / MAX_SPANS)
+        offsets = _merged(even, np.concatenate([part[(part > 0.0) & (part < key)] for part in creases]), key)
+    lines_x = np.concatenate([_lines(surface.u, 0.0, width - key), (width - key) + offsets[1:]])
+    lines_y = np.concatenate([offsets[:-1], _lines(surface.v, key, depth)])
+    lines_x[-1], lines_y[-1] = width, depth
+    x, poles = _pieces(surface.u, surface.poles, lines_x)
+    y, turned = _pieces(surface.v, poles.T, lines_y)
+    rounding = KERNEL_MM + 64.0 * float(np.finfo(float).eps) * (surface.amplitude_sum + abs(block.solid_datum_mm))
+    return SplinePatches(
+        surface=surface,
+        datum_mm=block.solid_datum_mm,
+        x=x,
+        y=y,
+        poles=np.ascontiguousarray(turned.T),
+        certificate=Certificate(distance_mm=rounding, vertical_mm=rounding),
+        key_patches=max(len(offsets) - 1, 0),
+    )
+
+
+def _merged(lines: Floats, creases: Floats, length: float) -> Floats:
+    """Add creases to lines. A line that is not at an end is replaced by a crease near it."""
+    keep = [line for line in lines[1:-1] if not np.any(np.abs(creases - line) < 0.05 * length / len(lines))]
+    merged = np.unique(np.concatenate([lines[[0, -1]], np.array(keep), creases]))
+    return np.asarray(merged[np.append(True, np.diff(merged) > 1e-9 * length)])
+
+
+def _lines(axis: SplineAxis, low: float, high: float) -> Floats:
+    """Return the ends of the patches between two positions: all creases, and every twelfth knot between them."""
+    ends = [low, *axis.creases[(axis.creases > low) & (axis.creases < high)].tolist(), high]
+    lines = [np.array([low])]
+    for start, end in itertools.pairwise(ends):
+        inner = axis.breaks[(axis.breaks > start) & (axis.breaks < end)]
+        parts = math.ceil((len(inner) + 1) / MAX_SPANS)
+        chosen = [inner[len(inner) * k // parts] for k in range(1, parts)]
+        lines.append(np.array([*chosen, end]))
+    return np.concatenate(lines)
+
+
+def _pieces(axis: SplineAxis, poles: Floats, lines: Floats) -> tuple[PieceAxis, Floats]:
+    """Insert knots so that the first axis of the poles is divided at the lines."""
+    for at in lines[1:-1].tolist():
+        axis, poles = axis.inserted(poles, at, axis.degree)
+    pieces = []
+    for low, high in itertools.pairwise(lines.tolist()):
+        near = 1e-12 * (axis.knots[-1] - axis.knots[0])
+        inner = axis.knots[(axis.knots > low + near) & (axis.knots < high - near)]
+        ends = [np.full(axis.degree + 1, end) for end in (low, high)]
+        pieces.append(SplineAxis(np.concatenate([ends[0], inner, ends[1]]), axis.degree))
+    return PieceAxis(lines, tuple(pieces)), poles

@@ -1,0 +1,272 @@
+"""Splines through samples: height maps, and functions of Python that are sampled where they need it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tacbench_cad.spec.spline import SplineAxis, SplineSurface
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools, Floats
+
+#: The degree of the splines through samples.
+DEGREE = 3
+#: The largest number of samples of a height map, and of poles of a sampled function.
+MAX_SAMPLES, MAX_POLES = 20_000_000, 2_000_000
+#: The number of points for each interval between samples at which the error of a sampled function is measured.
+_POINTS = np.array([0.11, 0.29, 0.5, 0.71, 0.89])
+#: The largest ratio of the lengths of neighbouring intervals.
+_RATIO = 4.0
+
+#: A height as a function of u and v, called with arrays.
+Function = Callable[[Floats, Floats], ArrayLike]
+
+
+def spline_through(
+    u: Floats, v: Floats, heights: Floats, *, repeats: tuple[bool, bool] = (False, False)
+) -> SplineSurface:
+    """Return the cubic spline through samples on a grid of lines.
+
+    Args:
+        u: The positions of the lines along u, ascending, shape (n,), at least 4.
+        v: The positions of the lines along v, shape (m,), at least 4.
+        heights: The samples, shape (n, m).
+        repeats: Whether the surface repeats along u and v. Then the last line is the first line of the next period.
+    """
+    axes, poles = [], np.asarray(heights, dtype=np.float64)
+    for which, (at, periodic) in enumerate(zip((u, v), repeats, strict=True)):
+        axis, turned = _interpolated([np.asarray(at, dtype=np.float64)], np.moveaxis(poles, which, 0), periodic)
+        poles = np.moveaxis(turned, 0, which)
+        axes.append(axis)
+    return SplineSurface(axes[0], axes[1], np.ascontiguousarray(poles))
+
+
+def _interpolated(segments: Sequence[Floats], values: Floats, smooth_period: bool = False) -> tuple[SplineAxis, Floats]:
+    """Interpolate along the first axis: a cubic spline on each segment, joined where the segments meet.
+
+    Args:
+        segments: The positions of the samples, at least 4 on each segment. The last position of a segment is the first
+            position of the next.
+        values: The samples, shape (n, ...). Neighbouring segments share a sample.
+        smooth_period: Whether the spline repeats without a crease. It must have one segment.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    if smooth_period:
+        (at,) = segments
+        closed = np.concatenate([values[:-1], values[:1]])
+        spline = make_interp_spline(at, closed, k=DEGREE, bc_type="periodic")
+        axis, poles = SplineAxis(spline.t, DEGREE).cut(spline.c, float(at[0]), float(at[-1]))
+        poles[-1] = poles[0]
+        return SplineAxis(axis.knots, DEGREE, True), poles
+    knot_runs: list[Floats] = []
+    pole_runs: list[Floats] = []
+    first = 0
+    for at in segments:
+        spline = make_interp_spline(at, values[first : first + len(at)], k=DEGREE)
+        # the segments share a pole, and the knots of the joint
+        knot_runs.append(spline.t[DEGREE + 1 if knot_runs else 0 : -1])
+        pole_runs.append(spline.c[1 if pole_runs else 0 :])
+        first += len(at) - 1
+    return SplineAxis(np.concatenate([*knot_runs, segments[-1][-1:]]), DEGREE), np.concatenate(pole_runs)
+
+
+def height_map(
+    heights: ArrayLike,
+    *,
+    mm_per_pixel: float | tuple[float, float] = 1.0,
+    height_mm: tuple[float, float] | None = None,
+    repeats: bool = False,
+) -> SplineSurface:
+    """Make a surface from the heights on an even grid. Its units are millimetres.
+
+    The surface is the cubic spline through the heights, so it has no error of its own.
+
+    Args:
+        heights: The heights, shape (rows, columns), as in an image: the first row is at the largest y.
+        mm_per_pixel: The distance of neighbouring columns, or of neighbouring columns and rows, in mm.
+        height_mm: The heights to which the lowest and the highest value are scaled; None if the values are in mm.
+        repeats: Whether the surface repeats beyond its ends. The first column then follows the last.
+
+    Raises:
+        InputError: The heights are not a table of finite numbers of different size, or a number is not allowed.
+    """
+    table = np.asarray(heights)
+    if table.ndim != 2 or min(table.shape) < 4:
+        raise InputError("height map", table.shape, "must have two dimensions, and at least 4 rows and 4 columns")
+    if table.size > MAX_SAMPLES:
+        raise InputError("height map", table.shape, f"may have at most {MAX_SAMPLES:,} samples; use every second one")
+    if table.dtype.kind not in "uifb":
+        raise InputError("height map", str(table.dtype), "must consist of numbers")
+    table = table.astype(np.float64)
+    if not np.isfinite(table).all():
+        row, column = np.argwhere(~np.isfinite(table))[0].tolist()
+        bad = np.count_nonzero(~np.isfinite(table))
+        raise InputError(
+            "height map", None, f"has {bad} values that are no finite numbers (row {row}, column {column})"
+        )
+    low, high = float(table.min()), float(table.max())
+    if low == high:
+        raise InputError("height map", None, f"has the same height {low:g} everywhere")
+    if height_mm is not None:
+        if not height_mm[1] > height_mm[0]:
+            raise InputError("height_mm", height_mm, "the first number must be smaller than the second")
+        table = height_mm[0] + (table - low) * ((height_mm[1] - height_mm[0]) / (high - low))
+    step = (mm_per_pixel, mm_per_pixel) if isinstance(mm_per_pixel, (int, float)) else mm_per_pixel
+    if not all(1e-6 <= each <= 1e3 for each in step):
+        raise InputError("mm_per_pixel", mm_per_pixel, "must be from 1e-6 to 1000 mm")
+    table = table[::-1].T
+    if repeats:
+        table = np.pad(table, (0, 1), mode="wrap")
+    x, y = (np.arange(count) * each for count, each in zip(table.shape, step, strict=True))
+    return spline_through(x, y, table, repeats=(repeats, repeats))
+
+
+def sampled(
+    function: Function,
+    *,
+    u: tuple[float, float],
+    v: tuple[float, float],
+    error: float = 1e-4,
+    creases: tuple[Sequence[float], Sequence[float]] = ((), ()),
+    repeats: tuple[bool, bool] = (False, False),
+) -> SplineSurface:
+    """Make a surface from a Python function ``h(u, v)``.
+
+    The function is sampled on a grid of lines, which becomes denser where the function needs it. The spline through the
+    samples is then compared with the function on a denser grid. The largest difference is the ``error`` of the surface,
+    and it is measured, not proved.
+
+    Args:
+        function: The function. It is called with arrays of the same shape, or with single numbers if it does not
+            accept arrays.
+        u: The lower and the upper end of the domain along u.
+        v: The ends along v.
+        error: The largest allowed difference between the spline and the function.
+        creases: Positions along u and along v where the slope changes suddenly. The spline has creases there.
+        repeats: Whether the surface repeats beyond the ends, as the function does.
+
+    Raises:
+        InputError: The function cannot be called, does not return finite numbers, or needs too many samples.
+    """
+    call = _vectorised(function)
+    segments = [
+        [np.linspace(low, high, 9) for low, high in itertools.pairwise([ends[0], *sorted(lines), ends[1]])]
+        for ends, lines in zip((u, v), creases, strict=True)
+    ]
+    for _ in range(24):
+        dense = [_dense(parts, np.array([1.0, 2.0]) / 3.0) for parts in segments]
+        values = call(dense[0][:, None], dense[1][None, :])
+        split = [_errors(parts, np.moveaxis(values, which, 0)) for which, parts in enumerate(segments)]
+        if max(float(each.max()) for each in split) <= 0.4 * error:
+            break
+        segments = [_refined(parts, each > 0.4 * error) for parts, each in zip(segments, split, strict=True)]
+        if np.prod([sum(map(len, parts)) for parts in segments]) > MAX_POLES:
+            reached = max(float(each.max()) for each in split)
+            raise InputError(
+                "function",
+                getattr(function, "__name__", "h"),
+                f"cannot be sampled within {error:g} ({reached:.2g} was reached); give a larger error, or name its "
+                "creases",
+            )
+    surface = _spline(call, segments, repeats)
+    off = _measured(call, surface, segments)
+    return SplineSurface(surface.u, surface.v, surface.poles, error=max(off, 1e-12), evidence="measured")
+
+
+def _spline(
+    call: Callable[[Floats, Floats], Floats], segments: Sequence[Sequence[Floats]], repeats: tuple[bool, bool]
+) -> SplineSurface:
+    lines = [np.concatenate([parts[0], *(part[1:] for part in parts[1:])]) for parts in segments]
+    poles = np.asarray(call(lines[0][:, None], lines[1][None, :]))
+    axes = []
+    for which, parts in enumerate(segments):
+        axis, turned = _interpolated(parts, np.moveaxis(poles, which, 0))
+        if repeats[which]:
+            if np.abs(turned[-1] - turned[0]).max() > 1e-6 * max(float(np.ptp(poles)), 1e-300):
+                raise InputError("repeats", None, f"the function has other values after one period along {'uv'[which]}")
+            turned[-1] = turned[0]
+        axes.append(SplineAxis(axis.knots, DEGREE, repeats[which]))
+        poles = np.moveaxis(turned, 0, which)
+    return SplineSurface(axes[0], axes[1], np.ascontiguousarray(poles))
+
+
+def _vectorised(function: Function) -> Callable[[Floats, Floats], Floats]:
+    """Return a function that always takes arrays, and always returns an array of finite numbers."""
+    name = getattr(function, "__name__", "h")
+
+    def call(u: Floats, v: Floats) -> Floats:
+        uu, vv = np.broadcast_arrays(u, v)
+        try:
+            values = np.asarray(function(uu, vv), dtype=np.float64)
+        except (TypeError, ValueError):
+            try:
+                values = np.asarray(np.vectorize(function, otypes=[np.float64])(uu, vv))
+            except Exception as error:
+                raise InputError("function", name, f"fails: {error}") from None
+        if values.shape != uu.shape:
+            values = np.array(np.broadcast_to(values, uu.shape)) if values.ndim == 0 else values
+        if values.shape != uu.shape:
+            raise InputError("function", name, f"returns the shape {values.shape} for points of shape {uu.shape}")
+        if not np.isfinite(values).all():
+            i = tuple(np.argwhere(~np.isfinite(values))[0])
+            raise InputError("function", name, f"is no finite number at u = {uu[i]:.6g}, v = {vv[i]:.6g}")
+        return values
+
+    return call
+
+
+def _dense(parts: Sequence[Floats], between: Floats) -> Floats:
+    """Return the samples, and the given fractions of each interval between them."""
+    lines = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    inner = lines[:-1, None] + np.diff(lines)[:, None] * np.append(0.0, between)
+    return np.append(inner.ravel(), lines[-1])
+
+
+def _errors(parts: Sequence[Floats], values: Floats) -> Floats:
+    """Return the largest error of the interpolation along the first axis in each interval.
+
+    Args:
+        parts: The samples.
+        values: The values at the samples and at two points in each interval.
+    """
+    axis, poles = _interpolated(parts, values[::3])
+    first, local = axis.local(_dense(parts, np.array([1.0, 2.0]) / 3.0))
+    fit = np.zeros_like(values)
+    for k, weight in enumerate(local):
+        fit += weight[:, None] * poles[first + k]
+    off = np.abs(fit - values).max(axis=1)
+    return np.asarray(np.maximum(off[1::3], off[2::3]))
+
+
+def _refined(parts: Sequence[Floats], split: Bools) -> list[Floats]:
+    """Halve the marked intervals, and those that are much longer than a neighbour."""
+    refined, first = [], 0
+    for part in parts:
+        marked = split[first : first + len(part) - 1].copy()
+        first += len(part) - 1
+        lines = np.sort(np.concatenate([part, (part[:-1] + part[1:])[marked] / 2.0]))
+        while True:
+            width = np.diff(lines)
+            near = np.minimum(np.append(width[1:], np.inf), np.append(np.inf, width[:-1]))
+            long = width > _RATIO * near
+            if not long.any():
+                break
+            lines = np.sort(np.concatenate([lines, (lines[:-1] + lines[1:])[long] / 2.0]))
+        refined.append(lines)
+    return refined
+
+
+def _measured(
+    call: Callable[[Floats, Floats], Floats], surface: SplineSurface, segments: Sequence[Sequence[Floats]]
+) -> float:
+    """Return the largest difference between a surface and a function at many points, strip by strip."""
+    u, v = (_dense(parts, _POINTS) for parts in segments)
+    largest = 0.0
+    for strip in np.array_split(u, max(1, len(u) * len(v) // 2_000_000)):
+        difference = surface.grid(strip, v) - call(strip[:, None], v[None, :])
+        largest = max(largest, float(np.abs(difference).max()))
+    return largest

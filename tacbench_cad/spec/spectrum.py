@@ -1,0 +1,86 @@
+"""The wavelengths of a block's surface, and the part of its relief that a nozzle can print."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.spline import SplineSurface
+from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.types import Floats
+
+#: The largest number of samples along a side for the Fourier transform of a spline surface.
+_MAX_SAMPLES = 1024
+#: Waves with less than this fraction of the variance do not count for the finest ridge of a spline surface.
+_NEGLIGIBLE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The variance of a surface at each wavelength.
+
+    Args:
+        wavelength_mm: The wavelengths, ascending, shape (n,).
+        variance_mm2: The variance of the height that waves of this length contribute, shape (n,).
+        waves: The number of waves of the formula; None for a spline.
+    """
+
+    wavelength_mm: Floats
+    variance_mm2: Floats
+    waves: int | None
+
+    @property
+    def finest_ridge_mm(self) -> float:
+        """Half of the shortest wavelength. For a spline, 1 % of the variance may have shorter waves."""
+        if self.waves is not None:
+            return float(self.wavelength_mm[0]) / 2.0
+        below = np.cumsum(self.variance_mm2) / self.variance_mm2.sum()
+        return float(self.wavelength_mm[np.searchsorted(below, _NEGLIGIBLE)]) / 2.0
+
+    def printable(self, nozzle_mm: float) -> float:
+        """Return the fraction of the variance that belongs to waves whose ridges are as wide as the nozzle or wider."""
+        wide = self.wavelength_mm >= 2.0 * nozzle_mm
+        return float(self.variance_mm2[wide].sum() / self.variance_mm2.sum())
+
+    def bands(self) -> list[tuple[float, float, float]]:
+        """Return the fraction of the variance in each octave of wavelengths: lower and upper end in mm, fraction."""
+        octave = np.floor(np.log2(self.wavelength_mm / 0.1) + 1e-9)
+        total = self.variance_mm2.sum()
+        rows = []
+        for number in np.unique(octave).tolist():
+            fraction = float(self.variance_mm2[octave == number].sum() / total)
+            if fraction >= 5e-5:
+                rows.append((0.1 * 2.0**number, 0.2 * 2.0**number, fraction))
+        return rows
+
+
+def spectrum(block: Block) -> Spectrum:
+    """Return the spectrum of a block's surface: exactly for a sum of waves, by a Fourier transform for a spline.
+
+    Before the transform, a plane is subtracted and the edges are faded out by a Hann window.
+    """
+    surface = block.surface
+    if isinstance(surface, WaveSum):
+        rows = [(2.0 * math.pi / math.hypot(f, g), a * a / 2.0) for a, f, g, _ in surface.table if a and (f or g)]
+        table = np.array(sorted(rows))
+        return Spectrum(table[:, 0], table[:, 1], len(rows))
+    assert isinstance(surface, SplineSurface)
+    counts = [int(np.clip(axis.count, 64, _MAX_SAMPLES)) for axis in (surface.u, surface.v)]
+    steps = [side / count for side, count in zip(block.size_mm, counts, strict=True)]
+    x, y = (
+        np.asarray((np.arange(count) + 0.5) * step, dtype=np.float64) for count, step in zip(counts, steps, strict=True)
+    )
+    z = surface.grid(x, y)
+    window = np.multiply.outer(np.hanning(counts[0]), np.hanning(counts[1]))
+    plane = np.stack([np.ones(z.size), np.repeat(x, len(y)), np.tile(y, len(x))], axis=1)
+    weights = np.sqrt(window.ravel())
+    fit = np.linalg.lstsq(plane * weights[:, None], z.ravel() * weights, rcond=None)[0]
+    power = np.abs(np.fft.fft2((z - (plane @ fit).reshape(z.shape)) * window)) ** 2
+    power[0, 0] = 0.0
+    turns = np.hypot(np.fft.fftfreq(counts[0], steps[0])[:, None], np.fft.fftfreq(counts[1], steps[1])[None, :]).ravel()
+    order = np.argsort(-turns)[:-1]
+    scale = 1.0 / (power.size * float((window**2).sum()))
+    return Spectrum(1.0 / turns[order], power.ravel()[order] * scale, None)

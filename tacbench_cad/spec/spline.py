@@ -1,0 +1,455 @@
+"""Tensor-product B-splines as surfaces: height maps, sampled functions, and textures with creases.
+
+A B-spline lies between its smallest and its largest pole, and its derivatives are B-splines as well. All bounds of this
+module follow from the poles of the derivatives, so they are proved. Along a crease, a knot has as many copies as the
+degree; the surface is continuous there, but its slope is not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tacbench_cad.spec.extremes import Extremes, HalfPlane, search_cells
+from tacbench_cad.spec.waves import Sines
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools, Floats, Ints
+
+#: The largest error of the extremes, as a fraction of the height of the surface.
+EXTREMES_FRACTION = 1e-7
+#: Two knots that are nearer than this fraction of the length of the axis are the same knot.
+_SAME = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class SplineAxis:
+    """The knots of a spline along one axis.
+
+    Args:
+        knots: The knots, ascending, with ``degree + 1`` equal knots at each end.
+        degree: The polynomial degree.
+        repeats: Whether the spline repeats beyond its ends.
+    """
+
+    knots: Floats
+    degree: int
+    repeats: bool = False
+
+    @property
+    def count(self) -> int:
+        """The number of poles."""
+        return len(self.knots) - self.degree - 1
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The ends of the domain, or of one period."""
+        return float(self.knots[0]), float(self.knots[-1])
+
+    @cached_property
+    def breaks(self) -> Floats:
+        """The different knots, ascending."""
+        return np.asarray(self.knots[np.append(True, np.diff(self.knots) > 0.0)])
+
+    @cached_property
+    def creases(self) -> Floats:
+        """The inner knots at which the slope may change suddenly."""
+        inner = self.breaks[1:-1]
+        times = np.searchsorted(self.knots, inner, "right") - np.searchsorted(self.knots, inner, "left")
+        return np.asarray(inner[times >= self.degree])
+
+    @cached_property
+    def greville(self) -> Floats:
+        """The Greville abscissae, shape (count,). With these poles, the spline is the function ``t``."""
+        windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree)
+        return np.asarray(np.clip(windows.mean(axis=1), *self.ends), dtype=np.float64)
+
+    def inside(self, t: Floats) -> Floats:
+        """Move coordinates into the domain: by whole periods, or to the nearest end."""
+        low, high = self.ends
+        return np.asarray(low + np.mod(t - low, high - low) if self.repeats else np.clip(t, low, high))
+
+    def span(self, t: Floats, left: bool = False) -> Ints:
+        """Return the index of the knot at the beginning of the span of each coordinate.
+
+        Args:
+            t: The coordinates.
+            left: At a knot, return the span on its left; otherwise the span on its right.
+        """
+        found = np.searchsorted(self.knots, t, "left" if left else "right") - 1
+        return np.asarray(np.clip(found, self.degree, self.count - 1))
+
+    def local(self, t: Floats) -> tuple[Ints, Floats]:
+        """Compute the ``degree + 1`` nonzero functions at ``t``, by the recursion of Cox and de Boor.
+
+        Returns:
+            The index of the first of these functions, shape (len(t),), and their values, shape (degree + 1, len(t)).
+        """
+        span = self.span(t)
+        values = np.ones((1, len(t)))
+        for k in range(1, self.degree + 1):
+            low = self.knots[span + 1 - k + np.arange(k)[:, None]]
+            high = self.knots[span + 1 + np.arange(k)[:, None]]
+            upper = values * ((t - low) / (high - low))
+            lower = values - upper
+            values = np.zeros((k + 1, len(t)))
+            values[:-1] = lower
+            values[1:] += upper
+        return span - self.degree, values
+
+    def derived(self, poles: Floats) -> tuple[SplineAxis, Floats]:
+        """Return the derivative along the first axis of the poles."""
+        width = self.knots[self.degree + 1 : -1] - self.knots[1 : -self.degree - 1]
+        factor = np.divide(self.degree, width, out=np.zeros_like(width), where=width > 0.0)
+        shaped = factor.reshape(-1, *([1] * (poles.ndim - 1)))
+        return SplineAxis(self.knots[1:-1], self.degree - 1, self.repeats), np.diff(poles, axis=0) * shaped
+
+    def inserted(self, poles: Floats, at: float, times: int) -> tuple[SplineAxis, Floats]:
+        """Insert a knot until it has the given number of copies, by Boehm's rule. The surface does not change."""
+        knots, degree = self.knots, self.degree
+        near = np.abs(knots - at) <= _SAME * (knots[-1] - knots[0])
+        if near.any():
+            at = float(knots[near][0])
+        for _ in range(times - int(np.count_nonzero(near))):
+            k = int(np.searchsorted(knots, at, "right")) - 1
+            s = int(np.count_nonzero(knots == at))
+            first, last = k - degree + 1, k - s
+            index = np.arange(first, last + 1)
+            weight = (at - knots[index]) / (knots[index + degree] - knots[index])
+            weight = weight.reshape(-1, *([1] * (poles.ndim - 1)))
+            mixed = weight * poles[first : last + 1] + (1.0 - weight) * poles[first - 1 : last]
+            poles = np.concatenate([poles[:first], mixed, poles[last:]])
+            knots = np.insert(knots, k + 1, at)
+        return SplineAxis(knots, degree, self.repeats), poles
+
+    def tiled(self, poles: Floats, low: float, high: float) -> tuple[SplineAxis, Floats]:
+        """Return as many periods as are needed to cover an interval."""
+        start, end = self.ends
+        period = end - start
+        first = math.floor((low - start) / period + _SAME)
+        last = max(math.ceil((high - start) / period - _SAME), first + 1)
+        inner = self.knots[1 : -self.degree - 1]
+        runs = [inner + period * i for i in range(first, last)]
+        knots = np.concatenate([[runs[0][0]], *runs, np.full(self.degree + 1, end + period * (last - 1))])
+        tiles = [poles[:-1]] * (last - first)
+        return SplineAxis(knots, self.degree), np.concatenate([*tiles, poles[-1:]])
+
+    def cut(self, poles: Floats, low: float, high: float) -> tuple[SplineAxis, Floats]:
+        """Return the part between two coordinates, which lie inside the domain."""
+        axis: SplineAxis = self
+        for at in (low, high):
+            axis, poles = axis.inserted(poles, at, axis.degree)
+        near = _SAME * (self.knots[-1] - self.knots[0])
+        first = int(np.flatnonzero(axis.knots <= low + near)[-1]) - axis.degree
+        last = int(np.flatnonzero(axis.knots >= high - near)[0])
+        inner = axis.knots[first + axis.degree + 1 : last]
+        ends = [np.full(axis.degree + 1, end) for end in (low, high)]
+        return SplineAxis(np.concatenate([ends[0], inner, ends[1]]), axis.degree), poles[first:last]
+
+    def integrals(self, low: float, high: float) -> Floats:
+        """Return the integral of each basis function from ``low`` to ``high``, shape (count,)."""
+        raised = SplineAxis(np.concatenate([self.knots[:1], self.knots, self.knots[-1:]]), self.degree + 1)
+        width = (self.knots[self.degree + 1 :] - self.knots[: -self.degree - 1]) / (self.degree + 1)
+        ends = []
+        for at in (low, high):
+            first, values = raised.local(np.array([at]))
+            full = np.zeros(raised.count)
+            full[first[0] : first[0] + self.degree + 2] = values[:, 0]
+            ends.append(np.cumsum(full[::-1])[::-1][1:])
+        return np.asarray(width * (ends[1] - ends[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class SplineSurface:
+    """A tensor-product B-spline surface.
+
+    Args:
+        u: The axis along u.
+        v: The axis along v.
+        poles: The poles, shape (u.count, v.count).
+        error: The largest vertical distance of the spline from the function that it represents; 0 if the spline itself
+            is the definition of the surface.
+        evidence: Whether ``error`` is ``proved`` or only ``measured`` at many points.
+    """
+
+    u: SplineAxis
+    v: SplineAxis
+    poles: Floats
+    error: float = 0.0
+    evidence: Literal["proved", "measured"] = "proved"
+    _derived: dict[tuple[int, int], SplineSurface] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.poles.shape != (self.u.count, self.v.count):
+            raise InputError("spline poles", self.poles.shape, f"must have the shape ({self.u.count}, {self.v.count})")
+        if not np.isfinite(self.poles).all():
+            raise InputError("spline poles", None, "must be finite numbers")
+
+    def __str__(self) -> str:
+        return f"a spline with {self.u.count} x {self.v.count} poles"
+
+    @cached_property
+    def digest(self) -> str:
+        """The SHA-256 of the knots and the poles."""
+        arrays = (self.u.knots, self.v.knots, self.poles)
+        return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
+
+    @cached_property
+    def _key(self) -> tuple[object, ...]:
+        return (self.digest, self.poles.shape, self.u.repeats, self.v.repeats, self.error, self.evidence)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, SplineSurface) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def is_separable(self) -> bool:
+        """False: a spline is always treated as a surface that is not separable."""
+        return False
+
+    @property
+    def along_u(self) -> Sines:
+        """Not available, because the surface is not separable."""
+        raise InputError("surface", str(self), "is not separable")
+
+    @property
+    def along_v(self) -> Sines:
+        """Not available, because the surface is not separable."""
+        return self.along_u
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all heights are equal."""
+        return bool(np.ptp(self.poles) == 0.0)
+
+    @property
+    def creases(self) -> tuple[Floats, Floats]:
+        """The lines along which the slope changes suddenly: positions along u, and positions along v."""
+        return self.u.creases, self.v.creases
+
+    @property
+    def amplitude_sum(self) -> float:
+        """The largest absolute value of a pole, which is an upper bound of ``|z|``."""
+        return float(np.abs(self.poles).max())
+
+    @cached_property
+    def highest_frequency(self) -> tuple[float, float]:
+        """The frequencies of sine waves with the same height and the same largest second derivatives."""
+        half = float(np.ptp(self.poles)) / 2.0
+        return tuple(math.sqrt(self.bound(*order) / half) if half else 0.0 for order in ((2, 0), (0, 2)))  # type: ignore[return-value]
+
+    def derivative(self, order: tuple[int, int]) -> SplineSurface:
+        """Return a partial derivative. It is zero if an order is larger than the degree."""
+        if order == (0, 0):
+            return self
+        if order not in self._derived:
+            axes, poles = [self.u, self.v], self.poles
+            for which in (0, 1):
+                for _ in range(order[which]):
+                    if axes[which].degree == 0:
+                        poles = np.zeros_like(poles)
+                        continue
+                    axes[which], turned = axes[which].derived(np.moveaxis(poles, which, 0))
+                    poles = np.moveaxis(turned, 0, which)
+            self._derived[order] = SplineSurface(axes[0], axes[1], np.ascontiguousarray(poles))
+        return self._derived[order]
+
+    def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the value or a partial derivative at the points ``(u, v)``, with the broadcast shape.
+
+        Outside of the domain, the value at the nearest point of the domain is returned, unless the surface repeats.
+        """
+        uu, vv = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
+        surface = self.derivative(order)
+        i, left = surface.u.local(surface.u.inside(uu.ravel()))
+        j, right = surface.v.local(surface.v.inside(vv.ravel()))
+        total = np.zeros(uu.size)
+        for a, along_u in enumerate(left):
+            row = np.zeros(uu.size)
+            for b, along_v in enumerate(right):
+                row += along_v * surface.poles[i + a, j + b]
+            total += along_u * row
+        return total.reshape(uu.shape)
+
+    def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the values or a partial derivative on a grid of lines, shape (n, m)."""
+        surface = self.derivative(order)
+        i, left = surface.u.local(surface.u.inside(np.asarray(u)))
+        j, right = surface.v.local(surface.v.inside(np.asarray(v)))
+        rows = np.zeros((len(i), surface.poles.shape[1]))
+        for a, along_u in enumerate(left):
+            rows += along_u[:, None] * surface.poles[i + a]
+        total = np.zeros((len(i), len(j)))
+        for b, along_v in enumerate(right):
+            total += along_v * rows[:, j + b]
+        return total
+
+    def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
+        """Return both first partial derivatives at the points ``(u, v)``."""
+        return self(u, v, (1, 0)), self(u, v, (0, 1))
+
+    def bound(self, order_u: int, order_v: int) -> float:
+        """Return an upper bound of the absolute value of a partial derivative over the domain, except on creases."""
+        return float(np.abs(self.derivative((order_u, order_v)).poles).max())
+
+    def cell_bounds(self, u: Floats, v: Floats, order: tuple[int, int]) -> Floats:
+        """Return an upper bound of the absolute value of a partial derivative on each cell of a grid.
+
+        The bound is infinite if a crease runs through the inside of a cell, and the derivative is not bounded there.
+
+        Args:
+            u: The lines along u, ascending, shape (n,).
+            v: The lines along v, ascending, shape (m,).
+            order: The orders of the derivative along u and v.
+
+        Returns:
+            The bounds, shape (n - 1, m - 1).
+        """
+        surface = self.derivative(order)
+        largest = surface._largest(np.abs(surface.poles), u, v)
+        for which, (axis, lines) in enumerate(((self.u, u), (self.v, v))):
+            through = _through(axis, order[which], lines)
+            if through.any():
+                largest[through if which == 0 else (slice(None), through)] = np.inf
+        return largest
+
+    def cell_limits(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Return a lower and an upper bound of the surface on each cell of a grid, shape (n - 1, m - 1) each."""
+        return -self._largest(-self.poles, u, v), self._largest(self.poles, u, v)
+
+    def _largest(self, values: Floats, u: Floats, v: Floats) -> Floats:
+        """Return the largest of the values that belong to the poles of each cell."""
+        for which, (axis, lines) in enumerate(((self.u, u), (self.v, v))):
+            if axis.repeats:
+                raise InputError("surface", str(self), "repeats; call over() first")
+            first = axis.span(lines[:-1]) - axis.degree
+            last = axis.span(lines[1:], left=True) + 1
+            values = _range_max(np.moveaxis(values, which, 0), first, np.maximum(last, first + 1))
+            values = np.moveaxis(values, 0, which)
+        return values
+
+    def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
+        """Return the integral over a rectangle inside the domain."""
+        return float(self.u.integrals(*u) @ self.poles @ self.v.integrals(*v))
+
+    def integral_triangle(self, corners: Sequence[tuple[float, float]]) -> float:
+        """Return the integral over a triangle with these corners ``(u, v)``.
+
+        By Green's theorem, it is the integral of ``-F du`` around the triangle, where F is the integral of the surface
+        along v. Between two knots, F is a polynomial along a straight side, so Gauss' rule is exact.
+        """
+        width = (self.v.knots[self.v.degree + 1 :] - self.v.knots[: -self.v.degree - 1]) / (self.v.degree + 1)
+        poles = np.concatenate([np.zeros((self.u.count, 1)), np.cumsum(self.poles * width, axis=1)], axis=1)
+        knots = np.concatenate([self.v.knots[:1], self.v.knots, self.v.knots[-1:]])
+        rising = SplineSurface(self.u, SplineAxis(knots, self.v.degree + 1), poles)
+        at, weight = np.polynomial.legendre.leggauss((self.u.degree + self.v.degree + 1) // 2 + 1)
+        total = 0.0
+        for (u0, v0), (u1, v1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+            if u0 == u1:
+                continue
+            t = [np.array([0.0, 1.0])]
+            t += [(axis.breaks - a) / (b - a) for axis, a, b in ((self.u, u0, u1), (self.v, v0, v1)) if a != b]
+            ends = np.unique(np.clip(np.concatenate(t), 0.0, 1.0))
+            half = np.diff(ends)[:, None] / 2.0
+            along = (ends[:-1, None] + half * (1.0 + at)).ravel()
+            values = rising(u0 + (u1 - u0) * along, v0 + (v1 - v0) * along)
+            total -= (u1 - u0) * float(values @ (half * weight).ravel())
+        return math.copysign(1.0, _area(corners)) * total
+
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
+        """Find the lowest and the highest value over a rectangle, or over its part in a half-plane.
+
+        The error is at most :data:`EXTREMES_FRACTION` times the height of the surface, and it is proved.
+        """
+        return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
+
+    def mapped(
+        self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
+    ) -> SplineSurface:
+        """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise."""
+        u, v = (
+            replace(axis, knots=(axis.knots - start) * factor)
+            for axis, start, factor in zip((self.u, self.v), origin, per_unit, strict=True)
+        )
+        return replace(self, u=u, v=v, poles=self.poles * height_per_unit, error=self.error * abs(height_per_unit))
+
+    def over(self, u: tuple[float, float], v: tuple[float, float]) -> SplineSurface:
+        """Return the part of the surface over a rectangle. It does not repeat.
+
+        Positions of creases are rounded to float32 values, because the vertices of a mesh have such coordinates. The
+        effect of the rounding is added to ``error``.
+
+        Raises:
+            InputError: The rectangle is larger than the domain.
+        """
+        axes, poles, slack = [], self.poles, 0.0
+        for which, (axis, (low, high)) in enumerate(((self.u, u), (self.v, v))):
+            turned = np.moveaxis(poles, which, 0)
+            if axis.repeats:
+                axis, turned = axis.tiled(turned, low, high)
+            start, end = axis.ends
+            near = 1e-9 * (end - start)
+            if low < start - near or high > end + near:
+                raise InputError(
+                    "domain",
+                    f"{'uv'[which]} {low:.6g} to {high:.6g}",
+                    f"is larger than the surface, which is known from {start:.6g} to {end:.6g}; choose a smaller part",
+                )
+            axis, turned = axis.cut(turned, max(low, start), min(high, end))
+            rounded, moved = _rounded(axis, low, high)
+            slack += moved * self.bound(1 - which, which)
+            axes.append(rounded)
+            poles = np.moveaxis(turned, 0, which)
+        return replace(self, u=axes[0], v=axes[1], poles=np.ascontiguousarray(poles), error=self.error + slack)
+
+
+def _rounded(axis: SplineAxis, low: float, high: float) -> tuple[SplineAxis, float]:
+    """Set the ends exactly, round the creases to float32 values, and return the largest change."""
+    knots = axis.knots.copy()
+    knots[: axis.degree + 1], knots[-axis.degree - 1 :] = low, high
+    moved = 0.0
+    for at in axis.creases:
+        place = float(np.float32(at))
+        knots[knots == at] = place
+        moved = max(moved, abs(place - float(at)))
+    return SplineAxis(knots, axis.degree), moved
+
+
+def _through(axis: SplineAxis, order: int, lines: Floats) -> Bools:
+    """Return the intervals between lines that have a knot inside where the derivative of an order is not bounded."""
+    inner = axis.breaks[1:-1]
+    times = np.searchsorted(axis.knots, inner, "right") - np.searchsorted(axis.knots, inner, "left")
+    sharp = inner[times > axis.degree + 1 - order]
+    first, last = np.searchsorted(sharp, lines[:-1], "right"), np.searchsorted(sharp, lines[1:], "left")
+    return np.asarray(last > first)
+
+
+def _range_max(values: Floats, first: Ints, last: Ints) -> Floats:
+    """Return the largest value of ``values[first:last]`` along the first axis for each pair."""
+    padded = np.concatenate([values, np.full((1, *values.shape[1:]), -np.inf)])
+    pairs = np.stack([first, last], axis=1).ravel()
+    return np.asarray(np.maximum.reduceat(padded, pairs, axis=0)[::2])
+
+
+def _area(corners: Sequence[tuple[float, float]]) -> float:
+    (u0, v0), (u1, v1), (u2, v2) = corners
+    return (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
+
+
+@lru_cache(maxsize=64)
+def _extremes(
+    surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None
+) -> Extremes:
+    part = surface if (surface.u.ends, surface.v.ends) == (u, v) else surface.over(u, v)
+    lines = part.u.breaks, part.v.breaks
+    second = [part.cell_bounds(*lines, order) for order in ((2, 0), (1, 1), (0, 2))]
+    error = EXTREMES_FRACTION * float(np.ptp(part.poles))
+    return search_cells(part, lines, second, part.cell_limits(*lines), error, keep)

@@ -1,0 +1,101 @@
+"""Surfaces as plain values of JSON: the waves of a sum, or the knots and the packed poles of a spline."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.spec.sampled import MAX_POLES, MAX_SAMPLES
+from tacbench_cad.spec.spline import SplineAxis, SplineSurface
+from tacbench_cad.spec.surface import Surface
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.types import Floats
+
+#: The number formats of packed poles. Single precision is used where it loses nothing.
+_FORMATS = {"float32": "<f4", "float64": "<f8"}
+
+
+def surface_values(surface: Surface) -> dict[str, Any]:
+    """Return everything that is needed to make a surface again, as plain values.
+
+    Returns:
+        The key ``waves`` with rows ``amplitude, f, g, phase``, or the key ``spline`` with a table.
+    """
+    if isinstance(surface, WaveSum):
+        return {"waves": [[w.amplitude, w.f, w.g, w.phase] for w in surface.waves]}
+    assert isinstance(surface, SplineSurface)
+    single = np.array_equal(surface.poles.astype(np.float32).astype(np.float64), surface.poles)
+    number = "float32" if single else "float64"
+    packed = zlib.compress(np.ascontiguousarray(surface.poles, dtype=_FORMATS[number]).tobytes())
+    return {
+        "spline": {
+            **surface_summary(surface)["spline"],
+            "knots": [surface.u.knots.tolist(), surface.v.knots.tolist()],
+            "numbers": number,
+            "data": base64.b64encode(packed).decode("ascii"),
+        }
+    }
+
+
+def surface_summary(surface: Surface) -> dict[str, Any]:
+    """Return the same without the knots and the poles of a spline, for people and for manifests."""
+    if isinstance(surface, WaveSum):
+        return {
+            "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in surface.waves],
+        }
+    assert isinstance(surface, SplineSurface)
+    return {
+        "spline": {
+            "degree": [surface.u.degree, surface.v.degree],
+            "poles": list(surface.poles.shape),
+            "repeats": [surface.u.repeats, surface.v.repeats],
+            "error": surface.error,
+            "evidence": surface.evidence,
+            "sha256": surface.digest,
+        }
+    }
+
+
+def surface_from(values: Mapping[str, Any], where: str = "") -> Surface:
+    """Make a surface from the plain values of :func:`surface_values`.
+
+    Args:
+        values: A table with the key ``waves`` or ``spline``. Other keys are ignored.
+        where: The beginning of every error message.
+
+    Raises:
+        InputError: The values were not written by this program.
+    """
+    if "spline" not in values:
+        return WaveSum(tuple(Wave(**_row(row, where)) for row in values["waves"]))
+    try:
+        table = dict(values["spline"])
+        counts = tuple(int(count) for count in table["poles"])
+        if not 0 < int(np.prod(counts)) <= MAX_POLES + MAX_SAMPLES:
+            raise ValueError
+        number = np.dtype(_FORMATS[table["numbers"]])
+        unpack = zlib.decompressobj()
+        data = unpack.decompress(base64.b64decode(table["data"], validate=True), int(np.prod(counts)) * number.itemsize)
+        poles: Floats = np.frombuffer(data, dtype=number).reshape(counts).astype(np.float64)
+        axes = [
+            SplineAxis(np.array(knots, dtype=np.float64), int(degree), bool(repeats))
+            for knots, degree, repeats in zip(table["knots"], table["degree"], table["repeats"], strict=True)
+        ]
+        for axis in axes:
+            if axis.knots.ndim != 1 or not np.isfinite(axis.knots).all() or np.any(np.diff(axis.knots) < 0.0):
+                raise ValueError
+        one_of("evidence", table["evidence"], ("proved", "measured"))
+        return SplineSurface(axes[0], axes[1], poles, error=float(table["error"]), evidence=table["evidence"])
+    except (KeyError, TypeError, ValueError, zlib.error, InputError):
+        raise InputError(f"{where}[block] spline", None, "is not a spline that this program wrote") from None
+
+
+def _row(row: Any, where: str) -> dict[str, float]:
+    if not isinstance(row, (list, tuple)) or len(row) != 4:
+        raise InputError(f"{where}[block]", None, "is not a block that this program wrote")
+    return dict(zip(("amplitude", "f", "g", "phase"), row, strict=True))
