@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.checkout import ROOT
 from helpers.outsiders import PATIENCE_S, Written, part_named
@@ -280,6 +281,34 @@ except RuntimeError as error:
     assert 'Install tacbench-cad with the extra "cad"' in says
     assert "\n" not in says
     assert objects == 0
+
+
+def test_the_buttons_make_the_parts_of_the_manuals_picture(tmp_path: Path) -> None:
+    """In FreeCAD's window, the buttons make block, holder and jig; the view shows them in their colours."""
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed: pip install pillow")
+    for program, package in (("freecad", "freecad"), ("xvfb-run", "xvfb xauth")):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed: apt-get install {package}")
+    script, picture = ROOT / "docs" / "freecad_window.py", tmp_path / "window.png"
+    done = subprocess.run(
+        [sys.executable, str(script), str(picture)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    with image.open(picture) as file:
+        view = np.asarray(file.convert("RGB"), dtype=int)[200:, 400:].reshape(-1, 3)
+    red, green, blue = view.T
+    # The block is selected, so it is green; the holder is grey and the jig is bluish green, both in the shade.
+    for part in (
+        (green > red + 30) & (green > blue + 60),
+        (abs(red - green) < 20) & (blue - red < 40) & (red > 60) & (red < 140),
+        (green > red + 15) & (green > blue) & (green < 160),
+    ):
+        assert part.sum() > 3000
 
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-4", "paper-6", "released-5", "keyed-4"])
