@@ -1,1 +1,1 @@
-"""What the tests share: parts, studies, fake devices and readers to compare with."""
+"""Helpers that the tests share: parts, studies, fake devices and readers to compare with."""

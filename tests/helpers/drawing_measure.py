@@ -111,12 +111,12 @@ def clashes(drawing: Drawing) -> list[str]:
     faults = []
     for (name, box), (other_name, other) in itertools.combinations(texts, 2):
         if min(box.x1, other.x1) - max(box.x0, other.x0) > 0.05 and min(box.y1, other.y1) - max(box.y0, other.y0) > 0.3:
-            faults.append(f"{name!r} lies on {other_name!r}")
+            faults.append(f"{name!r} overlaps {other_name!r}")
     for name, box in texts:
         if box.x0 < 5.5 or box.x1 > 291.5 or box.y0 < 5.5 or box.y1 > 204.5:
             faults.append(f"{name!r} leaves the frame")
         inner = (box.x0 + 0.3, box.x1 - 0.3, box.y0 + 0.6, box.y1 - 0.6)
-        faults += [f"{name!r} lies on a line {line.tolist()}" for line in lines if _meets(line, inner)]
+        faults += [f"{name!r} overlaps a line {line.tolist()}" for line in lines if _meets(line, inner)]
     return faults
 
 

@@ -262,7 +262,7 @@ def test_idle_rig_uses_little_processor_time() -> None:
 
 @needs_pty
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_program_says_that_it_simulates(end: signal.Signals, code: int) -> None:
+def test_program_reports_that_it_simulates(end: signal.Signals, code: int) -> None:
     process = subprocess.Popen(
         [
             sys.executable,

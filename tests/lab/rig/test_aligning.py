@@ -142,7 +142,7 @@ def test_the_highest_point_is_the_highest_and_on_the_block(texture: str, key_mm:
         assert x - y <= width - key_mm
 
 
-# --- what is typed ---
+# --- typed steps ---
 
 
 @pytest.mark.parametrize(

@@ -286,7 +286,7 @@ def test_the_help_lists_every_format(capsys: Capture) -> None:
     ("words", "message"),
     [
         (["--to", "hugging-face"], 'did you mean "huggingface"?'),
-        (["--to", "npz"], "out: is missing: --to npz needs a folder"),
+        (["--to", "npz"], "--out DIR: is missing; --to npz needs a new folder"),
         (["--to", "npz", "-o", "x", "--size", "64x64"], "size: is only for --to tactile-data"),
         (["--to", "npz", "-o", "x", "--colour"], "colour: is only for --to tactile-data"),
     ],

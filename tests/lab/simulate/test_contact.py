@@ -92,7 +92,7 @@ def test_the_rim_carries_some_of_the_force() -> None:
     assert high.z_for_force(4.0, 20.0, 3.0) > low.z_for_force(4.0, 20.0, 3.0) + 0.1
 
 
-def test_beside_the_block_there_is_no_contact_and_no_force() -> None:
+def test_outside_the_ground_there_is_no_contact_and_no_force() -> None:
     assert BLOCK.first_touch(500.0, 0.0) == -math.inf
     assert BLOCK.force_n(500.0, 0.0, -7.0) == 0.0
     with pytest.raises(InputError, match="cannot be reached"):

@@ -77,7 +77,7 @@ def test_the_check_finds_overlapping_texts() -> None:
     assert cut is not None
     labels = ((4.0, 5.0), "here"), ((4.3, 5.1), "there"), ((4.0, cut), "on the line"), ((4.0, 8.0), "beside")
     faults = clashes(replace(drawing, plan=replace(drawing.plan, labels=labels)))
-    assert [fault.split("[")[0] for fault in faults] == ["'here' lies on 'there'", "'on the line' lies on a line "]
+    assert [fault.split("[")[0] for fault in faults] == ["'here' overlaps 'there'", "'on the line' overlaps a line "]
 
 
 def test_the_press_grid_agrees_with_the_protocol() -> None:

@@ -61,7 +61,7 @@ def a_list_as_trial(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [pipe, link, a_number_of_400_digits, a_list_as_trial])
-def test_a_kept_trial_that_cannot_be_used_is_computed_again(
+def test_an_unusable_stored_trial_is_computed_again(
     study: Collection, trials_folder: Path, tmp_path: Path, damage: Callable[[Path], None]
 ) -> None:
     out = shutil.copytree(trials_folder, tmp_path / "out")
@@ -72,7 +72,7 @@ def test_a_kept_trial_that_cannot_be_used_is_computed_again(
     assert trial.is_file() and not trial.is_symlink() and trial.read_bytes() == good
 
 
-def test_a_kept_trial_that_is_too_large_is_computed_again(
+def test_a_stored_trial_that_is_too_large_is_computed_again(
     study: Collection, trials_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = shutil.copytree(trials_folder, tmp_path / "out")

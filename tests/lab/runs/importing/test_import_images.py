@@ -270,7 +270,8 @@ def test_contradictions_are_refused_before_anything_is_written(
     try:
         with pytest.raises(InputError, match=message):
             report = import_samples([images(2), labels], tmp_path / "out", options)
-            raise InputError("left out", None, report.left_out[0].reason)  # what stops nothing else
+            # A contradiction of a single sample raises no error; it only leaves the sample out.
+            raise InputError("left out", None, report.left_out[0].reason)
     finally:
         assert not (tmp_path / "out").exists()
 
