@@ -278,7 +278,7 @@ def test_the_command_simulates_a_study_from_a_file(tmp_path: Path, capsys: pytes
     ("argv", "message"),
     [
         (["--study", "papr", "--out", "x"], "papr"),
-        (["--study", "quick"], "name a folder"),
+        (["--study", "quick"], "name the folder"),
         (["--out", "x", "--jobs", "0"], "1 or more"),
         (["--out", "x", "--jobs", "two"], "whole number"),
         (["--out", "x", "--seed", "-1"], "seed"),
