@@ -62,7 +62,7 @@ class PrintSet:
         lines = []
         for row in self.rows:
             deviation = row["deviation_mm"]
-            far = "" if deviation is None else f", {deviation:.2g} mm from the formula at most"
+            far = "" if deviation is None else f", at most {deviation:.2g} mm from the formula"
             lines.append((str(row["file"]), f"{len(row['checks'])} checks passed{far}"))
         lines += [(failure.file, f"not made: {'; '.join(failure.faults)}") for failure in self.failures]
         lines += [(left.what, f"left out: {left.reason}") for left in self.left_out]

@@ -204,7 +204,7 @@ def test_textures_are_numbers_or_objects(tmp_path: Path) -> None:
     assert head == f"1 file in {tmp_path}"
     assert line.split("  ")[1:] == [
         "ridges_paper_x1.stl",
-        f"{len(row['checks'])} checks passed, {row['deviation_mm']:.2g} mm from the formula at most",
+        f"{len(row['checks'])} checks passed, at most {row['deviation_mm']:.2g} mm from the formula",
     ]
 
 
@@ -370,6 +370,6 @@ def test_the_full_checks_need_their_tool(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_refused_height_names_a_height_that_suits_all_textures(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         plan(replace(LIGHT, height_mm=3.0))
-    height = float(caught.value.allowed.split("a height of ")[1].split(" mm")[0])
+    height = float(caught.value.allowed.split("a height of at least ")[1].split(" mm")[0])
     assert plan(replace(LIGHT, height_mm=height)).sources
     assert math.isclose(height, 5.52)
