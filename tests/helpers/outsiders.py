@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import socket
 import subprocess
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -37,6 +38,13 @@ def program(name: str, package: str) -> Run:
         return output
 
     return run
+
+
+def free_port() -> int:
+    """The number of a port of this machine that nobody uses."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
 
 
 def _block(name: str) -> Part:

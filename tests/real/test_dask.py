@@ -15,6 +15,8 @@ import pytest
 
 joblib = pytest.importorskip("joblib")
 
+from helpers.outsiders import free_port
+
 from tacbench_cad.lab import parallel
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.convert import to_plain
@@ -87,7 +89,7 @@ def slowly(number: int) -> int:
 
 def test_a_lost_scheduler_is_reported_in_one_line() -> None:
     pytest.importorskip("distributed")
-    port = _free_port()
+    port = free_port()
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     module = [sys.executable, "-m"]
     scheduler = subprocess.Popen(
@@ -135,18 +137,12 @@ def test_a_folder_that_a_worker_cannot_see_is_named(cluster: str, tmp_path: Path
         pass
 
 
-def _free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
-
-
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "nonsense", "nowhere://127.0.0.1:{}", "tcp://127.0.0.1:x"])
 def test_no_dask_at_the_address(address: str, impatient: None) -> None:
     pytest.importorskip("distributed")
     start = time.monotonic()
     message = "no Dask scheduler answered within 1 s"
-    with pytest.raises(InputError, match=message), workers(1, address.format(_free_port())):
+    with pytest.raises(InputError, match=message), workers(1, address.format(free_port())):
         pass
     assert time.monotonic() - start < 20.0
 

@@ -113,7 +113,7 @@ def test_the_dome_in_mujoco_rests_at_the_height_of_the_formula(tmp_path: Path) -
 
 
 def test_every_example_has_a_description_and_is_listed() -> None:
-    assert {path.stem for path in EXAMPLES} == {*EXPECTED, *ESTIMATORS, "cqgi_block", "mujoco_press"}
+    assert {path.stem for path in EXAMPLES} == {*EXPECTED, *ESTIMATORS, "cqgi_block", "mujoco_press", "show_in_viewer"}
     readme = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\((\w+\.py)\)", readme)) == {path.name for path in EXAMPLES}
     for path in EXAMPLES:
