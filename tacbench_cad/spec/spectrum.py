@@ -9,6 +9,7 @@ import numpy as np
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.spline import SplineSurface
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
@@ -55,6 +56,31 @@ class Spectrum:
             if fraction >= 5e-5:
                 rows.append((0.1 * 2.0**number, 0.2 * 2.0**number, fraction))
         return rows
+
+
+def printable_heights(surface: Surface, x: Floats, y: Floats, nozzle_mm: float) -> Floats:
+    """Return the heights of a surface without the waves whose ridges are narrower than the nozzle.
+
+    The waves of a sum are left out exactly. For a spline, they are left out of a cosine transform of the heights.
+
+    Args:
+        surface: The surface in mm.
+        x: The lines of the grid along x in mm, evenly spaced, shape (n,).
+        y: The lines of the grid along y in mm, evenly spaced, shape (m,).
+        nozzle_mm: The diameter of the nozzle.
+
+    Returns:
+        The heights in mm, shape (n, m).
+    """
+    if isinstance(surface, WaveSum):
+        highest = math.pi / nozzle_mm
+        return WaveSum(tuple(w for w in surface.waves if math.hypot(w.f, w.g) <= highest)).grid(x, y)
+    from scipy.fft import dctn, idctn
+
+    weights = dctn(surface.grid(x, y), type=1)
+    turns = [np.arange(len(lines)) / (2.0 * (lines[-1] - lines[0])) for lines in (x, y)]
+    weights[np.hypot(turns[0][:, None], turns[1][None, :]) > 0.5 / nozzle_mm] = 0.0
+    return np.asarray(idctn(weights, type=1), dtype=np.float64)
 
 
 def spectrum(block: Block) -> Spectrum:

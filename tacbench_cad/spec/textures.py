@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +12,8 @@ from typing import Annotated, Any, Literal
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import Wave, WaveSum
-from tacbench_cad.util.convert import Bounds, Length, read_toml
+from tacbench_cad.util.convert import Bounds, Length, from_plain
+from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, located, one_of
 
 Law = Literal["triangle", "square"]
@@ -231,14 +233,27 @@ def read_texture(path: Path) -> TextureFile:
     Raises:
         InputError: The file cannot be read, or a key or a value is not allowed.
     """
-    document = read_toml(path, _Document, "texture")
-    family = document.texture
-    with located(f"{path}: "):
-        if not isinstance(family, _PlaneWaves) and document.wave:
+    return texture_of_document(read_document(path, "texture", "toml"), f"{path}: ")
+
+
+def texture_of_document(document: Mapping[str, Any], where: str = "") -> TextureFile:
+    """Make a texture and its block settings from the tables of a texture file.
+
+    Args:
+        document: The tables, as a TOML parser returns them.
+        where: The beginning of every error message: the name of the file.
+
+    Raises:
+        InputError: A key or a value is not allowed.
+    """
+    tables = from_plain(_Document, document, where)
+    family = tables.texture
+    with located(where):
+        if not isinstance(family, _PlaneWaves) and tables.wave:
             raise InputError("[[wave]]", None, f'only allowed with family = "plane-waves", not "{family.family}"')
-        waves = family.waves(document.wave)
+        waves = family.waves(tables.wave)
         texture = Texture(name=family.name, equation=family.equation(waves), surface=waves)
-    return TextureFile(texture=texture, block=document.block)
+    return TextureFile(texture=texture, block=tables.block)
 
 
 _Amplitude = Annotated[float, _BOUNDS["amplitude"]]
