@@ -70,7 +70,7 @@ class Sideways:
 
     rms_mm: float
     ideal_rms_mm: float
-    missing_fraction: float = field(metadata={"key": "missing_share"})
+    missing_fraction: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -247,7 +247,7 @@ class AsSliced:
             "frame": self.frame.as_dict(),
             "edge_mm": EDGE_MM,
             "height": {
-                "share": self.flat_fraction,
+                "fraction": self.flat_fraction,
                 "rms_mm": self.rms_mm,
                 "mean_mm": self.mean_mm,
                 "ideal_rms_mm": self.ideal_rms_mm,

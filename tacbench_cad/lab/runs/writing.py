@@ -329,7 +329,7 @@ def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
         record = form(f"Record of the print {printed.name}.", printed.printer or "", printed.filament or "")
         write_text(folder / schema.PRINT_FILE, record, durable=durable)
     head = {"schema": SCHEMA, "version": info.version, "name": info.printed.name, "simulated": list(info.simulated)}
-    write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sittings": []}, durable=durable)
+    write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sessions": []}, durable=durable)
     if durable:
         with refusing(folder):
             sync_folder(folder)
@@ -339,7 +339,7 @@ def _record_session(folder: Path, info: RunInfo, durable: bool) -> None:
     """Record in ``run.json`` when the run was started or resumed, and with which software and devices."""
     path = folder / schema.RUN_FILE
     document = door.read_document(path, "run", "json", within=folder)
-    sessions = document["sittings"]
+    sessions = document.setdefault("sessions", document.pop("sittings", []))  # the old name of development versions
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
     session = {
         "software": dict(software()),

@@ -63,7 +63,7 @@ def test_run_json_describes_the_run(run_folder: Path) -> None:
     assert document["holder"]["rim_mm"] == 1.18
     assert document["gauge"]["calibration"] == {"scale_n_per_count": 0.001}
     assert document["sensor"]["settings"]["requested"] == {"exposure": 5}
-    assert document["sittings"][0]["software"]["numpy"] == np.__version__
+    assert document["sessions"][0]["software"]["numpy"] == np.__version__
 
 
 def test_a_row_contains_all_data_of_its_press(run_folder: Path) -> None:
@@ -226,8 +226,20 @@ def test_a_later_session_with_other_devices_is_recorded(run_folder: Path, make_i
     for _ in range(2):
         with RunWriter.open(run_folder, make_info(stage=stage)):
             pass
-    sessions = json.loads((run_folder / "run.json").read_text())["sittings"]
+    sessions = json.loads((run_folder / "run.json").read_text())["sessions"]
     assert [session["devices"]["stage"][-1] for session in sessions] == ["3", "9"]
+
+
+def test_sessions_of_development_versions_are_kept_under_their_present_name(run_folder: Path, make_info: Any) -> None:
+    with RunWriter.open(run_folder, make_info()):
+        pass
+    document = json.loads((run_folder / "run.json").read_text())
+    document["sittings"] = document.pop("sessions")
+    (run_folder / "run.json").write_text(json.dumps(document))
+    with RunWriter.open(run_folder, make_info(stage={**make_info().stage, "identity": "another GRBL"})):
+        pass
+    resumed = json.loads((run_folder / "run.json").read_text())
+    assert len(resumed["sessions"]) == 2 and "sittings" not in resumed
 
 
 def test_later_references_have_their_own_files_and_name_the_press_before(
