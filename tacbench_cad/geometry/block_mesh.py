@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Certificate, Mesh
+from tacbench_cad.geometry.meshing.adaptive import NetTop
 from tacbench_cad.geometry.meshing.clip import sheet
 from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.top import Top, textured_top
@@ -28,6 +29,8 @@ def mesh_block(block: Block) -> tuple[Mesh, Certificate]:
     return mesh_of_top(block, top), top.certificate.plus(block.surface.error, block.surface.evidence)
 
 
-def mesh_of_top(block: Block, top: Top) -> Mesh:
+def mesh_of_top(block: Block, top: Top | NetTop) -> Mesh:
     """Close a top of the block with walls and an underside."""
+    if isinstance(top, NetTop):
+        return close(top.sheet, block.engraving)
     return close(sheet(top, block.key_mm, float(np.float32(block.height_mm))), block.engraving)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tacbench_cad.geometry.block_mesh import mesh_of_top
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.meshing.top import textured_top
-from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3, volume_slack_mm3
+from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -25,9 +25,10 @@ def block_part(block: Block) -> Part:
 
     def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
         top = textured_top(block)
+        volume, slack = piecewise_volume_mm3(block, top)
         expected = ExpectedGeometry(
-            volume_mm3=piecewise_volume_mm3(block, top),
-            volume_slack_mm3=volume_slack_mm3(block),
+            volume_mm3=volume,
+            volume_slack_mm3=slack,
             certificate=top.certificate.plus(block.surface.error, block.surface.evidence),
             datum_mm=block.datum_mm,
         )

@@ -8,10 +8,29 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Indices
 
 #: The largest allowed number of triangles of a mesh.
 MAX_TRIANGLES = 20_000_000
+
+
+def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
+    """Check that a mesh has at most :data:`MAX_TRIANGLES` triangles.
+
+    Args:
+        field: The option that decides the number of triangles, for the error message.
+        value: The value of the option.
+        needed: The number of triangles.
+        advice: What the user can do, for the error message.
+
+    Raises:
+        InputError: The mesh has too many triangles. The message states the number.
+    """
+    if needed > MAX_TRIANGLES:
+        raise InputError(
+            field, value, f"the mesh would need {needed:.4g} triangles, but {MAX_TRIANGLES:,} is the maximum; {advice}"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Proved bounds for tops whose cells consist of two triangles: oblique waves, and sample grids of oblique waves.
+"""Proved bounds for sample grids of surfaces that are not separable. Each cell of the grid consists of two triangles.
 
 Every cell is divided into ``s`` by ``s`` parts. On a part, the deviation ``e = fit - f`` is at most its largest value
 at the four corners plus its possible change between the corners. A part on a diagonal is divided along the diagonal, so

@@ -2,30 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from tacbench_cad.geometry.meshing.sheet import Sheet
 from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.util.types import Bools, Floats, Indices
 
 #: A vertex counts as on the cut if it is at most this many float32 steps away from it.
 ON_CUT_STEPS = 8.0
-
-
-@dataclass(frozen=True, eq=False)
-class Sheet:
-    """An open triangulated surface over a convex outline.
-
-    Args:
-        vertices: The coordinates, float32 values in mm, shape (n, 3).
-        faces: The vertex indices of each triangle, counter-clockwise seen from above, shape (m, 3).
-        sides: The outline in counter-clockwise order: the vertex indices along each straight side, including both ends.
-    """
-
-    vertices: Floats
-    faces: Indices
-    sides: tuple[Indices, ...]
 
 
 def sheet(top: Top, key_mm: float | None, height_mm: float) -> Sheet:

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.meshing.clip import Sheet
+from tacbench_cad.geometry.meshing.sheet import Sheet
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
 from tacbench_cad.util.types import Floats, Indices
 

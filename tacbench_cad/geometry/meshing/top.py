@@ -1,14 +1,17 @@
-"""The textured top of a block as heights on a tensor grid of lines, either within a tolerance or on a sample grid."""
+"""The textured top of a block: on a sample grid, or within a tolerance.
+
+A top on a sample grid and a separable top are heights on a tensor grid of lines. Any other top is a net of triangles.
+"""
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate
+from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
+from tacbench_cad.geometry.meshing.adaptive import NetTop, adaptive_top
 from tacbench_cad.geometry.meshing.axis import Axis
 from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
 from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells
@@ -63,25 +66,7 @@ def triangles_of(n: int, m: int) -> int:
     return 2 * (n - 1) * (m - 1) + 2 * (n + m) + 2
 
 
-def refuse_too_many(field: str, value: object, needed: float, advice: str) -> None:
-    """Check that a mesh has at most :data:`tacbench_cad.geometry.mesh.MAX_TRIANGLES` triangles.
-
-    Args:
-        field: The option that decides the number of triangles, for the error message.
-        value: The value of the option.
-        needed: The number of triangles.
-        advice: What the user can do, for the error message.
-
-    Raises:
-        InputError: The mesh has too many triangles. The message states the number.
-    """
-    if needed > MAX_TRIANGLES:
-        raise InputError(
-            field, value, f"the mesh would need {needed:.4g} triangles, but {MAX_TRIANGLES:,} is the maximum; {advice}"
-        )
-
-
-def textured_top(block: Block) -> Top:
+def textured_top(block: Block) -> Top | NetTop:
     """Make the top of a block according to its ``sampling``.
 
     Raises:
@@ -101,7 +86,7 @@ def textured_top(block: Block) -> Top:
         )
     if block.surface.is_separable and _peak_survives(block):
         return _fitted_top(block, tolerance)
-    return _interpolated_top(block, tolerance)
+    return adaptive_top(block, tolerance)
 
 
 def _rounding_mm(block: Block) -> float:
@@ -236,59 +221,3 @@ def _refuse_fine(tolerance: float, n: float, m: float) -> None:
         ratio = needed / MAX_TRIANGLES
         coarser = tolerance * (ratio if min(n, m) > 2.0 else ratio**2)
         refuse_too_many("tolerance", tolerance, needed, f"use about {coarser:.2g} mm")
-
-
-def _interpolated_top(block: Block, tolerance: float) -> Top:
-    """Make a top with vertices on the formula. The second derivatives decide how dense the lines are.
-
-    One line in each direction goes through the highest point.
-    """
-    surface, datum = block.surface, block.formula_datum_mm
-    at = block.extremes.at_high
-    finer, best = 1.0, None
-    for attempt in itertools.count():
-        x, y = _tensor_lines(block, tolerance, finer)
-        excess = _cut_excess(block, x, y)
-        highest = (int(np.argmin(np.abs(x - at[0]))), int(np.argmin(np.abs(y - at[1]))))
-        z = _crowned(datum + surface.grid(x, y), block, excess <= 0.0, highest)
-        cells = Cells(surface, x, y)
-        falling, rising = (cells.prove(z - datum, rising=way) for way in (False, True))
-        flip = rising.distance < falling.distance
-        proof = CellProof(*(np.where(flip, r, f) for f, r in zip(astuple(falling), astuple(rising), strict=True)))
-        certificate = _cells_certificate(block, proof, z, excess)
-        if certificate.distance_mm <= tolerance and (best is None or z.size < best.z.size):
-            best = Top(x, y, z, None, flip, certificate)
-        if best is not None and (attempt >= 4 or best.certificate.distance_mm >= 0.97 * tolerance):
-            return best
-        # the bound is nearly proportional to the square of the step
-        finer *= 1.003 * math.sqrt(certificate.distance_mm / tolerance)
-    raise AssertionError("unreachable")
-
-
-def _tensor_lines(block: Block, tolerance: float, finer: float) -> tuple[Floats, Floats]:
-    """Return lines with steps along x and y proportional to ``1 / sqrt(max |f_xx|)`` and ``1 / sqrt(max |f_yy|)``."""
-    surface = block.surface
-    sides = [float(np.float32(side)) for side in block.size_mm]
-    counts = [int(np.clip(3.0 * k * side, 20, 600)) for k, side in zip(surface.highest_frequency, sides, strict=True)]
-    t, s = (np.linspace(0.0, side, count) for side, count in zip(sides, counts, strict=True))
-    along_x = np.abs(surface.grid(t, s, (2, 0))).max(axis=1)
-    along_y = np.abs(surface.grid(t, s, (0, 2))).max(axis=0)
-    lowest = 1e-4 * max(along_x.max(), along_y.max())
-    per_x, per_y = (finer * np.sqrt((bend + lowest) / (6.0 * tolerance)) for bend in (along_x, along_y))
-    needed = triangles_of(math.ceil(float(np.trapezoid(per_x, t))), math.ceil(float(np.trapezoid(per_y, s))))
-    coarser = tolerance * needed / MAX_TRIANGLES
-    refuse_too_many("tolerance", tolerance, needed, f"use about {coarser:.2g} mm")
-    at, creases = block.extremes.at_high, surface.creases
-    return _lines(t, per_x, at[0], creases[0]), _lines(s, per_y, at[1], creases[1])
-
-
-def _lines(t: Floats, per_mm: Floats, through: float, creases: Floats) -> Floats:
-    """Return lines with a given density as float32 values. There is one at a given position, and one at each crease."""
-    total = np.append(0.0, np.cumsum(np.diff(t) * (per_mm[1:] + per_mm[:-1]) / 2.0))
-    gap = 1e-5 * t[-1]
-    places = np.unique(single(np.append(creases, through if np.all(np.abs(creases - through) > gap) else creases)))
-    places = places[(places > gap) & (places < t[-1] - gap)]
-    ends = [0.0, *np.interp(places, t, total).tolist(), total[-1]]
-    runs = [np.linspace(low, high, max(2, math.ceil(high - low) + 1)) for low, high in itertools.pairwise(ends)]
-    lines = [np.interp(run[1:-1], total, t) for run in runs]
-    return np.unique(single(np.concatenate([t[[0, -1]], places, *lines])))

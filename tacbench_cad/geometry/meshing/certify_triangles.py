@@ -1,0 +1,195 @@
+"""Proved bounds for any triangles over a surface.
+
+On a triangle, the deviation ``e = fit - f`` is compared with the quadratic polynomial through its values at the three
+corners and the three middles of the sides. The polynomial's largest value is known in closed form. The rest follows
+from Taylor's formula about the six points, ``rest = sum L_i(x) D^3 f(a_i - x) / 6`` with the Lagrange polynomials L, so
+it is at most :data:`REST` times the largest third derivative along vectors of the size of the triangle's box. Where the
+third derivatives are large, the second derivatives give another bound. A triangle whose bound is above the tolerance is
+divided into four, and each of them is bounded again.
+
+The bounds of the derivatives are the largest values of all cells of a grid that the triangle's box touches.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tacbench_cad.spec.surface import Surface
+from tacbench_cad.util.types import Bools, Floats
+
+#: The largest value of ``sum |L_i(x)| t_i(x)^3 / 6`` on a triangle, 0.033929, rounded up. Here ``t_i`` is the length of
+#: ``a_i - x``, relative to the longest vector in its direction between two points of the triangle.
+REST = 0.03394
+#: How many times a triangle is divided at most.
+MAX_DIVISIONS = 6
+#: The number of triangles that are evaluated together.
+CHUNK = 20_000
+_SECOND = ((2, 0), (1, 1), (0, 2))
+_THIRD = ((3, 0), (2, 1), (1, 2), (0, 3))
+
+
+class DerivativeBounds:
+    """Bounds of the second and third derivatives of a surface over any boxes.
+
+    Args:
+        surface: The surface.
+        x: The borders of cells along x, ascending, shape (n,). Creases are among them.
+        y: The borders of cells along y.
+    """
+
+    def __init__(self, surface: Surface, x: Floats, y: Floats) -> None:
+        self._lines = (x, y)
+        self._creases = surface.creases
+        bounds = np.stack([surface.cell_bounds(x, y, order) for order in (*_SECOND, *_THIRD)], axis=-1)
+        for axis, kinks in enumerate((self._kinks(surface, 0), self._kinks(surface, 1))):
+            bounds.swapaxes(0, axis)[kinks, :, len(_SECOND) :] = np.inf
+        # level k has blocks of 2^k by 2^k cells; each entry covers its own block and the three blocks after it
+        self._levels = []
+        while True:
+            self._levels.append(_with_next(bounds))
+            if max(bounds.shape[:2]) <= 1:
+                break
+            bounds = _halved(bounds)
+
+    def _kinks(self, surface: Surface, axis: int) -> Bools:
+        """Return the cells with a border, other than a crease, along which a second derivative is not continuous."""
+        lines = self._lines[axis]
+        middles, ends = (lines[:-1] + lines[1:]) / 2.0, self._lines[1 - axis][[0, -1]]
+        order = (3, 0) if axis == 0 else (0, 3)
+        across = surface.cell_bounds(*((middles, ends) if axis == 0 else (ends, middles)), order).ravel()
+        kinks = np.append(~np.isfinite(across) & ~np.isin(lines[1:-1], surface.creases[axis]), False)
+        return np.asarray(kinks | np.append(False, kinks[:-1]))
+
+    def over(self, low: Floats, high: Floats) -> Floats:
+        """Return the bounds over boxes: the derivatives xx, xy, yy, xxx, xxy, xyy and yyy.
+
+        Args:
+            low: The lower corners of the boxes, shape (2, m).
+            high: The upper corners.
+
+        Returns:
+            The bounds, shape (7, m). They are infinite if a crease runs through the inside of a box.
+        """
+        first, last = [], []
+        for axis in range(2):
+            lines = self._lines[axis]
+            # a box that only touches a border of cells from inside does not reach the next cell
+            first.append(np.clip(np.searchsorted(lines, low[axis], "right") - 1, 0, len(lines) - 2))
+            last.append(np.clip(np.searchsorted(lines, high[axis], "left") - 1, 0, len(lines) - 2))
+        span = np.maximum(last[0] - first[0], last[1] - first[1])
+        level = np.ceil(np.log2(np.maximum(span, 1))).astype(np.int64)
+        bounds = np.empty((len(span), 7))
+        for k in np.unique(level):
+            rows = np.flatnonzero(level == k)
+            table = self._levels[min(int(k), len(self._levels) - 1)]
+            shift = min(int(k), len(self._levels) - 1)
+            bounds[rows] = table[first[0][rows] >> shift, first[1][rows] >> shift]
+        for axis, creases in enumerate(self._creases):
+            crossed = np.searchsorted(creases, high[axis], "left") > np.searchsorted(creases, low[axis], "right")
+            bounds[crossed] = np.inf
+        return bounds.T
+
+
+def prove(
+    surface: Surface, bounds: DerivativeBounds, points: Floats, limit: float, divisions: int = MAX_DIVISIONS
+) -> Floats:
+    """Bound the deviation of triangles from a surface.
+
+    Args:
+        surface: The surface.
+        bounds: The bounds of its derivatives.
+        points: The corners of the triangles, shape (m, 3, 3). Their z counts from the surface's zero.
+        limit: The allowed distance.
+        divisions: How many times a triangle is divided at most.
+
+    Returns:
+        The bounds of ``|fit - f| / sqrt(1 + |gradient|^2)`` and of ``|fit - f|``, shape (2, m). The first one is
+        infinite if it could not be proved to be at most the limit.
+    """
+    proof = np.empty((2, len(points)))
+    for start in range(0, len(points), CHUNK):
+        part = slice(start, start + CHUNK)
+        proof[:, part] = _prove(surface, bounds, points[part].transpose(2, 1, 0), limit, divisions)
+    return proof
+
+
+def _prove(
+    surface: Surface, bounds: DerivativeBounds, corners: Floats, limit: float, divisions: int
+) -> tuple[Floats, Floats]:
+    """Bound triangles with the corners of shape (3 coordinates, 3 corners, m)."""
+    middles = (corners + corners[:, [1, 2, 0]]) / 2.0
+    x, y, z = np.concatenate([corners, middles], axis=1)
+    deviation = z - surface(x, y)
+    low, high = corners[:2].min(axis=1), corners[:2].max(axis=1)
+    xx, xy, yy, xxx, xxy, xyy, yyy = bounds.over(low, high)
+    w, h = high - low
+    third = REST * (xxx * w**3 + 3.0 * xxy * w**2 * h + 3.0 * xyy * w * h**2 + yyy * h**3)
+    second = (xx * w**2 + 2.0 * xy * w * h + yy * h**2) / 8.0
+    vertical = np.minimum(_largest_quadratic(deviation) + third, np.abs(deviation[:3]).max(axis=0) + second)
+    slope = np.stack(surface.gradient(*corners[:2]))
+    # with a unit vector n, |gradient| >= n gradient, which differs from its linear interpolation by a sixth of its bend
+    normal = slope.mean(axis=1)
+    normal /= np.maximum(np.hypot(*normal), 1e-300)
+    bend = np.abs(normal[0]) * (xxx * w**2 + 2.0 * xxy * w * h + xyy * h**2)
+    bend += np.abs(normal[1]) * (xxy * w**2 + 2.0 * xyy * w * h + yyy * h**2)
+    steep = np.maximum((normal[:, None] * slope).sum(axis=0).min(axis=0) - bend / 6.0, 0.0)
+    distance = vertical / np.sqrt(1.0 + np.where(np.isfinite(steep), steep, 0.0) ** 2)
+    failed = np.flatnonzero(~(distance <= limit))
+    if len(failed) == 0:
+        return distance, vertical
+    hopeless = (np.abs(deviation[:, failed]) > limit * _stretch(surface, x[:, failed], y[:, failed])).any(axis=0)
+    distance[failed[hopeless]] = np.inf
+    failed = failed[~hopeless]
+    if divisions == 0 or len(failed) == 0:
+        distance[failed] = np.inf
+        return distance, vertical
+    (a, b, c), (p, q, r) = (part[:, :, failed].transpose(1, 0, 2) for part in (corners, middles))
+    children = [np.stack(part, axis=1) for part in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))]
+    inner = _prove(surface, bounds, np.concatenate(children, axis=2), limit, divisions - 1)
+    distance[failed], vertical[failed] = (values.reshape(4, -1).max(axis=0) for values in inner)
+    return distance, vertical
+
+
+def _stretch(surface: Surface, x: Floats, y: Floats) -> Floats:
+    along_x, along_y = surface.gradient(x, y)
+    return np.asarray(np.sqrt(1.0 + along_x**2 + along_y**2) * (1.0 + 1e-9))
+
+
+def _largest_quadratic(values: Floats) -> Floats:
+    """Return the largest absolute value of quadratic polynomials on triangles.
+
+    Args:
+        values: The values at the corners a, b, c and at the middles of ab, bc and ca, shape (6, m).
+    """
+    a, b, c, ab, bc, ca = values
+    largest = np.abs(values).max(axis=0)
+    for start, middle, end in ((a, ab, b), (b, bc, c), (c, ca, a)):
+        bend = 2.0 * (start + end - 2.0 * middle)
+        slope = 4.0 * middle - 3.0 * start - end
+        inside = (slope * bend < 0.0) & (np.abs(slope) < 2.0 * np.abs(bend))
+        summit = start - slope**2 / np.where(bend == 0.0, 1.0, 4.0 * bend)
+        largest = np.maximum(largest, np.where(inside, np.abs(summit), 0.0))
+    # q(s, t) = a + u s + v t + (ss s^2 + tt t^2) / 2 + st s t, with s towards b and t towards c
+    u, v = 4.0 * ab - 3.0 * a - b, 4.0 * ca - 3.0 * a - c
+    ss, tt, st = 4.0 * (a + b - 2.0 * ab), 4.0 * (a + c - 2.0 * ca), 4.0 * (a - ab - ca + bc)
+    det = ss * tt - st**2
+    safe = np.where(det == 0.0, 1.0, det)
+    s, t = (st * v - tt * u) / safe, (st * u - ss * v) / safe
+    inside = (det != 0.0) & (s > 0.0) & (t > 0.0) & (s + t < 1.0)
+    return np.asarray(np.maximum(largest, np.where(inside, np.abs(a + (u * s + v * t) / 2.0), 0.0)))
+
+
+def _halved(values: Floats) -> Floats:
+    """Return the largest values of blocks of 2 by 2 cells."""
+    n, m = values.shape[:2]
+    padded = np.pad(values, ((0, n % 2), (0, m % 2), (0, 0)), constant_values=-np.inf)
+    return np.asarray(padded.reshape((n + 1) // 2, 2, (m + 1) // 2, 2, -1).max(axis=(1, 3)))
+
+
+def _with_next(values: Floats) -> Floats:
+    """Return the largest value of each entry and its next neighbours along both axes."""
+    result = values.copy()
+    result[:-1] = np.maximum(result[:-1], values[1:])
+    rows = result.copy()
+    result[:, :-1] = np.maximum(rows[:, :-1], rows[:, 1:])
+    return result
