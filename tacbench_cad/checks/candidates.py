@@ -13,6 +13,7 @@ from tacbench_cad.checks.body_shape import BodyShape
 from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.match import Candidate, Placement
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.later import EQUATIONS
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
@@ -44,12 +45,14 @@ class Expectation:
         preset: ``paper`` or ``released``; None for any preset.
         scale: The scale; None to compute it from the sides.
         claim: The part name in a file of this package; None for other files.
+        later: Whether the authors' later textures are meant if no texture is given, and not the six of the paper.
     """
 
     texture: Texture | str | None = None
     preset: str | None = None
     scale: float | None = None
     claim: str | None = None
+    later: bool = False
 
     def __post_init__(self) -> None:
         if self.preset is not None:
@@ -70,7 +73,7 @@ class Expectation:
     def textures(self, preset: str) -> tuple[Texture, ...]:
         """Return the possible textures of a preset."""
         if self.texture is None:
-            return catalogue(preset)
+            return tuple(find_texture(name) for name in EQUATIONS) if self.later else catalogue(preset)
         if isinstance(self.texture, Texture):
             return (self.texture,)
         if self.texture.endswith(".toml"):

@@ -249,7 +249,10 @@ def _identity(shape: BodyShape, expected: Expectation) -> tuple[list[Check], flo
     if match is None or (not shape.is_block and expected.is_open and expected.claimed is None):
         return [_no_texture(shape, match, required=not expected.is_open or expected.claimed is not None)], None
     if expected.is_open and expected.claimed is None and _is_unknown(shape, match):
-        return [Check(name="texture", ok=False, detail=f"not one of the six textures; {_near(match)}")], None
+        later = nearest(shape, replace(expected, later=True))
+        if later is None or later.rms_mm >= match.rms_mm or _is_unknown(shape, later):
+            return [Check(name="texture", ok=False, detail=f"not one of the known textures; {_near(match)}")], None
+        match = later
     allowed = _allowed(match.candidate)
     residual = match.candidate.measure(shape, match.placement, near_mm=allowed)
     checks = [
@@ -289,11 +292,11 @@ def _name(candidate: Candidate) -> str:
 
 def _allowed(candidate: Candidate) -> float:
     """Return the largest allowed distance from a candidate, in mm."""
-    sampling = candidate.block.sampling
+    sampling, own = candidate.block.sampling, candidate.block.surface.error
     if isinstance(sampling, Tolerance):
-        return sampling.mm + ROUNDING_MM
+        return sampling.mm + own + ROUNDING_MM
     if candidate.as_solid:
-        return Tolerance().mm + ROUNDING_MM
+        return Tolerance().mm + own + ROUNDING_MM
     return GRID_MM * max(1.0, candidate.block.scale)
 
 

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, file_hint, read_texture
+from tacbench_cad.spec.later import EQUATIONS
+from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, file_hint, later_texture, read_texture
+from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, nearest
 
 
@@ -15,7 +17,8 @@ def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple
     """Return the textures for some words, each with the block settings of its file.
 
     Args:
-        words: Numbers or names of the six textures, paths of TOML files, ``all``, or texture objects.
+        words: Numbers or names of the six textures, names of the authors' later textures, paths of TOML files, ``all``
+            for the six, ``later`` for the later ones, or texture objects.
         preset: The preset of the six textures.
 
     Raises:
@@ -33,11 +36,15 @@ def textures_of(words: Sequence[str | int | Texture], preset: str) -> list[tuple
             chosen += [(texture, None) for texture in six]
         elif word.lower() in known:
             chosen.append((known[word.lower()], None))
+        elif word.lower() == "later":
+            chosen += [(find_texture(name, preset), None) for name in EQUATIONS]
+        elif later := later_texture(word.lower()):
+            chosen.append((later, None))
         elif word.lower().endswith(".toml") or "/" in word or Path(word).exists():
             file = read_texture(Path(word))
             chosen.append((file.texture, file.block))
         else:
-            hint = file_hint(word) or nearest(word, [texture.name for texture in six])
+            hint = file_hint(word) or nearest(word, [*(texture.name for texture in six), *EQUATIONS])
             raise InputError("texture", word, f"{hint}; a number from 1 to 6, a TOML file and all are also allowed")
     if not chosen:
         raise InputError("texture", "", "give at least one texture: 1 to 6, a TOML file or all")

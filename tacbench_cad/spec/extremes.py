@@ -21,7 +21,7 @@ MAX_CELLS = 2_000_000
 #: The largest number of halvings. After more of them, rounding errors would exceed the differences.
 MAX_ROUNDS = 60
 #: The largest number of cells at a time where each cell has bounds of its own.
-MAX_LOCAL_CELLS = 300_000
+MAX_LOCAL_CELLS = 200_000
 
 
 @dataclass(frozen=True)

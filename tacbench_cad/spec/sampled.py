@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.types import Bools, Floats
 
 #: The degree of the splines through samples.
@@ -18,6 +19,9 @@ DEGREE = 3
 MAX_SAMPLES, MAX_POLES = 20_000_000, 2_000_000
 #: The number of points for each interval between samples at which the error of a sampled function is measured.
 _POINTS = np.array([0.11, 0.29, 0.5, 0.71, 0.89])
+#: The number of spans in which the error is measured more densely, the number of points along their sides, and the
+#: largest number of lines before.
+_ZOOMED, _ZOOM, _MAX_LINES = 40, 30, 1500
 #: The largest ratio of the lengths of neighbouring intervals.
 _RATIO = 4.0
 
@@ -41,7 +45,9 @@ def spline_through(
         axis, turned = _interpolated([np.asarray(at, dtype=np.float64)], np.moveaxis(poles, which, 0), periodic)
         poles = np.moveaxis(turned, 0, which)
         axes.append(axis)
-    return SplineSurface(axes[0], axes[1], np.ascontiguousarray(poles))
+    # single precision halves the size of stored surfaces, and changes a height by at most 6e-8 of the largest
+    single = np.ascontiguousarray(poles, dtype=np.float32).astype(np.float64)
+    return SplineSurface(axes[0], axes[1], single)
 
 
 def _interpolated(segments: Sequence[Floats], values: Floats, smooth_period: bool = False) -> tuple[SplineAxis, Floats]:
@@ -94,6 +100,30 @@ def height_map(
     Raises:
         InputError: The heights are not a table of finite numbers of different size, or a number is not allowed.
     """
+    table = checked_heights(heights, height_mm)
+    steps = pixel_steps(mm_per_pixel)
+    if repeats:
+        table = np.pad(table, (0, 1), mode="wrap")
+    x, y = (np.linspace(0.0, round((n - 1) * step, 9), n) for n, step in zip(table.shape, steps, strict=True))
+    return spline_through(x, y, table, repeats=(repeats, repeats))
+
+
+def smoothed(heights: ArrayLike, smooth_mm: float, mm_per_pixel: float | tuple[float, float], repeats: bool) -> Floats:
+    """Return heights after a Gaussian filter with a standard deviation in mm."""
+    from scipy.ndimage import gaussian_filter
+
+    steps = pixel_steps(mm_per_pixel)
+    width = (smooth_mm / steps[1], smooth_mm / steps[0])
+    values = np.asarray(heights, dtype=np.float64)
+    return np.asarray(gaussian_filter(values, width, mode="wrap" if repeats else "nearest"))
+
+
+def checked_heights(heights: ArrayLike, height_mm: tuple[float, float] | None) -> Floats:
+    """Check the heights of a height map, scale them, and turn them so that the first axis is x and the second is y.
+
+    Raises:
+        InputError: The heights are not a table of finite numbers that differ, or the range is not allowed.
+    """
     table = np.asarray(heights)
     if table.ndim != 2 or min(table.shape) < 4:
         raise InputError("height map", table.shape, "must have two dimensions, and at least 4 rows and 4 columns")
@@ -102,27 +132,32 @@ def height_map(
     if table.dtype.kind not in "uifb":
         raise InputError("height map", str(table.dtype), "must consist of numbers")
     table = table.astype(np.float64)
-    if not np.isfinite(table).all():
-        row, column = np.argwhere(~np.isfinite(table))[0].tolist()
-        bad = np.count_nonzero(~np.isfinite(table))
-        raise InputError(
-            "height map", None, f"has {bad} values that are no finite numbers (row {row}, column {column})"
-        )
+    bad = ~np.isfinite(table)
+    if bad.any():
+        row, column = np.argwhere(bad)[0].tolist()
+        where = f"row {row + 1}, column {column + 1}"
+        count = f"{np.count_nonzero(bad)} of {table.size} values are not finite numbers, the first in {where}"
+        raise InputError("height map", None, f"{count}; fill the gaps first")
     low, high = float(table.min()), float(table.max())
     if low == high:
-        raise InputError("height map", None, f"has the same height {low:g} everywhere")
+        raise InputError("height map", None, f"has the same value {low:g} everywhere")
     if height_mm is not None:
-        if not height_mm[1] > height_mm[0]:
+        if not (all(map(math.isfinite, height_mm)) and height_mm[1] > height_mm[0]):
             raise InputError("height_mm", height_mm, "the first number must be smaller than the second")
         table = height_mm[0] + (table - low) * ((height_mm[1] - height_mm[0]) / (high - low))
-    step = (mm_per_pixel, mm_per_pixel) if isinstance(mm_per_pixel, (int, float)) else mm_per_pixel
-    if not all(1e-6 <= each <= 1e3 for each in step):
+    return table[::-1].T
+
+
+def pixel_steps(mm_per_pixel: float | tuple[float, float]) -> tuple[float, float]:
+    """Return the distances of neighbouring samples along x and y, in mm.
+
+    Raises:
+        InputError: A distance is not allowed.
+    """
+    steps = (mm_per_pixel, mm_per_pixel) if isinstance(mm_per_pixel, (int, float)) else tuple(mm_per_pixel)
+    if len(steps) != 2 or not all(1e-6 <= step <= 1e3 for step in steps):
         raise InputError("mm_per_pixel", mm_per_pixel, "must be from 1e-6 to 1000 mm")
-    table = table[::-1].T
-    if repeats:
-        table = np.pad(table, (0, 1), mode="wrap")
-    x, y = (np.arange(count) * each for count, each in zip(table.shape, step, strict=True))
-    return spline_through(x, y, table, repeats=(repeats, repeats))
+    return float(steps[0]), float(steps[1])
 
 
 def sampled(
@@ -165,16 +200,17 @@ def sampled(
             break
         segments = [_refined(parts, each > 0.4 * error) for parts, each in zip(segments, split, strict=True)]
         if np.prod([sum(map(len, parts)) for parts in segments]) > MAX_POLES:
-            reached = max(float(each.max()) for each in split)
-            raise InputError(
-                "function",
-                getattr(function, "__name__", "h"),
-                f"cannot be sampled within {error:g} ({reached:.2g} was reached); give a larger error, or name its "
-                "creases",
-            )
-    surface = _spline(call, segments, repeats)
-    off = _measured(call, surface, segments)
-    return SplineSurface(surface.u, surface.v, surface.poles, error=max(off, 1e-12), evidence="measured")
+            raise _too_fine(function, error, max(float(each.max()) for each in split))
+    surface = measured_error(call, _spline(call, segments, repeats))
+    if surface.error > error:
+        raise _too_fine(function, error, surface.error)
+    return surface
+
+
+def _too_fine(function: Function, error: float, reached: float) -> InputError:
+    name = getattr(function, "__name__", "h")
+    advice = "give a larger error, or name its creases; a function with a step has no surface"
+    return InputError("function", name, f"cannot be sampled within {error:g} ({reached:.2g} was reached); {advice}")
 
 
 def _spline(
@@ -201,19 +237,19 @@ def _vectorised(function: Function) -> Callable[[Floats, Floats], Floats]:
     def call(u: Floats, v: Floats) -> Floats:
         uu, vv = np.broadcast_arrays(u, v)
         try:
-            values = np.asarray(function(uu, vv), dtype=np.float64)
-        except (TypeError, ValueError):
             try:
+                values = np.asarray(function(uu, vv), dtype=np.float64)
+            except (TypeError, ValueError):  # it does not accept arrays
                 values = np.asarray(np.vectorize(function, otypes=[np.float64])(uu, vv))
-            except Exception as error:
-                raise InputError("function", name, f"fails: {error}") from None
+        except Exception as error:
+            raise InputError("function", name, f"fails: {one_line(str(error))}") from None
         if values.shape != uu.shape:
             values = np.array(np.broadcast_to(values, uu.shape)) if values.ndim == 0 else values
         if values.shape != uu.shape:
             raise InputError("function", name, f"returns the shape {values.shape} for points of shape {uu.shape}")
         if not np.isfinite(values).all():
             i = tuple(np.argwhere(~np.isfinite(values))[0])
-            raise InputError("function", name, f"is no finite number at u = {uu[i]:.6g}, v = {vv[i]:.6g}")
+            raise InputError("function", name, f"is not a finite number at u = {uu[i]:.6g}, v = {vv[i]:.6g}")
         return values
 
     return call
@@ -260,13 +296,33 @@ def _refined(parts: Sequence[Floats], split: Bools) -> list[Floats]:
     return refined
 
 
-def _measured(
-    call: Callable[[Floats, Floats], Floats], surface: SplineSurface, segments: Sequence[Sequence[Floats]]
-) -> float:
-    """Return the largest difference between a surface and a function at many points, strip by strip."""
-    u, v = (_dense(parts, _POINTS) for parts in segments)
-    largest = 0.0
-    for strip in np.array_split(u, max(1, len(u) * len(v) // 2_000_000)):
-        difference = surface.grid(strip, v) - call(strip[:, None], v[None, :])
-        largest = max(largest, float(np.abs(difference).max()))
-    return largest
+def measured_error(function: Callable[[Floats, Floats], Floats], surface: SplineSurface) -> SplineSurface:
+    """Return the surface with its largest difference from a function as its error.
+
+    The difference is measured at five points along each side of each span, and then at many more points in the spans
+    where it is largest. If there are very many spans, only a part of the points is used.
+    """
+    breaks = surface.u.breaks, surface.v.breaks
+    u, v = (_thinned(_dense([lines], _POINTS)) for lines in breaks)
+    worst: list[tuple[float, float, float]] = []
+    for strip in np.array_split(u, max(1, len(u) * len(v) // 1_000_000)):
+        difference = np.abs(surface.grid(strip, v) - function(strip[:, None], v[None, :]))
+        rows = difference.argmax(axis=1)
+        worst += zip(difference.max(axis=1).tolist(), strip.tolist(), v[rows].tolist(), strict=True)
+    largest = 1e-12
+    for off, at_u, at_v in sorted(worst)[-_ZOOMED:]:
+        near = []
+        for lines, at in zip(breaks, (at_u, at_v), strict=True):
+            i = int(np.searchsorted(lines[1:-1], at, "right"))
+            near.append(np.linspace(lines[i], lines[i + 1], _ZOOM))
+        difference = np.abs(surface.grid(near[0], near[1]) - function(near[0][:, None], near[1][None, :]))
+        largest = max(largest, off, float(difference.max()))
+    return SplineSurface(surface.u, surface.v, surface.poles, error=largest, evidence="measured")
+
+
+def _thinned(lines: Floats) -> Floats:
+    """Return at most about :data:`_MAX_LINES` lines, in steps that do not always meet the same place in a span."""
+    step = math.ceil(len(lines) / _MAX_LINES)
+    while math.gcd(step, len(_POINTS) + 1) > 1:
+        step += 1
+    return lines[::step]

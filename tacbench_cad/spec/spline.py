@@ -22,8 +22,8 @@ from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
-#: The largest error of the extremes, as a fraction of the height of the surface.
-EXTREMES_FRACTION = 1e-7
+#: The largest error of the extremes, as a fraction of the height of the surface; at least a tenth of its own error.
+EXTREMES_FRACTION = 1e-6
 #: Two knots that are nearer than this fraction of the length of the axis are the same knot.
 _SAME = 1e-12
 
@@ -451,5 +451,5 @@ def _extremes(
     part = surface if (surface.u.ends, surface.v.ends) == (u, v) else surface.over(u, v)
     lines = part.u.breaks, part.v.breaks
     second = [part.cell_bounds(*lines, order) for order in ((2, 0), (1, 1), (0, 2))]
-    error = EXTREMES_FRACTION * float(np.ptp(part.poles))
+    error = max(EXTREMES_FRACTION * float(np.ptp(part.poles)), surface.error / 10.0)
     return search_cells(part, lines, second, part.cell_limits(*lines), error, keep)

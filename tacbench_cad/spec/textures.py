@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+
+from tacbench_cad.spec.images import read_heights
+from tacbench_cad.spec.later import EQUATIONS, later_name, later_surface
+from tacbench_cad.spec.operations import added, scaled, turned
+from tacbench_cad.spec.sampled import height_map, smoothed
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
+from tacbench_cad.spec.wavefit import fit_waves
 from tacbench_cad.spec.waves import Wave, WaveSum
-from tacbench_cad.util.convert import Bounds, Length, from_plain
+from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, located, one_of
 
-Law = Literal["triangle", "square"]
+Law = Literal["triangle", "square", "sawtooth"]
 Terms = Literal["highest", "count"]
 Axes = Literal["x", "y", "xy"]
 
@@ -113,34 +121,59 @@ def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) ->
 
 
 def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> WaveSum:  # noqa: N803
-    """Make the waves of the paper's second equation, a Fourier series over odd multiples i.
+    """Make the waves of the paper's second equation, a Fourier series over odd multiples i, or of a sawtooth.
 
     Args:
-        law: The amplitudes: ``triangle`` for ``8/pi^2 (-1)^((i-1)/2) / i^2``, ``square`` for ``4/(pi i)``.
-        N: The highest odd multiple, or the number of terms.
+        law: The amplitudes: ``triangle`` for ``8/pi^2 (-1)^((i-1)/2) / i^2``, ``square`` for ``4/(pi i)``, both over
+            odd i; ``sawtooth`` for ``2/pi (-1)^(i+1) / i`` over all i.
+        N: The highest multiple, or the number of terms.
         terms: The meaning of ``N``: the ``highest`` multiple (as in the authors' files) or the ``count`` of terms.
         axes: The axes along which the series runs.
 
     Raises:
-        InputError: ``N`` is not a positive whole number, or it is the highest multiple and even.
+        InputError: ``N`` is not a positive whole number, or it is even for a triangle or a square.
     """
     if isinstance(N, bool) or not isinstance(N, int) or N < 1:
         raise InputError("N", N, "must be a whole number of at least 1")
     one_of("terms", terms, ("highest", "count"))
-    one_of("law", law, ("triangle", "square"))
+    one_of("law", law, ("triangle", "square", "sawtooth"))
     one_of("axes", axes, ("x", "y", "xy"))
-    if terms == "highest" and N % 2 == 0:
+    odd_only = law != "sawtooth"
+    if odd_only and terms == "highest" and N % 2 == 0:
         raise InputError("N", N, f'must be odd where terms = "highest"; {N - 1} and {N + 1} are')
-    highest = N if terms == "highest" else 2 * N - 1
+    highest = N if terms == "highest" or not odd_only else 2 * N - 1
     if highest > MAX_TERMS:
         raise InputError("N", N, f"the highest multiple may be {MAX_TERMS} at most")
-    odd = range(1, highest + 1, 2)
     if law == "triangle":
-        weights = [(i, 8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2) for i in odd]
+        weights = [8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2 for i in range(1, highest + 1)]
+    elif law == "square":
+        weights = [4.0 / (math.pi * i) for i in range(1, highest + 1)]
     else:
-        weights = [(i, 4.0 / (math.pi * i)) for i in odd]
-    along_x = [Wave(amplitude=w, f=float(i), g=0.0) for i, w in weights if "x" in axes]
-    along_y = [Wave(amplitude=w, f=0.0, g=float(i)) for i, w in weights if "y" in axes]
+        weights = [2.0 / math.pi * (-1.0) ** (i + 1) / i for i in range(1, highest + 1)]
+    if odd_only:
+        weights = [weight if i % 2 == 0 else 0.0 for i, weight in enumerate(weights)]
+    return harmonics(weights, axes)
+
+
+def harmonics(weights: Sequence[float], axes: Axes = "xy") -> WaveSum:
+    """Make a Fourier series with any weights, ``sum of weights[i - 1] sin(i u)``, and the same in v.
+
+    >>> print(harmonics([1.0, 0.0, 0.25], axes="x"))
+    sin u + 0.25 sin(3u)
+
+    Args:
+        weights: The amplitudes of the multiples 1, 2, 3 and so on.
+        axes: The axes along which the series runs.
+
+    Raises:
+        InputError: There are too many weights, or one is not a finite number.
+    """
+    one_of("axes", axes, ("x", "y", "xy"))
+    if not 1 <= len(weights) <= MAX_TERMS:
+        raise InputError("weights", len(weights), f"must be 1 to {MAX_TERMS} numbers")
+    used = [(float(i), weight) for i, weight in enumerate(weights, start=1) if weight != 0.0]
+    along_x = [Wave(amplitude=weight, f=i, g=0.0) for i, weight in used if "x" in axes]
+    along_y = [Wave(amplitude=weight, f=0.0, g=i) for i, weight in used if "y" in axes]
     return WaveSum(tuple(along_x + along_y))
 
 
@@ -193,11 +226,20 @@ def file_hint(word: str, folder: Path = Path()) -> str:
     return f'did you mean the file "{name}"?' if (folder / name).is_file() else ""
 
 
+@cache
+def later_texture(name: str) -> Texture | None:
+    """Return one of the authors' later textures by its name or number (``dunes``, ``z13``); None for another word."""
+    known = later_name(name)
+    if known is None or known != name:
+        return None if known is None else later_texture(known)
+    return Texture(name=known, surface=later_surface(known), equation=EQUATIONS[known])
+
+
 def texture(name: str | int, preset: str = "paper") -> Texture:
-    """Return one of the six textures by its number or name.
+    """Return one of the six textures, or one of the authors' later textures, by its number or name.
 
     Args:
-        name: ``4``, ``"4"`` or ``"texture-4"``.
+        name: ``4``, ``"4"`` or ``"texture-4"``; ``"dunes"`` or ``"z13"``.
         preset: ``paper`` or ``released``.
 
     Raises:
@@ -207,7 +249,9 @@ def texture(name: str | int, preset: str = "paper") -> Texture:
     for texture in catalogue(preset):
         if word in (str(texture.number), texture.name):
             return texture
-    allowed = "allowed: 1 to 6, texture-1 to texture-6, a TOML file or all"
+    if later := later_texture(word):
+        return later
+    allowed = f"allowed: 1 to 6, texture-1 to texture-6, {', '.join(EQUATIONS)}, a TOML file or all"
     raise InputError("texture", str(name), file_hint(str(name)) or allowed)
 
 
@@ -233,15 +277,16 @@ def read_texture(path: Path) -> TextureFile:
     Raises:
         InputError: The file cannot be read, or a key or a value is not allowed.
     """
-    return texture_of_document(read_document(path, "texture", "toml"), f"{path}: ")
+    return texture_of_document(read_document(path, "texture", "toml"), f"{path}: ", path.parent)
 
 
-def texture_of_document(document: Mapping[str, Any], where: str = "") -> TextureFile:
+def texture_of_document(document: Mapping[str, Any], where: str = "", folder: Path = Path()) -> TextureFile:
     """Make a texture and its block settings from the tables of a texture file.
 
     Args:
         document: The tables, as a TOML parser returns them.
         where: The beginning of every error message: the name of the file.
+        folder: The folder of the other files that the tables name.
 
     Raises:
         InputError: A key or a value is not allowed.
@@ -251,9 +296,8 @@ def texture_of_document(document: Mapping[str, Any], where: str = "") -> Texture
     with located(where):
         if not isinstance(family, _PlaneWaves) and tables.wave:
             raise InputError("[[wave]]", None, f'only allowed with family = "plane-waves", not "{family.family}"')
-        waves = family.waves(tables.wave)
-        texture = Texture(name=family.name, equation=family.equation(waves), surface=waves)
-    return TextureFile(texture=texture, block=tables.block)
+        texture, table = family.made(tables, folder)
+        return TextureFile(texture=texture, block=table)
 
 
 _Amplitude = Annotated[float, _BOUNDS["amplitude"]]
@@ -261,12 +305,39 @@ _Frequency = Annotated[float, _BOUNDS["f"]]
 _Phase = Annotated[float, _BOUNDS["phase"]]
 
 
+_Wavelength = Annotated[float, Bounds(1e-4, 1e6)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class _WaveTable:
+    """A wave: ``f`` and ``g``, or an angle with a wavelength in units or in mm on the block."""
+
     amplitude: _Amplitude
-    f: _Frequency
-    g: _Frequency
+    f: _Frequency | None = None
+    g: _Frequency | None = None
+    angle_deg: Annotated[float, Bounds(-360.0, 360.0)] | None = None
+    wavelength: _Wavelength | None = None
+    wavelength_mm: _Wavelength | None = None
     phase: _Phase = 0.0
+
+    def __post_init__(self) -> None:
+        names = ("f", "g", "angle_deg", "wavelength", "wavelength_mm")
+        given = tuple(name for name in names if getattr(self, name) is not None)
+        if given == ("f",) or given == ("g",):
+            raise InputError("g" if given == ("f",) else "f", None, "is missing; must be a finite number")
+        if given not in (("f", "g"), ("angle_deg", "wavelength"), ("angle_deg", "wavelength_mm")):
+            allowed = "give f and g, or angle_deg with wavelength (in units) or with wavelength_mm (on the block)"
+            raise InputError("", None, allowed)
+
+    def wave(self, mm_per_unit: tuple[float, float, float]) -> Wave:
+        """Return the wave in units."""
+        if self.f is not None and self.g is not None:
+            return Wave(amplitude=self.amplitude, f=self.f, g=self.g, phase=self.phase)
+        length = self.wavelength or self.wavelength_mm or 1.0
+        angle = math.radians(self.angle_deg or 0.0)
+        per_u, per_v = mm_per_unit[:2] if self.wavelength is None else (1.0, 1.0)
+        f, g = (2.0 * math.pi / length * part for part in (per_u * math.cos(angle), per_v * math.sin(angle)))
+        return Wave(amplitude=self.amplitude, f=f, g=g, phase=self.phase)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,27 +350,35 @@ class _Equation1:
     f2: _Frequency
     phase: _Phase = 0.0
 
-    def waves(self, _: tuple[_WaveTable, ...]) -> WaveSum:
-        return equation1(self.A1, self.A2, self.f1, self.f2, self.phase)
-
-    def equation(self, waves: WaveSum) -> str:
-        return str(waves)
+    def made(self, document: _Document, _: Path) -> tuple[Texture, BlockTable]:
+        surface = equation1(self.A1, self.A2, self.f1, self.f2, self.phase)
+        return Texture(name=self.name, surface=surface), document.block
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Series:
     name: str
     family: Literal["series"]
-    law: Law
-    N: int
+    law: Law | None = None
+    N: int | None = None
+    weights: Annotated[tuple[_Amplitude, ...], Length(1, MAX_TERMS)] | None = None
     terms: Terms = "highest"
     axes: Axes = "xy"
 
-    def waves(self, _: tuple[_WaveTable, ...]) -> WaveSum:
-        return series(self.law, self.N, self.terms, self.axes)
+    def __post_init__(self) -> None:
+        if self.weights is not None and (self.law is not None or self.N is not None):
+            raise InputError("weights", None, "replaces law and N; give either weights, or law and N")
+        for name in ("law", "N"):
+            if self.weights is None and getattr(self, name) is None:
+                raise InputError(name, None, "is missing; a series needs law and N, or weights")
 
-    def equation(self, _: WaveSum) -> str:
-        return f"{self.law} series along {self.axes}, {self.terms} = {self.N}"
+    def made(self, document: _Document, _: Path) -> tuple[Texture, BlockTable]:
+        if self.weights is not None:
+            return Texture(name=self.name, surface=harmonics(self.weights, self.axes)), document.block
+        assert self.law is not None and self.N is not None
+        text = f"{self.law} series along {self.axes}, {self.terms} = {self.N}"
+        surface = series(self.law, self.N, self.terms, self.axes)
+        return Texture(name=self.name, surface=surface, equation=text), document.block
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,19 +386,146 @@ class _PlaneWaves:
     name: str
     family: Literal["plane-waves"]
 
-    def waves(self, tables: tuple[_WaveTable, ...]) -> WaveSum:
-        if not tables:
+    def made(self, document: _Document, _: Path) -> tuple[Texture, BlockTable]:
+        if not document.wave:
             raise InputError("[[wave]]", None, "at least one such table is needed")
-        return plane_waves(*((wave.amplitude, wave.f, wave.g, wave.phase) for wave in tables))
+        block = document.block
+        if any(wave.wavelength_mm is not None for wave in document.wave):
+            block = replace(block, mm_per_unit=block.mm_per_unit or (1.0, 1.0, 1.0))
+        units = block.mm_per_unit or (1.0, 1.0, 1.0)
+        return Texture(name=self.name, surface=WaveSum(tuple(wave.wave(units) for wave in document.wave))), block
 
-    def equation(self, waves: WaveSum) -> str:
-        return str(waves)
+
+@dataclass(frozen=True, kw_only=True)
+class _Image:
+    """A height map in a file."""
+
+    name: str
+    family: Literal["image"]
+    file: str
+    mm_per_pixel: Annotated[float, Bounds(1e-6, 1e3)] | tuple[float, float] | None = None
+    height_mm: tuple[float, float] | None = None
+    smooth_mm: Annotated[float, Bounds(0.0, 100.0)] = 0.0
+    repeats: bool = False
+    fit: Literal["spline", "waves"] = "spline"
+    waves: int | None = None
+
+    def __post_init__(self) -> None:
+        if (self.fit == "waves") != (self.waves is not None):
+            raise InputError("waves", self.waves, 'the number of waves belongs to fit = "waves"')
+
+    def made(self, document: _Document, folder: Path) -> tuple[Texture, BlockTable]:
+        texture = image_texture(
+            self.name,
+            folder / self.file,
+            mm_per_pixel=self.mm_per_pixel,
+            height_mm=self.height_mm,
+            smooth_mm=self.smooth_mm,
+            repeats=self.repeats,
+            waves=self.waves,
+        )
+        return texture, _merged(texture.block, document.block)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Combined:
+    """A sum of other textures."""
+
+    name: str
+    family: Literal["sum"]
+    of: Annotated[tuple[Word, ...], Length(1, 10)]
+    weights: Annotated[tuple[_Amplitude, ...], Length(1, 10)] | None = None
+    turn_deg: Annotated[float, Bounds(-360.0, 360.0)] = 0.0
+
+    def made(self, document: _Document, folder: Path) -> tuple[Texture, BlockTable]:
+        weights = self.weights or (1.0,) * len(self.of)
+        if len(weights) != len(self.of):
+            raise InputError("weights", len(weights), f"needs one number for each of the {len(self.of)} textures")
+        parts = [self._part(word, folder) for word in self.of]
+        table = parts[0].block
+        for part in parts[1:]:
+            table = _merged(table, part.block)
+        table = _merged(table, document.block)
+        surface = added([scaled(part.surface, weight) for part, weight in zip(parts, weights, strict=True)])
+        if self.turn_deg:
+            surface = turned(surface, self.turn_deg)
+        named = [f"{weight:g} {part.name}" for part, weight in zip(parts, weights, strict=True)]
+        text = " + ".join(named) + (f", turned by {self.turn_deg:g} degrees" if self.turn_deg else "")
+        return Texture(name=self.name, surface=surface, equation=text), table
+
+    def _part(self, word: str, folder: Path) -> Texture:
+        if word.endswith(".toml"):
+            file = read_texture(folder / word)
+            return replace(file.texture, block=file.block)
+        return texture(word)
+
+
+def _merged(table: BlockTable, own: BlockTable) -> BlockTable:
+    """Return a table with the settings of a second table where it has some."""
+    values = {item.name: getattr(own, item.name) for item in fields(own) if getattr(own, item.name) is not None}
+    if own.size_mm is not None and own.domain is None and table.domain is not None:
+        (u, v), per_unit = table.domain, own.mm_per_unit or table.mm_per_unit or (1.0, 1.0, 1.0)
+        width, depth = (side / unit for side, unit in zip(own.size_mm, per_unit, strict=False))
+        values["domain"] = ((u[0], u[0] + width), (v[0], v[0] + depth))
+    return replace(table, **values)
+
+
+def image_texture(
+    name: str,
+    path: Path,
+    *,
+    mm_per_pixel: float | tuple[float, float] | None = None,
+    height_mm: tuple[float, float] | None = None,
+    smooth_mm: float = 0.0,
+    repeats: bool = False,
+    waves: int | None = None,
+) -> Texture:
+    """Make a texture from a height map in a file: a picture, an array, a table, or the file of an instrument.
+
+    Args:
+        name: The name of the texture.
+        path: The file; :func:`tacbench_cad.spec.images.read_heights` lists the formats.
+        mm_per_pixel: The distance of neighbouring columns, or of columns and rows, in mm; None if the file says it.
+        height_mm: The heights of the lowest and the highest value; None if the values of the file are heights in mm.
+        smooth_mm: The standard deviation of a Gaussian filter, in mm. It smooths the steps of a picture with 8 bits.
+        repeats: Whether the height map repeats beyond its ends.
+        waves: The number of waves that are fitted; None for a spline through all samples.
+
+    Raises:
+        InputError: The file cannot be read, or a number is missing or not allowed.
+        MissingToolError: A package that reads the file is not installed.
+    """
+    file = read_heights(path)
+    steps = mm_per_pixel if mm_per_pixel is not None else file.mm_per_pixel
+    if steps is None:
+        raise InputError("mm_per_pixel", None, f"is missing; {path.name} does not say how far apart its samples are")
+    if height_mm is None and not file.in_mm:
+        raise InputError("height_mm", None, "is missing; give the heights in mm of the darkest and the brightest pixel")
+    heights = file.values
+    with located(f"{path.name}: "):
+        if smooth_mm:
+            heights = smoothed(heights, smooth_mm, steps, repeats or waves is not None)
+        if waves is not None:
+            fit = fit_waves(heights, waves=waves, mm_per_pixel=steps, height_mm=height_mm)
+            table = BlockTable(mm_per_unit=(1.0, 1.0, 1.0))
+            return Texture(name=name, surface=fit.surface, equation=f"{path.name} as {fit}", block=table)
+        surface = height_map(heights, mm_per_pixel=steps, height_mm=height_mm, repeats=repeats)
+    rows, columns = np.shape(heights)
+    text = f"{path.name}, {columns} x {rows} samples"
+    return Texture(name=name, surface=surface, equation=text, block=table_in_mm(surface))
+
+
+def table_in_mm(surface: SplineSurface) -> BlockTable:
+    """Return the block settings for a surface whose units are mm: the block has the size of the surface."""
+    if surface.u.repeats or surface.v.repeats:
+        return BlockTable(mm_per_unit=(1.0, 1.0, 1.0))
+    return BlockTable(mm_per_unit=(1.0, 1.0, 1.0), domain=(surface.u.ends, surface.v.ends))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Document:
     """The document of a texture file."""
 
-    texture: _Equation1 | _Series | _PlaneWaves
+    texture: _Equation1 | _Series | _PlaneWaves | _Image | _Combined
     block: BlockTable = field(default_factory=BlockTable)
     wave: Annotated[tuple[_WaveTable, ...], Length(high=MAX_WAVES)] = ()

@@ -49,6 +49,8 @@ PACKAGES: tuple[Package, ...] = (
     ),
     Package(distribution="pymeshlab", module="pymeshlab", extra="cad", use="--verify full and tacbench check-part"),
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
+    Package(distribution="pillow", module="PIL", extra="images", use="pictures as height maps"),
+    Package(distribution="surfalize", module="surfalize", extra="instruments", use="height maps of instruments"),
     Package(distribution="k3d", module="k3d", extra="view", use="the 3D page of tacbench view"),
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),

@@ -52,6 +52,14 @@ def _turn(mesh: Mesh, quarters: int, upside_down: bool = False) -> Mesh:
     return changed(mesh, lambda vertices: vertices @ (about_x @ about_z).T + [3.0, -100.0, 12.5])
 
 
+@pytest.mark.parametrize(("name", "preset"), [("dunes", "paper"), ("diamond", "released"), ("coral", "released")])
+def test_later_textures_are_identified(name: str, preset: str, tmp_path: Path) -> None:
+    mesh = block_part(Block.of(name, preset)).mesh[0]
+    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
+    assert report.ok, report.faults
+    assert f"{name}, preset {preset}" in _line(report, "relief").detail
+
+
 @pytest.mark.parametrize("number", range(1, 7))
 def test_each_texture_is_identified(number: int, tmp_path: Path) -> None:
     report = examine(_anonymous(_part(number).mesh[0], tmp_path / "a.stl"), full=False)

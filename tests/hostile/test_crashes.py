@@ -146,4 +146,4 @@ def test_a_texture_other_than_the_six_is_reported(tmp_path: Path) -> None:
     unnamed = write_soup(tmp_path / "foreign.stl", read_stl(path).triangle_points)
     report = examine(unnamed, full=False)
     assert [check.name for check in report.faults] == ["texture"]
-    assert "not one of the six textures; the nearest is texture-" in report.faults[0].detail
+    assert "not one of the known textures; the nearest is texture-" in report.faults[0].detail

@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacbench_cad.spec.textures import Texture, catalogue, equation1, plane_waves, read_texture, series, texture
+from tacbench_cad.spec.textures import (
+    Texture,
+    TextureFile,
+    catalogue,
+    equation1,
+    plane_waves,
+    read_texture,
+    series,
+    texture,
+)
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 
@@ -53,6 +62,10 @@ def test_terms_can_be_the_number_of_waves() -> None:
     assert len(series("square", 25, axes="x").waves) == 13
     assert len(series("square", 25, terms="count", axes="x").waves) == 25
     assert series("square", 25, terms="count", axes="x").waves[-1].f == 49.0
+
+
+def read(folder: Path, text: str) -> TextureFile:
+    return read_texture(write(folder, text))
 
 
 def write(folder: Path, text: str) -> Path:
@@ -116,14 +129,14 @@ GOOD = '[texture]\nname="hex"\nfamily="series"\nlaw="square"\nN=5\n'
         (GOOD + 'terms="hghest"\n', r'did you mean "highest"'),
         (
             GOOD.replace("law", "lwa"),
-            r'lwa: unknown key; did you mean "law"\? Allowed: name, family, law, N, terms, axes',
+            r'lwa: unknown key; did you mean "law"\? Allowed: name, family, law, N, weights, terms, axes',
         ),
         (GOOD + "A1=1\n", r"A1: unknown key"),
         (GOOD.replace('"hex"', '"Hex!"'), r"a-z, 0-9"),
         (GOOD.replace('"hex"', '"holder"'), r"is the name of a part of the print set"),
         (GOOD.replace('"hex"', '"texture-4"'), r"is the name of a part of the print set"),
         (GOOD.replace('"hex"', "7"), r"must be a string"),
-        (GOOD.replace('"series"', '"fourier"'), r"equation1, series, plane-waves"),
+        (GOOD.replace('"series"', '"fourier"'), r"equation1, series, plane-waves, image, sum"),
         (GOOD + "[[wave]]\namplitude=1\nf=1\ng=1\n", r'only allowed with family = "plane-waves"'),
         (GOOD + "[block]\nsize=[1,2]\n", r'did you mean "size_mm"'),
         (GOOD + "[block]\nsize_mm=[1]\n", r"list of 2 numbers"),
@@ -185,3 +198,42 @@ def test_a_function_instead_of_a_sum_of_waves_is_refused() -> None:
         InputError, match=r"texture bumps surface = 'function': must be a sum of waves .*sampled for a Python function"
     ):
         Texture(name="bumps", surface=lambda u, v: u * v)  # type: ignore[arg-type]
+
+
+def test_a_series_with_weights_and_a_sawtooth(tmp_path: Path) -> None:
+    weights = read(tmp_path, '[texture]\nname="w"\nfamily="series"\nweights=[1, 0, 0.25]\naxes="x"\n').texture
+    np.testing.assert_allclose(weights.surface(U, V), np.sin(U) + 0.25 * np.sin(3 * U), atol=1e-12)
+    saw = read(tmp_path, '[texture]\nname="s"\nfamily="series"\nlaw="sawtooth"\nN=400\naxes="x"\n').texture
+    assert float(saw.surface(1.0, 0.0)) == pytest.approx(1.0 / math.pi, abs=3e-3)
+
+
+def test_a_wave_with_an_angle(tmp_path: Path) -> None:
+    head = '[texture]\nname="a"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nangle_deg=60\n'
+    units = read(tmp_path, head + "wavelength=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
+    along = U * 0.5 + V * math.sqrt(0.75)
+    np.testing.assert_allclose(units.texture.surface(U, V), np.sin(math.pi * along), atol=1e-12)
+    printed = read(tmp_path, head + "wavelength_mm=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
+    np.testing.assert_allclose(printed.texture.surface(U / 1.2, V / 1.5), np.sin(math.pi * along), atol=1e-12)
+    assert read(tmp_path, head + "wavelength_mm=2\n").block.mm_per_unit == (1.0, 1.0, 1.0)
+
+
+def test_a_sum_of_textures(tmp_path: Path) -> None:
+    total = read(tmp_path, '[texture]\nname="t"\nfamily="sum"\nof=["1", "ripple"]\nweights=[1, 0.5]\n').texture
+    expected = np.sin(U) + 0.5 * (np.sin(U + V) + 0.5 * np.cos(2 * U - 2 * V))
+    np.testing.assert_allclose(total.surface(U, V), expected, atol=1e-12)
+    assert total.equation == "1 texture-1 + 0.5 ripple"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('family="series"\nweights=[1]\nN=3\n', r"weights: replaces law and N"),
+        ('family="series"\nN=3\n', r"law: is missing; a series needs law and N, or weights"),
+        ('family="plane-waves"\n[[wave]]\namplitude=1\nf=1\ng=1\nangle_deg=3\n', r"give f and g, or angle_deg with"),
+        ('family="sum"\nof=["1", "2"]\nweights=[1]\n', r"needs one number for each of the 2 textures"),
+        ('family="image"\nfile="a.png"\nwaves=3\n', r"the number of waves belongs to fit"),
+    ],
+)
+def test_keys_that_do_not_fit_together_are_refused(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, f'[texture]\nname="a"\n{text}')

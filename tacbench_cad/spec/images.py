@@ -1,0 +1,138 @@
+"""Height maps in files: pictures, arrays, tables, and the files of instruments."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.spec.sampled import MAX_SAMPLES
+from tacbench_cad.util.door import open_input, read_bytes
+from tacbench_cad.util.errors import InputError, one_line
+from tacbench_cad.util.packages import require
+from tacbench_cad.util.types import Floats
+
+#: The endings of pictures.
+PICTURES = (".png", ".tif", ".tiff")
+#: The endings of tables of numbers.
+TABLES = (".csv", ".txt")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightFile:
+    """The content of a file with heights.
+
+    Args:
+        values: The values, shape (rows, columns), the first row at the largest y.
+        mm_per_pixel: The distances of neighbouring columns and rows in mm; None if the file does not say them.
+        in_mm: Whether the values are heights in mm.
+    """
+
+    values: Any
+    mm_per_pixel: tuple[float, float] | None = None
+    in_mm: bool = False
+
+
+def read_heights(path: Path) -> HeightFile:
+    """Read a height map.
+
+    - PNG and TIFF, 8 or 16 bit; a colour picture becomes grey. This needs the package Pillow.
+    - NPY, an array of numbers; CSV or TXT, a table of numbers. Their values are heights in mm.
+    - Any other file is read by the package surfalize, which knows the formats of many instruments.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: The file cannot be read, or is too large.
+        MissingToolError: The package for this kind of file is not installed.
+    """
+    suffix = path.suffix.lower()
+    if suffix in PICTURES:
+        return HeightFile(values=_picture(path))
+    if suffix == ".npy":
+        return HeightFile(values=_array(path), in_mm=True)
+    if suffix in TABLES:
+        return HeightFile(values=_table(path), in_mm=True)
+    return _instrument(path)
+
+
+def _require_size(path: Path, rows: int, columns: int) -> None:
+    if rows * columns > MAX_SAMPLES:
+        size = f"has {columns} x {rows} samples, more than the {MAX_SAMPLES:,} allowed; make it smaller first"
+        raise InputError("height map", str(path), size)
+
+
+def _picture(path: Path) -> Any:
+    require(f"{path}: a picture as height map", "PIL")
+    from PIL import Image, UnidentifiedImageError
+
+    with open_input(path, "height map", "image") as stream, warnings.catch_warnings():
+        # the size is checked here, before the picture is decoded
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        try:
+            with Image.open(stream, formats=("PNG", "TIFF")) as picture:
+                _require_size(path, picture.height, picture.width)
+                is_grey = picture.mode in ("L", "I", "F") or picture.mode.startswith("I;")
+                return np.asarray(picture if is_grey else picture.convert("L"))
+        except Image.DecompressionBombError:
+            allowed = f"has more samples than the {MAX_SAMPLES:,} allowed; make it smaller first"
+            raise InputError("height map", str(path), allowed) from None
+        except UnidentifiedImageError:
+            raise InputError("height map", str(path), "is not a PNG or TIFF picture") from None
+        except (OSError, ValueError, SyntaxError, EOFError) as error:
+            raise InputError("height map", str(path), f"cannot be decoded: {one_line(str(error))}") from None
+
+
+def _array(path: Path) -> Any:
+    with open_input(path, "height map", "array") as stream:
+        try:
+            version = np.lib.format.read_magic(stream)
+            reader: Callable[..., Any] = {
+                (1, 0): np.lib.format.read_array_header_1_0,
+                (2, 0): np.lib.format.read_array_header_2_0,
+            }[version]
+            shape, _, kind = reader(stream)
+            if len(shape) != 2 or kind.hasobject:
+                raise InputError("height map", str(path), f"must be a table of numbers, but has the shape {shape}")
+            _require_size(path, *shape)
+            stream.seek(0)
+            return np.load(stream, allow_pickle=False)
+        except (KeyError, ValueError, EOFError, OSError) as error:
+            raise InputError("height map", str(path), f"is not an array of NumPy: {one_line(str(error))}") from None
+
+
+def _table(path: Path) -> Floats:
+    text = read_bytes(path, "height map", "table").decode("utf-8", "replace").lstrip("\ufeff")
+    first = text.partition("\n")[0]
+    separator = next((mark for mark in (";", "\t", ",") if mark in first), None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            values = np.loadtxt(io.StringIO(text), delimiter=separator, ndmin=2)
+    except ValueError as error:
+        raise InputError("height map", str(path), f"is not a table of numbers: {one_line(str(error))}") from None
+    _require_size(path, *values.shape)
+    return np.asarray(values, dtype=np.float64)
+
+
+def _instrument(path: Path) -> HeightFile:
+    """Read the file of an instrument. The package surfalize gives heights and distances in micrometres."""
+    if not path.is_file():
+        raise InputError("height map", str(path), "does not exist")
+    require(f"{path}: a height map of this kind", "surfalize")
+    from surfalize import Surface
+
+    try:
+        surface = Surface.load(path)
+    except Exception as error:
+        raise InputError("height map", str(path), f"cannot be read: {one_line(str(error))}") from None
+    values = np.asarray(surface.data, dtype=np.float64)
+    _require_size(path, *values.shape)
+    steps = (float(surface.step_x) / 1000.0, float(surface.step_y) / 1000.0)
+    return HeightFile(values=values / 1000.0, mm_per_pixel=steps, in_mm=True)

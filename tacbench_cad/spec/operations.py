@@ -1,0 +1,183 @@
+"""Operations on surfaces: sum, scale, turn, window, mask, repeat.
+
+Where the result is exactly a sum of waves or a spline, it is calculated exactly. Otherwise the result is sampled, and
+its error is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tacbench_cad.spec.sampled import sampled
+from tacbench_cad.spec.spline import SplineAxis, SplineSurface
+from tacbench_cad.spec.surface import Surface
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats
+
+#: The error of a sampled result, as a fraction of the bound of its height.
+SAMPLED_FRACTION = 1e-4
+
+#: The ends of a domain along u and v.
+Domain = tuple[tuple[float, float], tuple[float, float]]
+
+
+def scaled(surface: Surface, factor: float) -> Surface:
+    """Return a surface with its height multiplied by a factor."""
+    if not math.isfinite(factor):
+        raise InputError("factor", factor, "must be a finite number")
+    return surface.mapped((1.0, 1.0), factor)
+
+
+def added(surfaces: Sequence[Surface], domain: Domain | None = None) -> Surface:
+    """Return the sum of surfaces.
+
+    The sum of waves is a sum of waves. Splines with the same domain are added exactly. Anything else is sampled.
+
+    Args:
+        surfaces: The surfaces.
+        domain: The domain of a sampled sum; None for the common domain of the splines.
+    """
+    waves = [surface for surface in surfaces if isinstance(surface, WaveSum)]
+    splines = [surface for surface in surfaces if isinstance(surface, SplineSurface)]
+    if not splines:
+        return WaveSum(tuple(wave for surface in waves for wave in surface.waves))
+    total = splines[0]
+    same = [spline.u.ends == total.u.ends and spline.v.ends == total.v.ends for spline in splines]
+    repeats = {(spline.u.repeats, spline.v.repeats) for spline in splines}
+    if not waves and all(same) and len(repeats) == 1:
+        for spline in splines[1:]:
+            total = _sum(total, spline)
+        return total
+    return _sampled(lambda u, v: sum((each(u, v) for each in surfaces), np.zeros(1)), surfaces, domain)
+
+
+def turned(surface: Surface, angle_deg: float, domain: Domain | None = None) -> Surface:
+    """Return a surface that is turned counter-clockwise about the origin.
+
+    Args:
+        surface: The surface.
+        angle_deg: The angle in degrees.
+        domain: The domain of the result, if the surface is a spline that repeats.
+    """
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    if isinstance(surface, WaveSum):
+        return WaveSum(
+            tuple(
+                Wave(amplitude=w.amplitude, f=c * w.f - s * w.g, g=s * w.f + c * w.g, phase=w.phase)
+                for w in surface.waves
+            )
+        )
+    if isinstance(surface, SplineSurface) and not (surface.u.repeats and surface.v.repeats):
+        raise InputError("turn", angle_deg, "a height map can only be turned if it repeats along both sides")
+    return _sampled(lambda u, v: surface(c * u + s * v, c * v - s * u), [surface], domain)
+
+
+def windowed(surface: Surface, margin: float | tuple[float, float], domain: Domain | None = None) -> Surface:
+    """Return a surface that fades out to the height 0 towards the edges of a domain.
+
+    Args:
+        surface: The surface.
+        margin: The width over which it fades, along u and v, in units.
+        domain: The domain; None for the domain of a spline.
+    """
+    (u0, u1), (v0, v1) = _domain([surface], domain)
+    along_u, along_v = (margin, margin) if isinstance(margin, (int, float)) else margin
+    for width, low, high in ((along_u, u0, u1), (along_v, v0, v1)):
+        if not 0.0 < 2.0 * width <= high - low:
+            raise InputError("margin", margin, f"must be above 0 and at most half of the length {high - low:g}")
+    lines = ([u0 + along_u, u1 - along_u], [v0 + along_v, v1 - along_v])
+
+    def fade(t: Floats, low: float, high: float, width: float) -> Floats:
+        s = np.clip(np.minimum(t - low, high - t) / width, 0.0, 1.0)
+        return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
+
+    def window(u: Floats, v: Floats) -> Floats:
+        return np.asarray(surface(u, v) * fade(u, u0, u1, along_u) * fade(v, v0, v1, along_v))
+
+    return _sampled(window, [surface], ((u0, u1), (v0, v1)), lines)
+
+
+def masked(surface: Surface, mask: Callable[[Floats, Floats], Floats], domain: Domain | None = None) -> Surface:
+    """Return a surface multiplied by a mask.
+
+    Args:
+        surface: The surface.
+        mask: A function of u and v with values from 0 to 1. It must be continuous.
+        domain: The domain; None for the domain of a spline.
+    """
+    return _sampled(lambda u, v: surface(u, v) * mask(u, v), [surface], domain)
+
+
+def repeated(surface: SplineSurface, along: tuple[bool, bool] = (True, True)) -> SplineSurface:
+    """Return a spline that repeats beyond its ends.
+
+    Args:
+        surface: The spline.
+        along: Whether it repeats along u and along v.
+
+    Raises:
+        InputError: The heights at opposite ends differ, so there would be a step.
+    """
+    poles, axes = surface.poles, []
+    for which, (axis, wanted) in enumerate(zip((surface.u, surface.v), along, strict=True)):
+        first, last = np.moveaxis(poles, which, 0)[[0, -1]]
+        step = float(np.abs(first - last).max())
+        if wanted and step > 1e-9 * float(np.ptp(poles)):
+            advice = "make it seamless with fit_waves, or fade it out with windowed"
+            raise InputError("repeat", "uv"[which], f"there would be a step of {step:.3g} at the joint; {advice}")
+        axes.append(replace(axis, repeats=wanted or axis.repeats))
+    return replace(surface, u=axes[0], v=axes[1])
+
+
+def _sum(first: SplineSurface, second: SplineSurface) -> SplineSurface:
+    """Return the exact sum of splines with the same domain, by inserting the knots of each into the other."""
+    poles, axes = [first.poles, second.poles], []
+    for which in (0, 1):
+        pair = [(first.u, second.u), (first.v, second.v)][which]
+        if pair[0].degree != pair[1].degree:
+            raise InputError("sum", None, "splines of different degrees cannot be added")
+        turned_poles = [np.moveaxis(each, which, 0) for each in poles]
+        for mine, other in ((0, 1), (1, 0)):
+            for at in pair[other].breaks[1:-1].tolist():
+                times = int(np.count_nonzero(np.abs(pair[other].knots - at) <= 1e-12 * abs(pair[other].ends[1])))
+                axis, turned_poles[mine] = pair[mine].inserted(turned_poles[mine], at, times)
+                pair = (axis, pair[1]) if mine == 0 else (pair[0], axis)
+        poles = [np.moveaxis(each, 0, which) for each in turned_poles]
+        axes.append(SplineAxis(pair[0].knots, pair[0].degree, pair[0].repeats))
+    evidence = first.evidence if second.evidence == "proved" else second.evidence
+    return SplineSurface(axes[0], axes[1], poles[0] + poles[1], error=first.error + second.error, evidence=evidence)
+
+
+def _domain(surfaces: Sequence[Surface], domain: Domain | None) -> Domain:
+    """Return the given domain, or the common part of the domains of the splines that do not repeat."""
+    if domain is not None:
+        return domain
+    ends = []
+    for axes in zip(*((each.u, each.v) for each in surfaces if isinstance(each, SplineSurface)), strict=True):
+        fixed = [axis.ends for axis in axes if not axis.repeats]
+        if not fixed:
+            break
+        ends.append((max(low for low, _ in fixed), min(high for _, high in fixed)))
+    if len(ends) < 2:
+        raise InputError("domain", None, "is missing; give domain=((u low, u high), (v low, v high)) of the result")
+    return ends[0], ends[1]
+
+
+def _sampled(
+    function: Callable[[Floats, Floats], Floats],
+    surfaces: Sequence[Surface],
+    domain: Domain | None,
+    lines: tuple[Sequence[float], Sequence[float]] = ((), ()),
+) -> SplineSurface:
+    """Return a sampled function of surfaces, with their errors added to its own. Their creases are kept."""
+    u, v = _domain(surfaces, domain)
+    known = [each.over(u, v) for each in surfaces if isinstance(each, SplineSurface) and not lines[0]]
+    creases = [sorted({*lines[i], *(at for each in known for at in each.creases[i].tolist())}) for i in (0, 1)]
+    error = SAMPLED_FRACTION * sum(each.amplitude_sum for each in surfaces)
+    result = sampled(function, u=u, v=v, error=error, creases=(creases[0], creases[1]))
+    return replace(result, error=result.error + sum(each.error for each in surfaces))
