@@ -10,6 +10,11 @@ This example makes a plate with four blocks and a hole::
             TextureBlock(4, key_mm=3)
         Cylinder(3, 30, mode=Mode.SUBTRACT)
 
+:func:`textured` puts a texture on a face of any part::
+
+    box = Box(40, 30, 5)
+    box = textured(box, box.faces().sort_by(Axis.Z)[-1], 2, depth_mm=0.8)
+
 The module :mod:`housing.bd` contains holder and jig as parts with joints.
 
 Importing this module imports build123d.
@@ -17,6 +22,7 @@ Importing this module imports build123d.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from build123d import (
@@ -24,16 +30,20 @@ from build123d import (
     BasePartObject,
     BuildPart,
     Color,
+    Compound,
     Face,
     Location,
     Mode,
+    Part,
     RigidJoint,
     RotationLike,
+    Shape,
     Solid,
 )
 
 from tacbench_cad.geometry import brep
 from tacbench_cad.geometry.part import colour_of
+from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
@@ -125,6 +135,48 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         super().__init__(part=solid, rotation=rotation, align=None, mode=mode)
         self.color = Color(colour_of("block"))
         RigidJoint("underside", self, self.rotation * frame)
+
+
+def textured(
+    part: Shape | None,
+    face: Face | Iterable[Face],
+    texture: Texture | str | int,
+    *,
+    mode: Mode = Mode.REPLACE,
+    **settings: Any,
+) -> Part:
+    """Part Operation: textured.
+
+    Put a texture on one or more planar or cylindrical faces of a part.
+
+    Args:
+        part: The part, with exactly one solid; None for the part of the builder. It is not changed.
+        face: A face of the part, or several faces that get the texture one after another.
+        texture: A texture, or the number or name of one of the six.
+        mode: How the result is combined with the part of a builder. ``Mode.PRIVATE`` leaves the builder as it is.
+        **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`: ``depth_mm``,
+            ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.
+
+    Raises:
+        InputError: The face is neither planar nor cylindrical, a setting is not allowed for it, or there is no part.
+    """
+    from tacbench_cad.geometry.textured.solid import textured_solid
+
+    context: BuildPart | None = BuildPart._get_context("textured", log=False)
+    whole = part if part is not None or context is None else context.part
+    if whole is None:
+        raise InputError("part", None, "is missing; give a part, or use a builder that has one")
+    faces = [face] if isinstance(face, Face) else list(face)
+    if not faces or not all(isinstance(chosen, Face) for chosen in faces):
+        raise InputError("face", None, "must be a face of the part; select at least one")
+    own = texturing(texture, **settings)
+    shape = whole.wrapped
+    for chosen in faces:
+        shape = textured_solid(shape, chosen.wrapped, own).solid
+    solid = Solid(shape)
+    if context is not None:
+        context._add_to_context(solid, clean=False, mode=mode)
+    return Part(Compound([solid]).wrapped)
 
 
 def texture_face(block: Block) -> Face:

@@ -11,18 +11,29 @@ This example makes two blocks side by side::
 After ``tacbench_cad.cq.register()`` you can also write
 ``cq.Workplane().rarray(40, 1, 2, 1).textureBlock(Block.of(4))``.
 
+:func:`textured` puts a texture on a face of any part::
+
+    plate = cq.Workplane().box(40, 30, 5)
+    plate = textured(plate, plate.faces(">Z"), 2, depth_mm=0.8)
+
+After ``register()`` you can also write ``plate.faces(">Z").texture(2, depth_mm=0.8)``.
+
 Importing this module imports CadQuery.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import cadquery as cq
 
 from tacbench_cad.geometry import brep
 from tacbench_cad.geometry.part import rgb_of
+from tacbench_cad.geometry.texturing import Texturing, texturing
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.util.errors import InputError
 
 
 def solid(block: Block) -> cq.Solid:
@@ -84,11 +95,49 @@ def texture_face(block: Block) -> cq.Face:
     return cq.Face(brep.texture_face(block))
 
 
-def register() -> None:
-    """Add ``Workplane.textureBlock(block, combine=True, clean=True)`` to CadQuery.
+def textured(
+    part: cq.Workplane | cq.Shape, face: cq.Workplane | cq.Face | str, texture: Texture | str | int, **settings: Any
+) -> cq.Workplane:
+    """Put a texture on a planar or cylindrical face of a part.
 
-    The method adds the block at every point of the stack, aligned with the axes of the workplane, and combines it like
-    ``Workplane.box``.
+    Args:
+        part: The part, with exactly one solid. It is not changed.
+        face: A face of the part, a workplane with the face, or a selector, for example ``">Z"``.
+        texture: A texture, or the number or name of one of the six.
+        **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`: ``depth_mm``,
+            ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.
+
+    Returns:
+        A new workplane with the solid. To write it to a file, use :func:`tacbench_cad.textured_part`.
+
+    Raises:
+        InputError: The face is neither planar nor cylindrical, or a setting is not allowed for it.
+    """
+    shape = part.findSolid() if isinstance(part, cq.Workplane) else part
+    if isinstance(face, str):
+        face = cq.Workplane(shape).faces(face)
+    faces = face.vals() if isinstance(face, cq.Workplane) else [face]
+    return cq.Workplane(_textured(shape, faces, texturing(texture, **settings)))
+
+
+def _textured(shape: cq.Shape, faces: Sequence[Any], settings: Texturing) -> cq.Solid:
+    """Put a texture on some faces of a shape, one after another. The other faces stay the same faces."""
+    from tacbench_cad.geometry.textured.solid import textured_solid
+
+    if not faces or not all(isinstance(face, cq.Face) for face in faces):
+        raise InputError("face", None, "must be a face of the part; select at least one")
+    wrapped = shape.wrapped
+    for face in faces:
+        wrapped = textured_solid(wrapped, face.wrapped, settings).solid
+    return cq.Solid(wrapped)
+
+
+def register() -> None:
+    """Add the methods ``textureBlock`` and ``texture`` to CadQuery's ``Workplane``.
+
+    ``textureBlock(block, combine=True, clean=True)`` adds the block at every point of the stack, aligned with the axes
+    of the workplane, and combines it like ``Workplane.box``. ``texture(texture, ...)`` puts a texture on the selected
+    faces of the solid in the chain. Its settings are the same as those of :func:`textured`.
     """
 
     def texture_block_method(
@@ -100,4 +149,9 @@ def register() -> None:
         """Add a texture block at every point of the stack. Its lower corner is at the point."""
         return self.eachpoint(solid(block).moved, True, combine, clean)
 
+    def texture_method(self: cq.Workplane, texture: Texture | str | int, **settings: Any) -> cq.Workplane:
+        """Put a texture on the selected faces."""
+        return self.newObject([_textured(self.findSolid(), self.vals(), texturing(texture, **settings))])
+
     cq.Workplane.textureBlock = texture_block_method
+    cq.Workplane.texture = texture_method

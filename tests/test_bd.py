@@ -119,3 +119,26 @@ def test_the_solid_is_built_once_for_both_libraries() -> None:
     TextureBlock(BLOCK)
     plugin.solid(BLOCK)
     assert brep._solid.cache_info().misses == built
+
+
+def test_a_texture_on_a_face_in_algebra_mode() -> None:
+    plain = bd.Box(20, 20, 5)
+    part = b3d.textured(plain, plain.faces().sort_by(bd.Axis.Z)[-1], 2, depth_mm=0.8)
+    assert isinstance(part, bd.Part) and part.is_valid and len(part.solids()) == 1
+    assert box(part)[5] == pytest.approx(3.5, abs=1e-3)
+    with pytest.raises(InputError, match="select at least one"):
+        b3d.textured(plain, [], 2)
+    with pytest.raises(InputError, match="is missing"):
+        b3d.textured(None, plain.faces()[0], 2)
+
+
+def test_a_texture_on_a_face_in_a_builder() -> None:
+    with bd.BuildPart() as builder:
+        bd.Box(20, 20, 5)
+        top = builder.faces().sort_by(bd.Axis.Z)[-1]
+        alone = b3d.textured(None, top, 2, mode=bd.Mode.PRIVATE)
+        assert builder.part.volume == pytest.approx(2000.0)
+        b3d.textured(None, top, 2)
+        assert builder.part.volume == pytest.approx(alone.volume)
+        bd.Cylinder(3, 20, mode=bd.Mode.SUBTRACT)
+    assert builder.part.is_valid and builder.part.volume < alone.volume

@@ -12,6 +12,7 @@ from OCP.BRep import BRep_Tool
 from tacbench_cad import cq as plugin
 from tacbench_cad.geometry import brep
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
 
 BLOCK = Block.of(2, key_mm=3.0)
 VOLUME = BLOCK.volume_mm3(BLOCK.solid_datum_mm)
@@ -22,6 +23,7 @@ def registered() -> Iterator[None]:
     plugin.register()
     yield
     del cq.Workplane.textureBlock
+    del cq.Workplane.texture
 
 
 def test_the_solid_has_its_dimensions_and_volume() -> None:
@@ -110,3 +112,24 @@ def test_label_name_and_colour() -> None:
     assert assembly.color is not None
     assert assembly.color.toTuple()[:3] == pytest.approx((0xE3 / 255, 0xB7 / 255, 0x78 / 255), abs=1e-6)
     assert outer.toCompound().BoundingBox().xmin == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_texture_on_a_face_by_selector_and_by_face() -> None:
+    plate = cq.Workplane().box(20, 20, 5)
+    by_name = plugin.textured(plate, ">Z", 2, depth_mm=0.8)
+    by_face = plugin.textured(plate.val(), plate.faces(">Z").val(), "texture-2", depth_mm=0.8)
+    assert by_name.val().isValid() and by_name.solids().size() == 1
+    assert by_name.val().Volume() == pytest.approx(by_face.val().Volume())
+    assert by_name.val().BoundingBox().zmax == pytest.approx(3.5, abs=1e-3)
+    with pytest.raises(InputError, match="select at least one"):
+        plugin.textured(plate, plate.edges(">Z"), 2)
+
+
+@pytest.mark.usefixtures("registered")
+def test_the_registered_method_puts_a_texture_on_every_selected_face() -> None:
+    part = cq.Workplane().box(20, 20, 5).faces(">Z or <Z").texture(2, sunk=True, depth_mm=0.5)
+    assert part.val().isValid()
+    assert (part.val().BoundingBox().zmin, part.val().BoundingBox().zmax) == pytest.approx((-2.5, 2.5))
+    assert part.val().Volume() == pytest.approx(2000.0 - 2.0 * 18.0**2 * (0.2 + 0.25), rel=0.02)
+    holed = part.faces(">Z").workplane().hole(4)
+    assert holed.val().isValid() and holed.val().Volume() < part.val().Volume()

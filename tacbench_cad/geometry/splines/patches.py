@@ -207,13 +207,13 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
         smallest = _Plan(patches, in_key, (MIN_SPANS, MIN_SPANS))
         if smallest.poles > MAX_POLES:
             return smallest
-        along_x = _spans(frequency[0] * _widest(block, 0, patches, in_key), amplitude, fraction)
+        along_x = spans_needed(frequency[0] * _widest(block, 0, patches, in_key), amplitude, fraction)
         weight = amplitude
         if along_x <= MAX_SPANS and not block.surface.is_separable:
             turn = frequency[0] * _widest(block, 0, patches, in_key)
             single = [basis(DEGREE, along_x).error(turn[[k]], np.ones(1)) for k in range(len(turn))]
             weight = amplitude * (1.0 + np.array(single))
-        along_y = _spans(frequency[1] * _widest(block, 1, patches, in_key), weight, fraction)
+        along_y = spans_needed(frequency[1] * _widest(block, 1, patches, in_key), weight, fraction)
         if max(along_x, along_y) <= MAX_SPANS:
             return _Plan(patches, in_key, (along_x, along_y))
         finest = [fine * (2.0 if n > MAX_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
@@ -256,7 +256,7 @@ def _widest(block: Block, axis: int, patches: tuple[int, int], in_key: int) -> f
     return max((block.size_mm[axis] - key) / patches[axis], key / max(in_key, 1))
 
 
-def _spans(turn: Floats, weight: Floats, fraction: float) -> int:
+def spans_needed(turn: Floats, weight: Floats, fraction: float) -> int:
     """Return the smallest number of spans on a patch that keeps the error within a limit in mm.
 
     The result is :data:`MAX_SPANS` + 1 if no allowed number is enough. If a span holds the fraction a < 1/2 of a wave,

@@ -1,0 +1,271 @@
+"""A part with a texture on one of its faces, as one valid solid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from OCP.BRep import BRep_Builder
+from OCP.BRepCheck import BRepCheck_Analyzer
+from OCP.TopoDS import TopoDS_Compound, TopoDS_Face, TopoDS_Shape, TopoDS_Shell, TopoDS_Solid
+
+from tacbench_cad.geometry import kernel
+from tacbench_cad.geometry.textured.amount import added_volume_mm3
+from tacbench_cad.geometry.textured.field import ExactField, Fade, Height, PatchGrid, SampledField
+from tacbench_cad.geometry.textured.frame import frame_of
+from tacbench_cad.geometry.textured.region import Region, distances, divide, inside, thickened
+from tacbench_cad.geometry.textured.shell import TextureFaces
+from tacbench_cad.geometry.texturing import Texturing
+from tacbench_cad.spec.presets import VALUES
+from tacbench_cad.spec.spline import SplineSurface
+from tacbench_cad.spec.surface import Surface
+from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.errors import CheckFailedError, InputError
+
+#: The material that must remain below a sunk texture, in mm.
+FLOOR_MM = 0.4
+#: The fraction of the texture's volume by which the kernel's volume may differ from the integral of the formula.
+VOLUME_FRACTION = 2e-3
+#: The accuracy for the kernel's adaptive volume. The result is usually far better than this.
+_ACCURACY = 1e-2
+#: The largest fraction by which frequencies may differ from multiples of a common one.
+_COMMON = 1e-6
+#: The largest multiple of the common frequency that the lowest frequency may have.
+_MAX_MULTIPLE = 12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TexturedSolid:
+    """A solid with a texture on one of its faces.
+
+    Args:
+        solid: The solid of the kernel, in the coordinates of the part.
+        texturing: The settings.
+        volume_mm3: The volume of the part before, plus the integral of the formula.
+        error_mm: The bound of the distance between the textured faces and the formula.
+        is_proved: Whether this bound is proved. With a fade along an outline that is not a rectangle, it is measured.
+        mm_per_unit: The millimetres per unit of u and v. Around a cylinder, u is changed so that the texture closes.
+        periods: The number of periods around a closed cylinder; None for other faces.
+        regions: The textured regions, with their patches and heights.
+    """
+
+    solid: TopoDS_Solid
+    texturing: Texturing
+    volume_mm3: float
+    error_mm: float
+    is_proved: bool
+    mm_per_unit: tuple[float, float]
+    periods: int | None
+    regions: tuple[tuple[Region, PatchGrid, Height], ...]
+
+
+def textured_solid(shape: TopoDS_Shape, face: TopoDS_Face, texturing: Texturing) -> TexturedSolid:
+    """Put a texture on one face of a solid.
+
+    The face is divided into a margin and the region inside of it. The region is replaced by walls and by spline patches
+    of the formula. All other faces stay the same, so no Boolean operation changes the part.
+
+    Args:
+        shape: The solid, or a shape that contains exactly one solid.
+        face: The face of the solid.
+        texturing: The settings.
+
+    Raises:
+        InputError: The face is neither planar nor cylindrical, or is not a face of the solid, or a setting is not
+            allowed for it.
+        CheckFailedError: The result is not one valid solid with the expected volume.
+    """
+    solid, own = _owner(shape, face)
+    frame = frame_of(own, texturing.up)
+    rims, regions = divide(own, frame, texturing.margin_mm)
+    faces, described, added = list(rims), [], []
+    for region in regions:
+        height, mm_per_unit, periods = _height(region, texturing)
+        _require_room(solid, region, texturing)
+        exact = not height.fade.length_mm or height.fade.sides is not None
+        field = (ExactField if exact and isinstance(height.surface, WaveSum) else SampledField)(
+            height, region.frame, region.is_closed
+        )
+        patches = field.patches(texturing.tolerance_mm, _avoid(region))
+        new = list(TextureFaces(region, patches, texturing.sunk).faces())
+        faces.extend(new)
+        added.append((region, new, added_volume_mm3(region, height)))
+        described.append((region, patches, height))
+    result = _rebuilt(solid, own, faces)
+    _require_valid(result, added)
+    return TexturedSolid(
+        solid=result,
+        texturing=texturing,
+        volume_mm3=kernel.volume_mm3(solid) + sum(volume for _, _, volume in added),
+        error_mm=max(patches.error_mm + height.own_error_mm for _, patches, height in described),
+        is_proved=all(patches.is_proved and height.surface.evidence == "proved" for _, patches, height in described),
+        mm_per_unit=mm_per_unit,
+        periods=periods,
+        regions=tuple(described),
+    )
+
+
+def _owner(shape: TopoDS_Shape, face: TopoDS_Face) -> tuple[TopoDS_Solid, TopoDS_Face]:
+    """Return the solid of a shape that has a face, and the face with its orientation in this solid."""
+    solids = list(kernel.each(shape, "SOLID"))
+    if len(solids) != 1:
+        raise InputError("part", None, f"must be one solid, but it has {len(solids)} solids")
+    for own in kernel.each(solids[0], "FACE"):
+        if own.IsSame(face):
+            return solids[0], own
+    raise InputError("face", None, "is not a face of the part; choose one of the part's own faces")
+
+
+def _height(region: Region, texturing: Texturing) -> tuple[Height, tuple[float, float], int | None]:
+    """Return the height of the texture above a region, the millimetres per unit, and the periods around a cylinder."""
+    formula = texturing.texture.surface
+    unit = texturing.mm_per_unit or VALUES["paper"].mm_per_unit[:2]
+    periods = None
+    if region.is_closed:
+        unit, periods = _closing(formula, unit, region.size_mm[0])
+    s, t = region.size_mm
+    surface = formula.mapped(unit, 1.0, (0.0, 0.0)).over((0.0, s), (0.0, t))
+    extremes = surface.extremes((0.0, s), (0.0, t))
+    if extremes.high - extremes.low < 1e-9:
+        raise InputError(
+            "texture", texturing.texture.name, "is flat over this face; choose another texture or direction"
+        )
+    factor = texturing.depth_mm / (extremes.high - extremes.low)
+    start, zero = (-texturing.base_mm, extremes.high) if texturing.sunk else (texturing.base_mm, extremes.low)
+    return (
+        Height(
+            surface=surface,
+            start_mm=start,
+            zero_mm=zero,
+            factor=factor,
+            fade=_fade(region, texturing.fade_mm),
+            size_mm=region.size_mm,
+        ),
+        unit,
+        periods,
+    )
+
+
+def _closing(surface: Surface, unit: tuple[float, float], around_mm: float) -> tuple[tuple[float, float], int | None]:
+    """Return the millimetres per unit with which a texture closes around a cylinder, and its number of periods."""
+    period = _period(surface)
+    if period is None:
+        return unit, None
+    periods = max(1, round(around_mm / (unit[0] * period)))
+    return (around_mm / (period * periods), unit[1]), periods
+
+
+def _period(surface: Surface) -> float | None:
+    """Return the period of a texture along u, in units; None if it does not depend on u."""
+    if isinstance(surface, SplineSurface) and surface.u.repeats:
+        low, high = surface.u.ends
+        return high - low
+    if isinstance(surface, WaveSum):
+        frequencies = np.unique(np.abs(surface.table[surface.table[:, 0] != 0.0, 1]))
+        frequencies = frequencies[frequencies > 0.0]
+        if len(frequencies) == 0:
+            return None
+        for divisor in range(1, _MAX_MULTIPLE + 1):
+            common = float(frequencies[0]) / divisor
+            multiples = frequencies / common
+            if np.all(np.abs(multiples - np.round(multiples)) < _COMMON * multiples):
+                return 2.0 * math.pi / common
+    raise InputError("texture", None, "has no period along x, so it cannot close around a cylinder")
+
+
+def _fade(region: Region, length_mm: float) -> Fade:
+    if not length_mm:
+        return Fade(length_mm=0.0)
+    shorter = region.size_mm[1] if region.is_closed else min(region.size_mm)
+    if 2.0 * length_mm > shorter:
+        raise InputError("fade_mm", length_mm, f"must be at most {shorter / 2.0:.4g} mm, half of the textured region")
+    if region.is_rectangle:
+        return Fade(length_mm=length_mm, sides=(not region.is_closed, True))
+    return Fade(length_mm=length_mm, distances=partial(distances, region, length_mm), inside=partial(inside, region))
+
+
+def _avoid(region: Region) -> tuple[Any, Any]:
+    """Return the coordinates along s and t of the corners and extremes of the outline."""
+    points = []
+    for loop in region.loops:
+        for edge in loop:
+            samples = edge.samples
+            points.append(samples[[0, -1]])
+            if len(samples) > 2:
+                steps = np.diff(samples, axis=0)
+                turning = np.any(steps[:-1] * steps[1:] <= 0.0, axis=1)
+                points.append(samples[1:-1][turning])
+    both = np.concatenate(points)
+    return both[:, 0], both[:, 1]
+
+
+def _require_room(solid: TopoDS_Solid, region: Region, texturing: Texturing) -> None:
+    """Check that a raised texture does not touch other faces of the part, or that a sunk texture lies in material."""
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+
+    reach = texturing.base_mm + texturing.depth_mm
+    radius = region.frame.radius_mm
+    inwards = reach + FLOOR_MM if texturing.sunk else -reach
+    if radius is not None and region.frame.side * inwards >= radius:
+        raise InputError("depth_mm", texturing.depth_mm, f"is too much for a cylinder of radius {radius:.4g} mm")
+    low, high = (-reach - FLOOR_MM, 0.0) if texturing.sunk else (1e-3, reach)
+    space = thickened(region, low, high)
+    common, whole = abs(kernel.volume_mm3(BRepAlgoAPI_Common(space, solid).Shape())), abs(kernel.volume_mm3(space))
+    if texturing.sunk and common < (1.0 - 1e-4) * whole:
+        raise InputError(
+            "depth_mm",
+            texturing.depth_mm,
+            f"leaves less than {FLOOR_MM:g} mm of material below the texture; choose a smaller depth",
+        )
+    if not texturing.sunk and common > 1e-6 * whole:
+        raise InputError(
+            "depth_mm", texturing.depth_mm, "makes the texture touch another face of the part; choose a larger margin"
+        )
+
+
+def _rebuilt(solid: TopoDS_Solid, face: TopoDS_Face, new: list[TopoDS_Face]) -> TopoDS_Solid:
+    """Return the solid with other faces instead of one of its faces."""
+    builder, result = BRep_Builder(), TopoDS_Solid()
+    builder.MakeSolid(result)
+    for shell in kernel.each(solid, "SHELL"):
+        own = TopoDS_Shell()
+        builder.MakeShell(own)
+        for old in kernel.each(shell, "FACE"):
+            for kept in new if old.IsSame(face) else [old]:
+                builder.Add(own, kept)
+        own.Closed(True)
+        builder.Add(result, own)
+    return result
+
+
+def _require_valid(solid: TopoDS_Solid, added: list[tuple[Region, list[TopoDS_Face], float]]) -> None:
+    """Check the topology of the solid, and the volume between each region and its texture."""
+    if not BRepCheck_Analyzer(solid).IsValid():
+        raise CheckFailedError("the solid with the texture is not valid; choose another margin_mm or direction")
+    builder = BRep_Builder()
+    for region, faces, volume_mm3 in added:
+        between = TopoDS_Compound()
+        builder.MakeCompound(between)
+        for face in (*faces, region.face.Reversed()):
+            builder.Add(between, face)
+        if abs(_volume_mm3(between) - volume_mm3) <= VOLUME_FRACTION * abs(volume_mm3):
+            continue
+        measured = kernel.volume_mm3(between)
+        if abs(measured - volume_mm3) > VOLUME_FRACTION * abs(volume_mm3):
+            raise CheckFailedError(
+                f"the texture has a volume of {measured:.6g} mm^3 instead of {volume_mm3:.6g} mm^3; choose another "
+                "margin_mm or direction"
+            )
+
+
+def _volume_mm3(shape: TopoDS_Shape) -> float:
+    """Return the volume by the kernel's adaptive method, which is faster than its default for many patches."""
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+
+    properties = GProp_GProps()
+    BRepGProp.VolumeProperties_s(shape, properties, _ACCURACY, False, True)
+    return float(properties.Mass())

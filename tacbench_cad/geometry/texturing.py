@@ -1,0 +1,71 @@
+"""The settings of a texture on a face of a part. Importing this module does not load the CAD kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.util.errors import InputError, require_between
+
+#: The default height of the lowest point of a raised texture above the face, and the smallest that is allowed, in mm.
+BASE_MM, MIN_BASE_MM = 0.2, 0.01
+#: The smallest allowed margin, in mm.
+MIN_MARGIN_MM = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Texturing:
+    """The settings of a texture on a face.
+
+    Args:
+        texture: The texture.
+        depth_mm: The peak-to-peak height of the texture.
+        margin_mm: The distance between the texture and the edges of the face.
+        fade_mm: The length over which the texture fades out towards its outline; 0 for no fade.
+        up: The direction of the texture's x on a plane, or the direction of its beginning on a cylinder: ``+X`` to
+            ``-Z`` or a vector. None chooses ``+X``, or ``+Y`` if the face does not allow X.
+        sunk: Whether the texture lies below the face instead of above it.
+        base_mm: The distance of the texture from the face: of the lowest point of a raised texture, and of the highest
+            point of a sunk texture. It makes the walls around the texture higher than zero everywhere.
+        mm_per_unit: The millimetres per unit of u and v; None for those of the preset ``paper``.
+        tolerance_mm: The largest distance of the solid from the formula.
+    """
+
+    texture: Texture
+    depth_mm: float = 1.0
+    margin_mm: float = 1.0
+    fade_mm: float = 0.0
+    up: str | tuple[float, float, float] | None = None
+    sunk: bool = False
+    base_mm: float = BASE_MM
+    mm_per_unit: tuple[float, float] | None = None
+    tolerance_mm: float = STEP_TOLERANCE_MM
+
+    def __post_init__(self) -> None:
+        require_between("depth_mm", self.depth_mm, 0.01, 100.0, " mm")
+        require_between("margin_mm", self.margin_mm, MIN_MARGIN_MM, 1e4, " mm")
+        require_between("fade_mm", self.fade_mm, 0.0, 1e4, " mm")
+        require_between("base_mm", self.base_mm, MIN_BASE_MM, 100.0, " mm")
+        require_between("tolerance_mm", self.tolerance_mm, 1e-5, 1.0, " mm")
+        for name, value in zip("xy", self.mm_per_unit or (1.0, 1.0), strict=True):
+            require_between(f"mm_per_unit {name}", value, 1e-6, 1e6, " mm")
+
+
+def texturing(texture: Texture | str | int, **settings: Any) -> Texturing:
+    """Return the settings of a texture.
+
+    Args:
+        texture: A texture, or the number or name of one of the six.
+        **settings: The other fields of :class:`Texturing`.
+
+    Raises:
+        InputError: A setting is unknown or not allowed.
+    """
+    known = [field.name for field in fields(Texturing) if field.name != "texture"]
+    for name in settings:
+        if name not in known:
+            raise InputError("setting", name, f"is unknown; the settings are {', '.join(known)}")
+    return Texturing(texture=texture if isinstance(texture, Texture) else find_texture(texture), **settings)
