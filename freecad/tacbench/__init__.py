@@ -15,6 +15,6 @@ FreeCAD has its own Python and its own CAD kernel, so the shapes are made by a s
 of tacbench-cad (:mod:`.worker`).
 """
 
-from freecad.tacbench.objects import export_object, make_block, make_holder, make_jig
+from freecad.tacbench.objects import export_object, make_block, make_holder, make_jig, make_textured_face
 
-__all__ = ["export_object", "make_block", "make_holder", "make_jig"]
+__all__ = ["export_object", "make_block", "make_holder", "make_jig", "make_textured_face"]

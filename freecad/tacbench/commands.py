@@ -14,32 +14,33 @@ from freecad.tacbench.shapes import WorkerError
 from freecad.tacbench.views import ICONS
 
 
-def selected(kind: type[objects.Parametric]) -> Any:
-    """Return the selected object of a kind, or None."""
+def selected(kind: type | tuple[type, ...]) -> Any:
+    """Return the selected object of a kind or of one of several kinds, or None."""
     chosen = [obj for obj in FreeCADGui.Selection.getSelection() if isinstance(getattr(obj, "Proxy", None), kind)]
     return chosen[0] if len(chosen) == 1 else None
 
 
+def selected_face() -> tuple[Any, str] | None:
+    """Return the object and the name of the selected face, or None."""
+    chosen = [(item.Object, name) for item in FreeCADGui.Selection.getSelectionEx() for name in item.SubElementNames]
+    return chosen[0] if len(chosen) == 1 and chosen[0][1].startswith("Face") else None
+
+
 class Command:
-    """A button. It is enabled while an object of the kind that it needs is selected.
+    """A button.
 
     Args:
         icon: The name of the icon.
         text: The text of the menu.
         tip: What the button does.
-        needs: The kind of object that must be selected; None if nothing needs to be selected.
+        selection: Returns the selected object that the button needs, or None, which disables the button.
         do: What happens. It receives the document and the selected object.
     """
 
     def __init__(
-        self,
-        icon: str,
-        text: str,
-        tip: str,
-        needs: type[objects.Parametric] | None,
-        do: Callable[[Any, Any], Any],
+        self, icon: str, text: str, tip: str, selection: Callable[[], Any], do: Callable[[Any, Any], Any]
     ) -> None:
-        self._icon, self._text, self._tip, self._needs, self._do = icon, text, tip, needs, do
+        self._icon, self._text, self._tip, self._selection, self._do = icon, text, tip, selection, do
 
     def GetResources(self) -> dict[str, str]:
         """Return what FreeCAD shows."""
@@ -47,14 +48,14 @@ class Command:
 
     def IsActive(self) -> bool:
         """Return whether the button is enabled."""
-        return self._needs is None or selected(self._needs) is not None
+        return self._selection() is not None
 
     def Activated(self) -> None:
         """Do it as one step that can be undone."""
         document = FreeCAD.ActiveDocument or FreeCAD.newDocument()
         document.openTransaction(self._text)
         try:
-            self._do(document, self._needs and selected(self._needs))
+            self._do(document, self._selection())
             document.recompute()
         except WorkerError as error:
             document.abortTransaction()
@@ -63,7 +64,7 @@ class Command:
             document.commitTransaction()
 
 
-def add_block(document: Any, selection: None) -> None:
+def add_block(document: Any, _: Any) -> None:
     """Add a block with a key, and show it."""
     objects.make_block(document, Key=3.0)
     document.recompute()
@@ -80,17 +81,35 @@ def write_file(document: Any, obj: Any) -> None:
         FreeCAD.Console.PrintMessage(objects.export_object(obj, path) + "\n")
 
 
+def add_texture(document: Any, face: tuple[Any, str]) -> None:
+    """Put a texture on a face."""
+    objects.make_textured_face(document, *face)
+
+
 COMMANDS = {
-    "Tacbench_Block": Command("TextureBlock", "Texture block", "Add a texture block", None, add_block),
+    "Tacbench_Block": Command("TextureBlock", "Texture block", "Add a texture block", lambda: True, add_block),
     "Tacbench_Holder": Command(
-        "Holder", "Holder", "Add a holder for the selected block", objects.TextureBlock, objects.make_holder
+        "Holder",
+        "Holder",
+        "Add a holder for the selected block",
+        lambda: selected(objects.TextureBlock),
+        objects.make_holder,
     ),
-    "Tacbench_Jig": Command("Jig", "Jig", "Add a jig for the selected holder", objects.Holder, objects.make_jig),
+    "Tacbench_Jig": Command(
+        "Jig", "Jig", "Add a jig for the selected holder", lambda: selected(objects.Holder), objects.make_jig
+    ),
+    "Tacbench_Face": Command(
+        "TexturedFace",
+        "Texture on a face",
+        "Put a texture on the selected face, which must be a plane or a cylinder",
+        selected_face,
+        add_texture,
+    ),
     "Tacbench_Export": Command(
         "Export",
         "Export and check",
         "Write the selected object to a STEP, STL or 3MF file with a proved error, and check the file",
-        objects.Parametric,
+        lambda: selected((objects.TextureBlock, objects.Holder, objects.Jig)),
         write_file,
     ),
 }

@@ -12,6 +12,7 @@ import FreeCAD
 from freecad.tacbench import shapes
 
 LENGTH, NUMBER, TEXT = "App::PropertyLength", "App::PropertyFloat", "App::PropertyString"
+UPS = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
 CHOICE, WHOLE, SWITCH = "App::PropertyEnumeration", "App::PropertyIntegerConstraint", "App::PropertyBool"
 
 
@@ -53,7 +54,8 @@ class Parametric:
         """Make the shape. FreeCAD calls this method when a property has changed."""
         shape, facts = shapes.shape_of(self.request(obj))
         obj.Shape = shape
-        obj.PartName = facts["name"]
+        if "PartName" in obj.PropertiesList:
+            obj.PartName = facts["name"]
         obj.FormulaVolume = facts["volume_mm3"]
         self.finish(obj, facts)
 
@@ -79,6 +81,11 @@ def number(length: Any) -> float:
     return round(float(length.Value), 9)
 
 
+def error_of(facts: dict[str, Any]) -> str:
+    """Return the certificate of a surface in words."""
+    return f"{1000.0 * facts['error_mm']:.3g} micrometres ({facts['evidence']})"
+
+
 def set_number(length: Any) -> float | None:
     """Return a length in mm, or None for 0, which stands for the default."""
     return number(length) or None
@@ -90,7 +97,12 @@ class TextureBlock(Parametric):
     group = "Block"
     kind = "block"
     properties = (
-        (CHOICE, "Texture", lambda: shapes.ask({"action": "catalogue"})["textures"], "Texture of the paper"),
+        (
+            CHOICE,
+            "Texture",
+            lambda: shapes.ask({"action": "catalogue"})["textures"],
+            "Texture of the paper, or a later texture of its authors",
+        ),
         ("App::PropertyFile", "TextureFile", "", "TOML file of a texture, which replaces the texture above"),
         (CHOICE, "Preset", ["paper", "released"], "Where sides, height and mm per unit come from"),
         (NUMBER, "Scale", 1.0, "Factor for sides, height and mm per unit"),
@@ -105,7 +117,7 @@ class TextureBlock(Parametric):
     results = (
         *Parametric.results,
         (TEXT, "Equation", "", "Formula of the texture"),
-        (TEXT, "Error", "", "Proved bound of the distance between surface and formula"),
+        (TEXT, "Error", "", "Bound of the distance between surface and formula, proved or measured"),
         (LENGTH, "Relief", 0.0, "Height from the lowest valley to the highest point"),
     )
 
@@ -129,7 +141,7 @@ class TextureBlock(Parametric):
     def finish(self, obj: Any, facts: dict[str, Any]) -> None:
         """Show the certificate of the surface."""
         obj.Equation = facts["equation"]
-        obj.Error = f"{1000.0 * facts['error_mm']:.3g} micrometres (proved)"
+        obj.Error = error_of(facts)
         obj.Relief = facts["relief_mm"]
 
 
@@ -202,6 +214,68 @@ class Jig(Parametric):
             obj.Placement = obj.Holder.Placement
 
 
+class TexturedFace(Parametric):
+    """A part of the document with a texture on one of its faces. The part itself is hidden, but stays as it is."""
+
+    group = "Texture"
+    kind = "textured"
+    properties = (
+        ("App::PropertyLinkSub", "Face", None, "Plane or cylinder of a solid that carries the texture"),
+        (
+            CHOICE,
+            "Texture",
+            lambda: shapes.ask({"action": "catalogue"})["textures"],
+            "Texture of the paper, or a later texture of its authors",
+        ),
+        ("App::PropertyFile", "TextureFile", "", "TOML file of a texture, which replaces the texture above"),
+        (LENGTH, "Depth", 1.0, "Height from the lowest valley to the highest point"),
+        (LENGTH, "Margin", 1.0, "Distance between the texture and the edges of the face"),
+        (LENGTH, "Fade", 0.0, "Length over which the texture fades out towards its outline; 0 for no fade"),
+        (CHOICE, "Up", ["default", *UPS], "Direction of the texture's x on a plane, or of its beginning on a cylinder"),
+        (SWITCH, "Sunk", False, "Whether the texture lies below the face instead of above it"),
+        (LENGTH, "Base", 0.2, "Distance of the texture from the face, which is the height of the walls around it"),
+        (LENGTH, "UnitX", 0.0, "Length of one unit of u; 0 for that of the preset paper"),
+        (LENGTH, "UnitY", 0.0, "Length of one unit of v; 0 for that of the preset paper"),
+        (NUMBER, "ToleranceMicrometres", 1.0, "Largest distance of the surface from the formula, in micrometres"),
+    )
+    results = (
+        *Parametric.results[1:],
+        (TEXT, "Error", "", "Bound of the distance between surface and formula, proved or measured"),
+    )
+
+    def request(self, obj: Any) -> dict[str, Any]:
+        """Return the shape of the part, the number of the face, and the settings of the texture."""
+        part, names = obj.Face or (None, [])
+        if part is None or len(names) != 1 or not names[0].startswith("Face"):
+            raise shapes.WorkerError(f"{obj.Label}: Face must be one face of an object. Select a face and choose it.")
+        shape = part.Shape.copy(True, False)  # without its mesh, which would change the request
+        shape.Placement = FreeCAD.Placement()
+        unit = [set_number(obj.UnitX), set_number(obj.UnitY)]
+        if (unit[0] is None) != (unit[1] is None):
+            raise shapes.WorkerError(f"{obj.Label}: UnitX and UnitY must both be 0 or both be set.")
+        return {
+            "part": shape.exportBrepToString(),
+            "face": int(names[0][len("Face") :]),
+            "texturing": {
+                "texture": obj.Texture,
+                "file": obj.TextureFile or None,
+                "depth_mm": number(obj.Depth),
+                "margin_mm": number(obj.Margin),
+                "fade_mm": number(obj.Fade),
+                "up": None if obj.Up == "default" else obj.Up,
+                "sunk": obj.Sunk,
+                "base_mm": number(obj.Base),
+                "mm_per_unit": None if unit[0] is None else unit,
+                "tolerance_mm": obj.ToleranceMicrometres / 1000.0,
+            },
+        }
+
+    def finish(self, obj: Any, facts: dict[str, Any]) -> None:
+        """Show the certificate of the surface, and lie where the part lies."""
+        obj.Error = error_of(facts)
+        obj.Placement = obj.Face[0].Placement
+
+
 def make(document: Any, kind: type[Parametric], **properties: Any) -> Any:
     """Add an object to a document.
 
@@ -228,6 +302,8 @@ def make(document: Any, kind: type[Parametric], **properties: Any) -> Any:
         from freecad.tacbench.views import View
 
         View(obj.ViewObject)
+        for child in obj.ViewObject.Proxy.claimChildren():
+            child.ViewObject.Visibility = False
         obj.ViewObject.ShapeColor = tuple(shapes.ask({"action": "catalogue"})["rgb"][kind.kind])
     return obj
 
@@ -247,6 +323,18 @@ def make_jig(document: Any, holder: Any, **properties: Any) -> Any:
     return make(document, Jig, Holder=holder, **properties)
 
 
+def make_textured_face(document: Any, part: Any, face: str, **properties: Any) -> Any:
+    """Add a copy of a part with a texture on one of its faces to a document.
+
+    Args:
+        document: The document.
+        part: The object whose shape is one solid.
+        face: The name of the face, such as ``Face6``, as FreeCAD shows it.
+        properties: Values of the properties.
+    """
+    return make(document, TexturedFace, Face=(part, [face]), **properties)
+
+
 def export_object(obj: Any, path: str) -> str:
     """Write an object to a STEP, STL or 3MF file, and check the file.
 
@@ -259,5 +347,12 @@ def export_object(obj: Any, path: str) -> str:
 
     Returns:
         The report of the checks.
+
+    Raises:
+        WorkerError: The object is of another kind, or the file cannot be written.
     """
+    if isinstance(obj.Proxy, TexturedFace):
+        raise shapes.WorkerError(
+            f"{obj.Label}: a part with a textured face is exported by FreeCAD's own File > Export."
+        )
     return shapes.ask({**obj.Proxy.request(obj), "action": "export", "file": str(path)})["report"]

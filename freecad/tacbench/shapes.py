@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import queue
@@ -160,29 +161,26 @@ def ask(request: dict) -> dict:
 def shape_of(request: dict) -> tuple[Part.Shape, dict]:
     """Return the shape of a request and the facts about it.
 
+    The last shapes are kept, but not those of a texture in a file: the file, or an image that it names, may change.
+
     Args:
-        request: What the worker needs. A texture's file is part of the key of the cache with its time and size, so
-            that an edited file gives a new shape.
+        request: What the worker needs.
 
     Raises:
         WorkerError: The shape cannot be made. The message says why.
     """
-    key = json.dumps([request, _state_of(request["block"]["file"])], sort_keys=True)
-    if key not in _kept:
-        with tempfile.TemporaryDirectory() as folder:
-            path = str(Path(folder) / "shape.brep")
-            facts = ask({**request, "action": "shape", "brep": path})
-            shape = Part.Shape()
-            shape.importBrep(path)
-        _kept[key] = (shape, facts)
+    source = request.get("block") or request["texturing"]
+    key = hashlib.sha256(json.dumps(request, sort_keys=True).encode()).hexdigest()
+    if key in _kept:
+        _kept.move_to_end(key)
+        return _kept[key]
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "shape.brep")
+        facts = ask({**request, "action": "shape", "brep": path})
+        shape = Part.Shape()
+        shape.importBrep(path)
+    if source["file"] is None:
+        _kept[key] = shape, facts
         while len(_kept) > MAX_KEPT:
             _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
-
-
-def _state_of(file: str | None) -> list[int] | None:
-    if file is None or not Path(file).is_file():
-        return None
-    state = Path(file).stat()
-    return [state.st_mtime_ns, state.st_size]
+    return shape, facts

@@ -26,6 +26,11 @@ class View:
         """Return the icon of the tree."""
         return str(ICONS / f"{type(self._object.Proxy).__name__}.svg")
 
+    def claimChildren(self) -> list[Any]:
+        """Return the objects that the tree shows below this one: the part of a textured face."""
+        face = getattr(self._object, "Face", None)
+        return [face[0]] if face else []
+
     # A document stores no state of the view. FreeCAD 0.20 calls the first two, and 0.21 the others.
     def __getstate__(self) -> None:
         return None

@@ -7,12 +7,18 @@ is written to the file ``brep`` of the request.
 
 import json
 import sys
+import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from housing import Holder, Jig
-from tacbench_cad import Block, TacbenchError, catalogue, export, read_texture
+from tacbench_cad import Block, TacbenchError, as_part, catalogue, export, read_texture
 from tacbench_cad.geometry.part import rgb_of
+from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.spec.later import EQUATIONS
+
+if TYPE_CHECKING:
+    from tacbench_cad.geometry.textured.solid import TexturedSolid
 
 
 def block_of(options: dict[str, Any]) -> Block:
@@ -33,6 +39,23 @@ def block_of(options: dict[str, Any]) -> Block:
     return Block.of(texture, **options, table=table)
 
 
+def textured_of(request: dict[str, Any]) -> "TexturedSolid":
+    """Return the part of a request with a texture on one of its faces. FreeCAD counts faces from 1."""
+    from OCP.TopAbs import TopAbs_ShapeEnum
+    from OCP.TopExp import TopExp
+    from OCP.TopoDS import TopoDS
+    from OCP.TopTools import TopTools_IndexedMapOfShape
+
+    from tacbench_cad.geometry.textured.solid import textured_solid
+
+    options = request["texturing"]
+    file, name = options.pop("file"), options.pop("texture")
+    settings = texturing(name if file is None else read_texture(Path(file)).texture, **options)
+    shape, faces = read_brep(request["part"]), TopTools_IndexedMapOfShape()
+    TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_FACE, faces)
+    return textured_solid(shape, TopoDS.Face_s(faces.FindKey(request["face"])), settings)
+
+
 def part_of(request: dict[str, Any]) -> Block | Holder | Jig:
     """Return the block, the holder or the jig of a request."""
     block = block_of(request["block"])
@@ -45,8 +68,19 @@ def part_of(request: dict[str, Any]) -> Block | Holder | Jig:
 def answer(request: dict[str, Any]) -> dict[str, Any]:
     """Do what a request asks for, and return the facts about the part."""
     if request["action"] == "catalogue":
-        kinds = ("block", "holder", "jig")
-        return {"textures": [texture.name for texture in catalogue()], "rgb": {kind: rgb_of(kind) for kind in kinds}}
+        kinds = ("block", "holder", "jig", "textured")
+        names = [*(texture.name for texture in catalogue()), *EQUATIONS]
+        return {"textures": names, "rgb": {kind: rgb_of(kind) for kind in kinds}}
+    if "texturing" in request:
+        textured = textured_of(request)
+        write_brep(textured.solid, request["brep"])
+        return {
+            "name": "",
+            "volume_mm3": textured.volume_mm3,
+            "error_mm": textured.error_mm,
+            "evidence": "proved" if textured.is_proved else "measured",
+            "mm_per_unit": textured.mm_per_unit,
+        }
     part = part_of(request)
     if request["action"] == "export":
         report = export(part, request["file"])
@@ -55,17 +89,32 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
         write_brep(part.solid_in_use(), request["brep"])
         slots = [place.matrix.ravel().tolist() for place in part.holder.block_placements()]
         return {"name": part.name, "size_mm": part.size_mm, "volume_mm3": part.volume_mm3, "slots": slots}
-    from tacbench_cad.geometry.brep import solid_block
-
-    solid, certificate = solid_block(part)
+    solid, expected = as_part(part).solid
     write_brep(solid, request["brep"])
     return {
         "name": part.solid_name,
         "relief_mm": part.relief_mm,
-        "volume_mm3": part.volume_mm3(part.solid_datum_mm),
-        "error_mm": certificate.vertical_mm,
+        "volume_mm3": expected.volume_mm3,
+        "error_mm": expected.certificate.vertical_mm,
+        "evidence": expected.certificate.evidence,
         "equation": part.texture.equation,
     }
+
+
+def read_brep(text: str) -> Any:
+    """Read a shape that FreeCAD has written."""
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepTools import BRepTools
+    from OCP.Message import Message_ProgressRange
+    from OCP.TopoDS import TopoDS_Shape
+
+    shape = TopoDS_Shape()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "part.brep"
+        path.write_text(text, encoding="utf-8")
+        if not BRepTools.Read_s(shape, str(path), BRep_Builder(), Message_ProgressRange()):
+            raise OSError("the shape of the part cannot be read")
+    return shape
 
 
 def write_brep(shape: Any, path: str) -> None:

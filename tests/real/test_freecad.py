@@ -221,6 +221,74 @@ reply([opened, states])
     assert read_stl(tmp_path / "holder.stl").volume_mm3 == pytest.approx(holder.volume_mm3, rel=1e-3)
 
 
+def test_a_texture_on_a_face_follows_the_part(freecad: Script, tmp_path: Path) -> None:
+    """A plate with a hole in FreeCAD: the top and the wall of the hole get a texture, also after the hole has grown."""
+    saved = tmp_path / "plate.FCStd"
+    steps = freecad(
+        f"""
+from freecad.tacbench import make_textured_face
+document = FreeCAD.newDocument()
+box, hole = document.addObject("Part::Box", "Box"), document.addObject("Part::Cylinder", "Hole")
+box.Length, box.Width, box.Height = 40, 30, 8
+hole.Radius, hole.Height, hole.Placement.Base = 3, 20, FreeCAD.Vector(20, 10, -5)
+plate = document.addObject("Part::Cut", "Plate")
+plate.Base, plate.Tool = box, hole
+document.recompute()
+def name_of(fits):
+    (number,) = (i for i, face in enumerate(plate.Shape.Faces, 1) if fits(face))
+    return "Face%d" % number
+top = name_of(lambda face: abs(face.CenterOfMass.z - 8) < 1e-6)
+wall = name_of(lambda face: isinstance(face.Surface, Part.Cylinder))
+rough = make_textured_face(document, plate, top, Texture="texture-2")
+steps = []
+def step():
+    document.recompute()
+    shape = rough.Shape
+    steps.append({{
+        "says": rough.getStatusString(),
+        "sound": [shape.ShapeType, shape.isValid(), len(shape.Solids)],
+        "volume": shape.Volume,
+        "formula": rough.FormulaVolume.Value,
+        "plate": plate.Shape.Volume,
+        "x": rough.Placement.Base.x,
+        "error": rough.Error,
+    }})
+step()
+hole.Radius, plate.Placement.Base.x = 4, 100
+step()
+rough.Face, rough.Depth, rough.Sunk = (plate, [wall]), 0.5, True
+step()
+rough.Depth = 30
+step()
+rough.Depth = 0.5
+sphere = document.addObject("Part::Sphere", "Sphere")
+rough.Face = sphere, ["Face1"]
+step()
+rough.Face = plate, [top]
+document.recompute()
+document.saveAs({str(saved)!r})
+reply(steps)
+"""
+    )
+    for state, x in zip(steps[:3], (0.0, 100.0, 100.0), strict=True):
+        assert state["says"] == "Valid"
+        assert state["sound"] == ["Solid", True, 1]
+        assert state["volume"] == pytest.approx(state["formula"], rel=1e-5)
+        assert state["x"] == x
+        assert state["error"].endswith(" micrometres (proved)")
+    assert steps[0]["volume"] > steps[0]["plate"] + 100
+    assert steps[2]["volume"] < steps[2]["plate"] - 10
+    assert steps[3]["says"].startswith("depth_mm = 30.0: ")
+    assert steps[4]["says"] == "face: is spherical; only planes and cylinders can get a texture"
+    kept = freecad(
+        f"document = FreeCAD.open({str(saved)!r})\n"
+        "rough = document.TexturedFace\nrough.Fade = 2\ndocument.recompute()\n"
+        "reply([rough.getStatusString(), rough.Shape.Volume, rough.FormulaVolume.Value])"
+    )
+    assert kept[0] == "Valid"
+    assert kept[1] == pytest.approx(kept[2], rel=1e-5)
+
+
 def test_the_macro_writes_files_that_are_ours(freecad: Script, home: Path) -> None:
     """The macro runs as it is; its files pass the checks of ``tacbench check`` as files of the program do."""
     macro = (ROOT / "freecad" / "print_set.FCMacro").read_text(encoding="utf-8")
@@ -291,7 +359,7 @@ def test_the_buttons_make_the_parts_of_the_manuals_picture(tmp_path: Path) -> No
             pytest.skip(f"{program} is not installed: apt-get install {package}")
     script, picture = ROOT / "docs" / "freecad_window.py", tmp_path / "window.png"
     done = subprocess.run(
-        [sys.executable, str(script), str(picture)],
+        [sys.executable, str(script), str(picture), "parts"],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
