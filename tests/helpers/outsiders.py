@@ -9,12 +9,16 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampled import height_map
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.surface import Surface
+from tacbench_cad.spec.textures import Texture, plane_waves
 
 #: No single run of another program may take longer than this, in seconds.
 PATIENCE_S = 300.0
@@ -47,9 +51,26 @@ def free_port() -> int:
         return int(listener.getsockname()[1])
 
 
+def _net_block(name: str) -> Block:
+    if name == "weave":
+        surface: Surface = plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5))
+        return Block.of(Texture(name=name, equation="", surface=surface))
+    x, y = np.meshgrid(np.linspace(0.0, 30.0, 120), np.linspace(0.0, 30.0, 120))
+    heights = np.sin(x) * np.sin(1.3 * y) + np.exp(-((x - 9.0) ** 2 + (y - 20.0) ** 2) / 4.0)
+    surface = height_map(heights, mm_per_pixel=30.0 / 119, height_mm=(0.0, 1.5))
+    return Block.of(
+        Texture(name=name, equation="", surface=surface), mm_per_unit=(1.0, 1.0, 1.0), key_mm=3.0, label=True
+    )
+
+
 def _block(name: str) -> Part:
-    """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6``, ``fine-4`` or ``keyed-4``."""
+    """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6``, ``fine-4`` or ``keyed-4``.
+
+    ``net-weave`` has oblique waves, and ``net-map`` is a height map with a key and a label.
+    """
     kind, number = name.split("-")
+    if kind == "net":
+        return block_part(_net_block(number))
     if kind in ("paper", "released"):
         return block_part(Block.of(number, kind))
     if kind == "grid":

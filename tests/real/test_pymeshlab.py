@@ -8,10 +8,23 @@ from helpers.outsiders import Written, part_named
 pytestmark = pytest.mark.real
 
 #: Textures with steep and with curved walls, both presets and both kinds of sampling, and the fixtures.
-QUICK = ["paper-2", "paper-4", "released-6", "keyed-4", "holder", "jig"]
+QUICK = ["paper-2", "paper-4", "released-6", "keyed-4", "net-weave", "net-map", "holder", "jig"]
 ALL = [
     *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
-    *("grid-4", "grid-6", "keyed-2", "keyed-4", "holder", "tray", "holder-released", "jig", "jig-all", "coupon"),
+    *(
+        "grid-4",
+        "grid-6",
+        "keyed-2",
+        "keyed-4",
+        "net-weave",
+        "net-map",
+        "holder",
+        "tray",
+        "holder-released",
+        "jig",
+        "jig-all",
+        "coupon",
+    ),
 ]
 
 

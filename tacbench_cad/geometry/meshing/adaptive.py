@@ -21,6 +21,7 @@ from tacbench_cad.geometry.meshing.net import MIN_HEIGHT_MM, Net
 from tacbench_cad.geometry.meshing.relaxing import relax
 from tacbench_cad.geometry.meshing.sheet import Sheet
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
@@ -194,7 +195,19 @@ def _proved(block: Block, net: Net, tolerance: float) -> NetTop:
         if attempt < MAX_ADAPTED_ROUNDS:
             net.flip(1, above=RESERVE)
             relax(net, 8, 1, above=RESERVE)
+        else:
+            _flattened(net, surface)
     raise CheckFailedError(f"the distance of {int(failed.sum())} triangles of the top could not be proved")
+
+
+def _flattened(net: Net, surface: Surface) -> None:
+    """Move the vertices of triangles without a proof onto the surface. The table may be too coarse to judge them."""
+    vertices = np.unique(net.faces[np.isnan(net.proof[0])])
+    height, _ = net.heights.height(net.x[vertices], net.y[vertices])
+    net.lift[vertices] = surface(net.x[vertices], net.y[vertices]) - height
+    net.limit_lift(vertices)
+    touched = np.isin(net.faces, vertices).any(axis=1)
+    net.proof[:, touched] = net.deviation[touched] = np.nan
 
 
 def _sheet(net: Net, z: Floats, keyed: bool) -> Sheet:

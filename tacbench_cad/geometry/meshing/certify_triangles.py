@@ -109,50 +109,71 @@ def prove(
     proof = np.empty((2, len(points)))
     for start in range(0, len(points), CHUNK):
         part = slice(start, start + CHUNK)
-        proof[:, part] = _prove(surface, bounds, points[part].transpose(2, 1, 0), limit, divisions)
+        corners = points[part].transpose(2, 1, 0)
+        proof[:, part] = _prove(surface, bounds, corners, corners[2] - surface(*corners[:2]), limit, divisions)
     return proof
 
 
 def _prove(
-    surface: Surface, bounds: DerivativeBounds, corners: Floats, limit: float, divisions: int
+    surface: Surface, bounds: DerivativeBounds, corners: Floats, deviation: Floats, limit: float, divisions: int
 ) -> tuple[Floats, Floats]:
-    """Bound triangles with the corners of shape (3 coordinates, 3 corners, m)."""
+    """Bound triangles.
+
+    Args:
+        surface: The surface.
+        bounds: The bounds of its derivatives.
+        corners: The corners, shape (3 coordinates, 3 corners, m).
+        deviation: The deviations at the corners, shape (3, m).
+        limit: The allowed distance.
+        divisions: How many times a triangle is divided at most.
+    """
     middles = (corners + corners[:, [1, 2, 0]]) / 2.0
-    x, y, z = np.concatenate([corners, middles], axis=1)
-    deviation = z - surface(x, y)
+    deviation = np.concatenate([deviation, middles[2] - surface(*middles[:2])])
     low, high = corners[:2].min(axis=1), corners[:2].max(axis=1)
-    xx, xy, yy, xxx, xxy, xyy, yyy = bounds.over(low, high)
-    w, h = high - low
+    most, (w, h) = bounds.over(low, high), high - low
+    xx, xy, yy, xxx, xxy, xyy, yyy = most
     third = REST * (xxx * w**3 + 3.0 * xxy * w**2 * h + 3.0 * xyy * w * h**2 + yyy * h**3)
     second = (xx * w**2 + 2.0 * xy * w * h + yy * h**2) / 8.0
     vertical = np.minimum(_largest_quadratic(deviation) + third, np.abs(deviation[:3]).max(axis=0) + second)
-    slope = np.stack(surface.gradient(*corners[:2]))
-    # with a unit vector n, |gradient| >= n gradient, which differs from its linear interpolation by a sixth of its bend
-    normal = slope.mean(axis=1)
-    normal /= np.maximum(np.hypot(*normal), 1e-300)
-    bend = np.abs(normal[0]) * (xxx * w**2 + 2.0 * xxy * w * h + xyy * h**2)
-    bend += np.abs(normal[1]) * (xxy * w**2 + 2.0 * xyy * w * h + yyy * h**2)
-    steep = np.maximum((normal[:, None] * slope).sum(axis=0).min(axis=0) - bend / 6.0, 0.0)
-    distance = vertical / np.sqrt(1.0 + np.where(np.isfinite(steep), steep, 0.0) ** 2)
-    failed = np.flatnonzero(~(distance <= limit))
-    if len(failed) == 0:
+    distance = vertical.copy()
+    # no distance is larger than the vertical deviation, so the slope only matters where that is not enough
+    rows = np.flatnonzero(~(vertical <= limit))
+    if len(rows) == 0:
         return distance, vertical
-    hopeless = (np.abs(deviation[:, failed]) > limit * _stretch(surface, x[:, failed], y[:, failed])).any(axis=0)
-    distance[failed[hopeless]] = np.inf
-    failed = failed[~hopeless]
+    distance[rows] /= np.sqrt(1.0 + _steepness(surface, corners[:, :, rows], most[:, rows], w[rows], h[rows]) ** 2)
+    failed = rows[~(distance[rows] <= limit)]
+    above = (np.abs(deviation[:, failed]) > limit).any(axis=0)
+    lost = failed[above]
+    points = np.concatenate([corners[:2, :, lost], middles[:2, :, lost]], axis=1)
+    slope = np.hypot(*surface.gradient(*points)) * (1.0 + 1e-9)
+    hopeless = (np.abs(deviation[:, lost]) > limit * np.sqrt(1.0 + slope**2)).any(axis=0)
+    distance[lost[hopeless]] = np.inf
+    failed = np.concatenate([failed[~above], lost[~hopeless]])
     if divisions == 0 or len(failed) == 0:
         distance[failed] = np.inf
         return distance, vertical
     (a, b, c), (p, q, r) = (part[:, :, failed].transpose(1, 0, 2) for part in (corners, middles))
-    children = [np.stack(part, axis=1) for part in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))]
-    inner = _prove(surface, bounds, np.concatenate(children, axis=2), limit, divisions - 1)
-    distance[failed], vertical[failed] = (values.reshape(4, -1).max(axis=0) for values in inner)
+    children = np.concatenate([np.stack(t, axis=1) for t in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))], axis=2)
+    values = deviation[:, failed]
+    known = np.concatenate([values[[0, 3, 5]], values[[3, 1, 4]], values[[5, 4, 2]], values[[3, 4, 5]]], axis=1)
+    inner = _prove(surface, bounds, children, known, limit, divisions - 1)
+    distance[failed], vertical[failed] = (bound.reshape(4, -1).max(axis=0) for bound in inner)
     return distance, vertical
 
 
-def _stretch(surface: Surface, x: Floats, y: Floats) -> Floats:
-    along_x, along_y = surface.gradient(x, y)
-    return np.asarray(np.sqrt(1.0 + along_x**2 + along_y**2) * (1.0 + 1e-9))
+def _steepness(surface: Surface, corners: Floats, most: Floats, w: Floats, h: Floats) -> Floats:
+    """Return a lower bound of the length of the gradient on triangles.
+
+    With a unit vector n, the gradient is at least as long as ``n gradient``. On a triangle, this differs from its
+    linear interpolation by at most a sixth of its second derivative along the sides.
+    """
+    slope = np.stack(surface.gradient(*corners[:2]))
+    normal = slope.mean(axis=1)
+    normal /= np.maximum(np.hypot(*normal), 1e-300)
+    xxx, xxy, xyy, yyy = np.where(np.isfinite(most[3:]), most[3:], 1e300)
+    bend = np.abs(normal[0]) * (xxx * w**2 + 2.0 * xxy * w * h + xyy * h**2)
+    bend += np.abs(normal[1]) * (xxy * w**2 + 2.0 * xyy * w * h + yyy * h**2)
+    return np.asarray(np.maximum((normal[:, None] * slope).sum(axis=0).min(axis=0) - bend / 6.0, 0.0))
 
 
 def _largest_quadratic(values: Floats) -> Floats:

@@ -65,9 +65,10 @@ def _deviation_mm3(block: Block, top: NetTop) -> tuple[float, float]:
     stride = max(1, len(faces) * parts**2 // PARTS)
     total = _integrals(block, top, faces, parts)
     change = _integrals(block, top, faces[::stride], 2 * parts) - total[::stride]
+    error = abs(float(change.sum())) + 3.0 * math.sqrt(float(change @ change))
     if stride == 1:
-        return float(total.sum() + change.sum()), abs(float(change.sum()))
-    return float(total.sum()), stride * (abs(float(change.sum())) + 3.0 * math.sqrt(float(change @ change)))
+        return float(total.sum() + change.sum()), error
+    return float(total.sum()), stride * error
 
 
 def _integrals(block: Block, top: NetTop, faces: Indices, parts: int) -> Floats:
