@@ -379,7 +379,9 @@ def test_the_buttons_make_the_parts_of_the_manuals_picture(tmp_path: Path) -> No
         assert part.sum() > 3000
 
 
-@pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-4", "paper-6", "released-5", "keyed-4"])
+@pytest.mark.parametrize(
+    "name", ["paper-1", "paper-2", "paper-4", "paper-6", "released-5", "keyed-4", "paper-dunes", "paper-knurl"]
+)
 def test_a_step_is_opened_cut_and_measured(freecad: Script, written: Written, name: str) -> None:
     """The volume of the whole and of the lower half in x, from our STEP file, by FreeCAD's kernel."""
     block = part_named(name).block
