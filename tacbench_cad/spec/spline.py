@@ -24,6 +24,10 @@ from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The largest error of the extremes, as a fraction of the height of the surface; at least a tenth of its own error.
 EXTREMES_FRACTION = 1e-6
+#: The largest number of poles for which the polynomials of all spans are kept in memory (16 numbers for each span).
+MAX_TABLE_POLES = 3_000_000
+#: The number of points in one array operation, so that their polynomials fit into the cache of the processor.
+_POINTS_AT_A_TIME = 8192
 #: Two knots that are nearer than this fraction of the length of the axis are the same knot.
 _SAME = 1e-12
 
@@ -102,6 +106,26 @@ class SplineAxis:
             values[:-1] = lower
             values[1:] += upper
         return span - self.degree, values
+
+    @cached_property
+    def spans(self) -> tuple[Floats, Floats]:
+        """The lower end and the length of each span, shape (spans,) each."""
+        return self.breaks[:-1], np.diff(self.breaks)
+
+    @cached_property
+    def polynomials(self) -> tuple[Ints, Floats]:
+        """The nonzero functions on each span as polynomials of the place in the span, from 0 to 1.
+
+        Returns:
+            The index of the first of these functions, shape (spans,), and the coefficients of the powers, shape (spans,
+            powers, functions).
+        """
+        low, width = self.spans
+        count = self.degree + 1
+        inside = (np.arange(count) + 0.5) / count
+        first, values = self.local((low[:, None] + width[:, None] * inside).ravel())
+        solve = np.linalg.inv(np.vander(inside, increasing=True))
+        return first[::count], np.einsum("pk,rik->ipr", solve, values.reshape(count, len(low), count))
 
     def derived(self, poles: Floats) -> tuple[SplineAxis, Floats]:
         """Return the derivative along the first axis of the poles."""
@@ -268,16 +292,48 @@ class SplineSurface:
         Outside of the domain, the value at the nearest point of the domain is returned, unless the surface repeats.
         """
         uu, vv = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
+        (values,) = self._at(uu.ravel(), vv.ravel(), (order,))
+        return values.reshape(uu.shape)
+
+    def _at(self, u: Floats, v: Floats, orders: Sequence[tuple[int, int]]) -> list[Floats]:
+        """Return derivatives at points from the polynomials of their spans. Arrays have the shape (n,)."""
+        if self.poles.size > MAX_TABLE_POLES:
+            return [self._slowly_at(u, v, order) for order in orders]
+        table, totals = self._polynomials, [np.empty(len(u)) for _ in orders]
+        (first_u, width_u), (first_v, width_v) = self.u.spans, self.v.spans
+        for start in range(0, len(u), _POINTS_AT_A_TIME):
+            part = slice(start, start + _POINTS_AT_A_TIME)
+            at_u, at_v = self.u.inside(u[part]), self.v.inside(v[part])
+            i = np.searchsorted(first_u[1:], at_u, "right")
+            j = np.searchsorted(first_v[1:], at_v, "right")
+            rows = table.take(i * len(first_v) + j, axis=0)
+            x, y = (at_u - first_u[i]) / width_u[i], (at_v - first_v[j]) / width_v[j]
+            for total, (order_u, order_v) in zip(totals, orders, strict=True):
+                inner = np.einsum("npq,nq->np", rows, _powers(y, width_v[j], self.v.degree, order_v))
+                np.einsum("np,np->n", inner, _powers(x, width_u[i], self.u.degree, order_u), out=total[part])
+        return totals
+
+    @cached_property
+    def _polynomials(self) -> Floats:
+        """The coefficients of the powers of the place in each span, shape (spans, degree u + 1, degree v + 1)."""
+        (i, to_u), (j, to_v) = self.u.polynomials, self.v.polynomials
+        along_u = np.einsum("ipr,irm->ipm", to_u, self.poles[i[:, None] + np.arange(self.u.degree + 1)])
+        windows = along_u[:, :, j[:, None] + np.arange(self.v.degree + 1)]
+        table = np.einsum("ipjs,jqs->ijpq", windows, to_v)
+        return np.ascontiguousarray(table).reshape(-1, self.u.degree + 1, self.v.degree + 1)
+
+    def _slowly_at(self, u: Floats, v: Floats, order: tuple[int, int]) -> Floats:
+        """Return a derivative at points without the table of polynomials, which would be too large."""
         surface = self.derivative(order)
-        i, left = surface.u.local(surface.u.inside(uu.ravel()))
-        j, right = surface.v.local(surface.v.inside(vv.ravel()))
-        total = np.zeros(uu.size)
+        i, left = surface.u.local(surface.u.inside(u))
+        j, right = surface.v.local(surface.v.inside(v))
+        total = np.zeros(len(u))
         for a, along_u in enumerate(left):
-            row = np.zeros(uu.size)
+            row = np.zeros(len(u))
             for b, along_v in enumerate(right):
                 row += along_v * surface.poles[i + a, j + b]
             total += along_u * row
-        return total.reshape(uu.shape)
+        return total
 
     def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
         """Return the values or a partial derivative on a grid of lines, shape (n, m)."""
@@ -294,7 +350,9 @@ class SplineSurface:
 
     def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
         """Return both first partial derivatives at the points ``(u, v)``."""
-        return self(u, v, (1, 0)), self(u, v, (0, 1))
+        uu, vv = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
+        along_u, along_v = self._at(uu.ravel(), vv.ravel(), ((1, 0), (0, 1)))
+        return along_u.reshape(uu.shape), along_v.reshape(uu.shape)
 
     def bound(self, order_u: int, order_v: int) -> float:
         """Return an upper bound of the absolute value of a partial derivative over the domain, except on creases."""
@@ -409,6 +467,16 @@ class SplineSurface:
             axes.append(rounded)
             poles = np.moveaxis(turned, 0, which)
         return replace(self, u=axes[0], v=axes[1], poles=np.ascontiguousarray(poles), error=self.error + slack)
+
+
+def _powers(x: Floats, width: Floats, degree: int, order: int) -> Floats:
+    """Return the derivatives of the powers of the place in spans of a width, shape (n, degree + 1)."""
+    powers = np.zeros((len(x), degree + 1))
+    if order <= degree:
+        powers[:, order] = math.factorial(order) / width**order
+        for p in range(order + 1, degree + 1):
+            powers[:, p] = powers[:, p - 1] * (x * (p / (p - order)))
+    return powers
 
 
 def _rounded(axis: SplineAxis, low: float, high: float) -> tuple[SplineAxis, float]:
