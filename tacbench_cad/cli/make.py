@@ -73,13 +73,17 @@ def command(verify: str, json: bool, **request: Any) -> None:
       tacbench make --key --slots 6 --assembly    # all six blocks in one tray
     """
     from tacbench_cad.making.printset import Request, build
+    from tacbench_cad.making.request import blocks_of
+    from tacbench_cad.spec.spectrum import turned_note
 
+    options_of_call = Request(**options.request_fields(request), full=verify == "full")
     with ProgressLine(every_s=0.0) as progress:
-        result = build(Request(**options.request_fields(request), full=verify == "full"), progress.show)
+        result = build(options_of_call, progress.show)
     if json:
         print_json(result.as_dict())
     else:
         _print(result)
+        print_lines(*filter(None, map(turned_note, blocks_of(options_of_call))))
         if request["parts"] != ("coupon",):
             print_lines(_preset(request["preset"]))
         if result.ok:

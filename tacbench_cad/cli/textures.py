@@ -38,10 +38,12 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
       tacbench textures --texture hex.toml --json
     """
     from tacbench_cad.making.choice import described
+    from tacbench_cad.spec.spectrum import turned_note
 
     if not (math.isfinite(nozzle) and 0.0 < nozzle <= 10.0):
         raise InputError("nozzle", nozzle, "must be above 0 and at most 10 mm")
-    rows = [_row(block, nozzle) for block in described(textures, preset, scale)]
+    blocks = described(textures, preset, scale)
+    rows = [_row(block, nozzle) for block in blocks]
     if json:
         print_json({"preset": preset, "scale": scale, "nozzle_mm": nozzle, "textures": rows})
         return
@@ -66,7 +68,10 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
             for row in rows
         ],
     )
+    if textures == ("all",):
+        print_lines("fourteen later textures of the paper's authors: tacbench textures --texture later")
     print_lines('waves printable: by the width of the nozzle only; "tacbench check-gcode" judges the sliced file')
+    print_lines(*filter(None, map(turned_note, blocks)))
     if len(rows) == 1:
         print_table(
             "spectrum: the fraction of the variance of the height in each octave of wavelengths",

@@ -17,6 +17,8 @@ from tacbench_cad.util.types import Floats
 _MAX_SAMPLES = 1024
 #: Waves with less than this fraction of the variance do not count for the finest ridge of a spline surface.
 _NEGLIGIBLE = 0.01
+#: The smallest change of a wave's angle that is reported, in degrees.
+_TURNED_DEG = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,3 +112,28 @@ def spectrum(block: Block) -> Spectrum:
     order = np.argsort(-turns)[:-1]
     scale = 1.0 / (power.size * float((window**2).sum()))
     return Spectrum(1.0 / turns[order], power.ravel()[order] * scale, None)
+
+
+def turned_note(block: Block) -> str | None:
+    """Return a sentence about an oblique wave whose angle on the block is not that of the formula, or None.
+
+    The angle changes if a unit has different lengths in mm along x and y.
+    """
+    surface = block.surface
+    if not isinstance(surface, WaveSum):
+        return None
+    per_x, per_y = block.mm_per_unit[:2]
+    changes = []
+    for a, f, g, _ in surface.table:
+        if a and f and g:
+            printed, drawn = math.atan2(g, f), math.atan2(g * per_y, f * per_x)
+            changes.append((round(abs(printed - drawn), 9), math.degrees(drawn) % 180.0, math.degrees(printed) % 180.0))
+    largest = max(changes, key=lambda change: change[0], default=(0.0, 0.0, 0.0))
+    if largest[0] < math.radians(_TURNED_DEG):
+        return None
+    _, drawn, printed = largest
+    return (
+        f"{block.texture.name}: a wave at {drawn:.0f} degrees in the formula lies at {printed:.0f} degrees on the "
+        f"block, because a unit is {per_x:.4g} mm along x and {per_y:.4g} mm along y; for exact angles, set the same "
+        "mm_per_unit along both, or give wavelength_mm and angle_deg"
+    )

@@ -22,6 +22,25 @@ def catalogue(capsys: Capture, *options: str) -> list[dict[str, object]]:
     return rows
 
 
+def test_a_turned_wave_is_reported(capsys: Capture) -> None:
+    assert main(["textures", "--texture", "hexagons"]) == 0
+    lines = " ".join(capsys.readouterr().out.split())
+    assert "a wave at 60 degrees in the formula lies at 54 degrees on the block" in lines
+    assert main(["textures", "--texture", "hexagons", "--preset", "released"]) == 0
+    assert "degrees on the block" not in capsys.readouterr().out
+
+
+def test_a_single_texture_shows_its_spectrum(capsys: Capture) -> None:
+    (row,) = catalogue(capsys, "--texture", "diamond")
+    assert row["waves"] is None
+    assert row["printable_fraction"] == pytest.approx(0.98, abs=0.02)
+    bands = row["spectrum"]
+    assert isinstance(bands, list)
+    assert sum(band["fraction"] for band in bands) == pytest.approx(1.0, abs=0.01)
+    assert main(["textures", "--texture", "1"]) == 0
+    assert "spectrum" in capsys.readouterr().out
+
+
 def test_the_relief_of_the_released_files(capsys: Capture) -> None:
     rows = catalogue(capsys, "--preset", "released")
     # The relief of the published files, valley to peak. With N = 101, the formula's overshoot lies between samples.
