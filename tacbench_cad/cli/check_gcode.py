@@ -35,7 +35,11 @@ def _frame_of(option: str, text: str) -> Frame:
 @options.command("check-gcode")
 @options.argument("files", options.file("FILE.gcode"), "G-code files with one block each.", many=True)
 @options.option(
-    "--texture", options.TEXTURE, "Texture of the block: 1 to 6 or a TOML file.", options.PARTS, required=True
+    "--texture",
+    options.TEXTURE,
+    "Texture of the block: 1 to 6, a name such as dunes, or a TOML file.",
+    options.PARTS,
+    required=True,
 )
 @options.preset
 @options.key
@@ -115,7 +119,7 @@ def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Blo
 
     blocks = described((texture,), preset, scale)
     if len(blocks) != 1:
-        raise InputError("texture", texture, "name one texture: 1 to 6 or a TOML file")
+        raise InputError("texture", texture, "name one texture: 1 to 6, a name such as dunes, or a TOML file")
     return replace(blocks[0], key_mm=key_mm)
 
 

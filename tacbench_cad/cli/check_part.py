@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 @options.command("check-part")
 @options.argument("files", options.file("FILE"), "STL, 3MF or STEP files.", many=True)
 @options.option(
-    "--texture", options.TEXTURE, "Expected texture: 1 to 6 or a TOML file. Default: the nearest.", options.PARTS
+    "--texture",
+    options.TEXTURE,
+    "Expected texture: 1 to 6, a name such as dunes, or a TOML file. Default: the nearest.",
+    options.PARTS,
 )
 @options.option("--preset", options.PRESET, "Expected preset. Default: the nearest.", options.PARTS)
 @options.option("--scale", options.SCALE, "Expected scale. Default: from the file's name or the sides.", options.SIZE)

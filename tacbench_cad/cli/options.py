@@ -319,13 +319,17 @@ def help_of(docstring: str | None) -> str:
 
 
 #: The words for the paper's textures on the command line.
-TEXTURES = ("1", "2", "3", "4", "5", "6", "all")
+TEXTURES = (
+    *("1", "2", "3", "4", "5", "6", "all", "later"),
+    *("ripple", "rings", "diamond", "weave", "hexagons", "ridges", "rock", "dunes", "dimples", "scales", "knurl"),
+    *("swirl", "chevron", "coral"),
+)
 #: The parts and file formats of ``make``; a test compares these words with those of the request.
 PART_NAMES = ("blocks", "holder", "jig", "coupon")
 FILE_FORMATS = ("stl", "3mf", "step")
 #: Hold-out levels, in the words of ``--hold-out``; a test compares them with those of the analysis.
 LEVELS = ("press", "position", "force", "copy", "printer-filament", "session")
-TEXTURE = text("T", complete=of_lists(*TEXTURES[:-1], suffix=".toml"))
+TEXTURE = text("T", complete=of_lists(*(name for name in TEXTURES if name not in ("all", "later")), suffix=".toml"))
 
 json = flag("--json", "Print the result as one JSON document.", OUTPUT)
 preset = option(
@@ -341,7 +345,7 @@ scale = option(
 textures = option(
     "--texture",
     words("LIST", *TEXTURES, suffix=".toml"),
-    "1 to 6, all, or TOML files; for example 1,4.",
+    "1 to 6, all, names such as dunes, later for all fourteen such names, or TOML files; for example 1,dunes.",
     PARTS,
     dest="textures",
     default="all",

@@ -22,7 +22,7 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
 @options.argument(
     "textures",
     options.words("TEXTURES", *options.TEXTURES, suffix=".toml"),
-    "1 to 6, all, or TOML files; for example 1,4.",
+    "1 to 6, all, names such as dunes, later for all fourteen such names, or TOML files; for example 1,dunes.",
 )
 @options.flag("--press", "Add the block's outline, the press positions and the contact areas.", options.PICTURE)
 @options.option(

@@ -13,7 +13,7 @@ from tacbench_cad.cli.common import next_block, note, print_next
 @options.argument(
     "parts",
     options.words("PARTS", *options.TEXTURES, *options.PART_NAMES, suffix=".toml"),
-    "1 to 6, a TOML file, blocks, holder, jig, coupon. Default: the whole print set.",
+    "1 to 6, a name such as dunes, a TOML file, blocks, holder, jig, coupon. Default: the whole print set.",
     many=True,
     required=False,
 )

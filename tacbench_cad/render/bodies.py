@@ -64,7 +64,9 @@ def fine_body(part: Part, colour: Colour = MATERIAL) -> Body:
     if block is None:
         return Body(mesh=part.mesh[0], colour=colour)
     if isinstance(block.sampling, Tolerance):
-        block = replace(block, sampling=Tolerance(mm=min(block.sampling.mm, _FINE * max(block.size_mm))))
+        # a mesh cannot be nearer to a texture than the texture is to its own source
+        finest = max(_FINE * max(block.size_mm), 3.0 * block.surface.error)
+        block = replace(block, sampling=Tolerance(mm=min(block.sampling.mm, finest)))
     return Body(mesh=mesh_block(block)[0], colour=colour, relief=relief_of(block))
 
 

@@ -158,7 +158,7 @@ def _rings() -> Surface:
         return np.asarray(np.sin(math.pi * np.sqrt(np.sin(u) ** 2 + np.cos(v) ** 2)))
 
     # the cone points are at the corners of a period
-    return sampled(rings, u=(0.0, math.pi), v=(-_COS, _COS), error=2e-4, repeats=(True, True))
+    return sampled(rings, u=(0.0, math.pi), v=(-_COS, _COS), error=9e-4, repeats=(True, True))
 
 
 def _knurl() -> Surface:
@@ -167,7 +167,7 @@ def _knurl() -> Surface:
 
     lines = ((_COS,), (math.pi,))
     ends = (-_COS, 3.0 * _COS), (0.0, 2.0 * math.pi)
-    return sampled(knurl, u=ends[0], v=ends[1], error=2e-4, creases=lines, repeats=(True, True))
+    return sampled(knurl, u=ends[0], v=ends[1], error=9e-4, creases=lines, repeats=(True, True))
 
 
 def _rock() -> Surface:

@@ -84,7 +84,7 @@ def height_map(
     heights: ArrayLike,
     *,
     mm_per_pixel: float | tuple[float, float] = 1.0,
-    height_mm: tuple[float, float] | None = None,
+    height_mm: float | tuple[float, float] | None = None,
     repeats: bool = False,
 ) -> SplineSurface:
     """Make a surface from the heights on an even grid. Its units are millimetres.
@@ -94,7 +94,8 @@ def height_map(
     Args:
         heights: The heights, shape (rows, columns), as in an image: the first row is at the largest y.
         mm_per_pixel: The distance of neighbouring columns, or of neighbouring columns and rows, in mm.
-        height_mm: The heights to which the lowest and the highest value are scaled; None if the values are in mm.
+        height_mm: The heights to which the lowest and the highest value are scaled, or their difference; None if the
+            values are in mm.
         repeats: Whether the surface repeats beyond its ends. The first column then follows the last.
 
     Raises:
@@ -118,7 +119,7 @@ def smoothed(heights: ArrayLike, smooth_mm: float, mm_per_pixel: float | tuple[f
     return np.asarray(gaussian_filter(values, width, mode="wrap" if repeats else "nearest"))
 
 
-def checked_heights(heights: ArrayLike, height_mm: tuple[float, float] | None) -> Floats:
+def checked_heights(heights: ArrayLike, height_mm: float | tuple[float, float] | None) -> Floats:
     """Check the heights of a height map, scale them, and turn them so that the first axis is x and the second is y.
 
     Raises:
@@ -142,8 +143,9 @@ def checked_heights(heights: ArrayLike, height_mm: tuple[float, float] | None) -
     if low == high:
         raise InputError("height map", None, f"has the same value {low:g} everywhere")
     if height_mm is not None:
+        height_mm = (0.0, float(height_mm)) if isinstance(height_mm, (int, float)) else height_mm
         if not (all(map(math.isfinite, height_mm)) and height_mm[1] > height_mm[0]):
-            raise InputError("height_mm", height_mm, "the first number must be smaller than the second")
+            raise InputError("height_mm", height_mm, "must be above 0, or two heights with the smaller one first")
         table = height_mm[0] + (table - low) * ((height_mm[1] - height_mm[0]) / (high - low))
     return table[::-1].T
 

@@ -404,7 +404,7 @@ class _Image:
     family: Literal["image"]
     file: str
     mm_per_pixel: Annotated[float, Bounds(1e-6, 1e3)] | tuple[float, float] | None = None
-    height_mm: tuple[float, float] | None = None
+    height_mm: float | tuple[float, float] | None = None
     smooth_mm: Annotated[float, Bounds(0.0, 100.0)] = 0.0
     repeats: bool = False
     fit: Literal["spline", "waves"] = "spline"
@@ -475,7 +475,7 @@ def image_texture(
     path: Path,
     *,
     mm_per_pixel: float | tuple[float, float] | None = None,
-    height_mm: tuple[float, float] | None = None,
+    height_mm: float | tuple[float, float] | None = None,
     smooth_mm: float = 0.0,
     repeats: bool = False,
     waves: int | None = None,
@@ -486,7 +486,8 @@ def image_texture(
         name: The name of the texture.
         path: The file; :func:`tacbench_cad.spec.images.read_heights` lists the formats.
         mm_per_pixel: The distance of neighbouring columns, or of columns and rows, in mm; None if the file says it.
-        height_mm: The heights of the lowest and the highest value; None if the values of the file are heights in mm.
+        height_mm: The heights of the lowest and the highest value, or their difference; None if the values of the file
+            are heights in mm.
         smooth_mm: The standard deviation of a Gaussian filter, in mm. It smooths the steps of a picture with 8 bits.
         repeats: Whether the height map repeats beyond its ends.
         waves: The number of waves that are fitted; None for a spline through all samples.
@@ -500,7 +501,9 @@ def image_texture(
     if steps is None:
         raise InputError("mm_per_pixel", None, f"is missing; {path.name} does not say how far apart its samples are")
     if height_mm is None and not file.in_mm:
-        raise InputError("height_mm", None, "is missing; give the heights in mm of the darkest and the brightest pixel")
+        raise InputError(
+            "height_mm", None, "is missing; give the height in mm of the brightest pixel above the darkest"
+        )
     heights = file.values
     with located(f"{path.name}: "):
         if smooth_mm:

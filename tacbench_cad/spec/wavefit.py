@@ -50,7 +50,7 @@ def fit_waves(
     *,
     waves: int,
     mm_per_pixel: float | tuple[float, float] = 1.0,
-    height_mm: tuple[float, float] | None = None,
+    height_mm: float | tuple[float, float] | None = None,
 ) -> WaveFit:
     """Write a height map as a sum of waves.
 
@@ -62,7 +62,8 @@ def fit_waves(
         heights: The heights, as for :func:`tacbench_cad.spec.sampled.height_map`.
         waves: The number of waves.
         mm_per_pixel: The distance of neighbouring columns, or of neighbouring columns and rows, in mm.
-        height_mm: The heights to which the lowest and the highest value are scaled; None if the values are in mm.
+        height_mm: The heights to which the lowest and the highest value are scaled, or their difference; None if the
+            values are in mm.
 
     Raises:
         InputError: The heights or a number are not allowed.
