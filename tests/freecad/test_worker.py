@@ -48,7 +48,7 @@ def answers(*requests: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def test_each_request_gets_an_answer(tmp_path: Path) -> None:
-    """A shape, one of a file with one side given, a refusal, a fault of the request, a file, and the choices."""
+    """A shape, one of a file with one side given, a refusal, a fault of the request, and the choices."""
     pytest.importorskip("OCP")
     own = tmp_path / "own.toml"
     own.write_text(
@@ -56,7 +56,7 @@ def test_each_request_gets_an_answer(tmp_path: Path) -> None:
         "[block]\nsize_mm = [20.0, 24.0]\n",
         encoding="utf-8",
     )
-    first, second, refused, fault, exported, choices = answers(
+    first, second, refused, fault, choices = answers(
         {"action": "shape", "block": BLOCK, "brep": str(tmp_path / "a.brep")},
         {
             "action": "shape",
@@ -65,7 +65,6 @@ def test_each_request_gets_an_answer(tmp_path: Path) -> None:
         },
         {"action": "shape", "block": BLOCK | {"scale": 500.0}, "brep": str(tmp_path / "c.brep")},
         {"action": "shape"},
-        {"action": "export", "block": BLOCK, "file": str(tmp_path / "block.stl")},
         {"action": "catalogue"},
     )
     block = Block.of(2)
@@ -76,7 +75,6 @@ def test_each_request_gets_an_answer(tmp_path: Path) -> None:
     assert second["name"].startswith("own_paper_x1_20x26x")
     assert refused == {"error": "scale = 500.0: must be from 0.01 to 100"}
     assert fault == {"error": "KeyError: 'block'"}
-    assert exported["report"].startswith("block.stl: passed")
     assert choices["textures"][:6] == [texture.name for texture in catalogue()]
     assert "dunes" in choices["textures"]
 
