@@ -29,6 +29,8 @@ from tacbench_cad.util.types import Floats
 VISIBLE_TOLERANCE = 1.0 / 500.0
 #: Tolerance of a mesh that is made for a picture alone, as a fraction of the block's longer side.
 _FINE = 5e-5
+#: The same for a texture that is not separable. Its mesh takes longer, and the picture shows the slopes of the formula.
+_FINE_OTHER = 3e-4
 #: Points along each axis at which the slopes of a separable texture are calculated.
 _TABLE = 8193
 
@@ -65,7 +67,8 @@ def fine_body(part: Part, colour: Colour = MATERIAL) -> Body:
         return Body(mesh=part.mesh[0], colour=colour)
     if isinstance(block.sampling, Tolerance):
         # a mesh cannot be nearer to a texture than the texture is to its own source
-        finest = max(_FINE * max(block.size_mm), 3.0 * block.surface.error)
+        fraction = _FINE if block.surface.is_separable else _FINE_OTHER
+        finest = max(fraction * max(block.size_mm), 3.0 * block.surface.error)
         block = replace(block, sampling=Tolerance(mm=min(block.sampling.mm, finest)))
     return Body(mesh=mesh_block(block)[0], colour=colour, relief=relief_of(block))
 

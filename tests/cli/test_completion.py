@@ -16,6 +16,7 @@ from tacbench_cad import cli
 from tacbench_cad.cli import classify, export_runs, export_simulator, import_frames, main, options, simulate
 from tacbench_cad.cli.completing import RUN_FILES, VARIABLE
 from tacbench_cad.cli.completion import INSTALL
+from tacbench_cad.cli.options import TEXTURES
 
 Capture = pytest.CaptureFixture[str]
 
@@ -44,8 +45,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["check-"], ["check-part", "check-gcode", "check-runs"]),
         (["rig", ""], ["probe", "calibrate-force", "align"]),
         (["make", "--tex"], ["--texture"]),
-        (["make", "--texture", ""], ["1", "2", "3", "4", "5", "6", "all"]),
-        (["make", "--texture", "1,4,"], ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]),
+        (["make", "--texture", ""], list(TEXTURES)),
+        (["make", "--texture", "1,4,"], [f"1,4,{name}" for name in TEXTURES if name not in "14"]),
+        (["make", "--texture", "1,4,d"], ["1,4,diamond", "1,4,dunes", "1,4,dimples"]),
         (["make", "--preset", "r"], ["released"]),
         (["make", "--preset=r"], ["released"]),
         (["make", "--formats", "stl,"], ["stl,3mf", "stl,step"]),
@@ -76,8 +78,8 @@ def test_texture_files_are_offered_with_the_paper_textures(folder: Path) -> None
         (folder / name).touch()
     (folder / "mine").mkdir()
     (folder / "mine" / "waves.toml").touch()
-    assert offered("make", "--texture", "1,h") == ["1,hex.toml"]
-    assert offered("show", "") == ["1", "2", "3", "4", "5", "6", "all", "hex.toml"]
+    assert offered("make", "--texture", "1,h") == ["1,hexagons", "1,hex.toml"]
+    assert offered("show", "") == [*TEXTURES, "hex.toml"]
     assert offered("show", "mine/") == ["mine/waves.toml"]
     assert kinds("show", "other/") == {"file"}
 
@@ -186,4 +188,4 @@ def test_bash_completes_a_line(folder: Path) -> None:
         ["bash", "--norc", "-c", script], env=os.environ | {"PATH": path}, capture_output=True, text=True
     )
     assert process.returncode == 0, process.stderr
-    assert process.stdout.split() == ["1,4,2", "1,4,3", "1,4,5", "1,4,6", "1,4,all"]
+    assert process.stdout.split() == [f"1,4,{name}" for name in TEXTURES if name not in "14"]
