@@ -42,7 +42,7 @@ class Assembly:
         if len(self.blocks) > self.holder.slots:
             raise InputError("blocks", len(self.blocks), f"the holder has only {counted(self.holder.slots, 'slot')}")
         for block in self.blocks:
-            if block.outline != self.holder.block.outline:
+            if block.silhouette != self.holder.block.silhouette:
                 raise InputError("blocks", block.name, f"does not fit into {self.holder.name}")
         if self.jig is not None and self.jig.holder.name != self.holder.name:
             raise InputError("jig", self.jig.name, f"does not fit onto {self.holder.name}")
@@ -90,7 +90,9 @@ def assemblies_of(things: Iterable[Any]) -> tuple[list[Assembly], list[tuple[str
     things = list(things)
     assemblies, over = [], []
     for holder in (thing for thing in things if isinstance(thing, Holder)):
-        fitting = [thing for thing in things if isinstance(thing, Block) and thing.outline == holder.block.outline]
+        fitting = [
+            thing for thing in things if isinstance(thing, Block) and thing.silhouette == holder.block.silhouette
+        ]
         fitting.sort(key=lambda block: block.copy or 1)
         jigs = (thing for thing in things if isinstance(thing, Jig) and thing.holder == holder)
         if not fitting:

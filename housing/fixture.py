@@ -84,6 +84,11 @@ class Fixture(ABC):
         return ()
 
     @property
+    def recessed(self) -> tuple[tuple[Bore, float], ...]:
+        """The round pockets that are no through holes, each with its depth in mm."""
+        return ()
+
+    @property
     def genus(self) -> int:
         """The number of through holes."""
         return len(self.drilled)
@@ -143,7 +148,8 @@ class Fixture(ABC):
 
     def _mesh(self) -> tuple[Mesh, ExpectedGeometry]:
         # The chords make the holes of the mesh smaller, so its volume may be larger than the exact volume.
-        slack = sum(bore.chord_slack_mm3(depth, CHORD_MM) for bore, depth in self.drilled) + rounding_mm3(self.size_mm)
+        round_holes = (*self.drilled, *self.recessed)
+        slack = sum(bore.chord_slack_mm3(depth, CHORD_MM) for bore, depth in round_holes) + rounding_mm3(self.size_mm)
         return tessellate(self.solid(), CHORD_MM), ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
 
     def _solid(self) -> tuple[TopoDS_Solid, ExpectedGeometry]:

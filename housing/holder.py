@@ -24,11 +24,12 @@ from housing.fits import (
     require_nozzle,
     require_walls,
 )
-from housing.fixture import Fixture
+from housing.fixture import CHORD_MM, Fixture
 from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
-from housing.shapes import Bore, Rectangle, box, one_solid, prism
+from housing.shapes import Bore, Rectangle, box, cylinder, one_solid, prism
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.outlines import Circle, Loop
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Floats
@@ -82,6 +83,25 @@ def require_key(block: Block, fit: str | float) -> None:
             f"must be above {min_key:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm; with a smaller key, a "
             f"block turned by 180 degrees would still fit (clearance {clearance_mm(fit):g} mm per side)",
         )
+
+
+def pocket_tool(holder: Holder, place: Placement, grown_mm: float, z_mm: tuple[float, float]) -> Any:
+    """Return the solid that cuts the pocket of a block, or a wider recess over it.
+
+    Args:
+        holder: The holder.
+        place: The placement of the block.
+        grown_mm: How much wider the recess is than the pocket, on each side. It must be 0 for a rectangular block.
+        z_mm: The lower and the upper end.
+    """
+    loop = holder.pocket_loop
+    if loop is None:
+        return prism(place.to_holder(holder.pocket_outline()), [], z_mm)
+    loop = loop.moved_outwards(grown_mm)
+    if isinstance(loop, Circle):
+        x, y = place.to_holder([loop.centre])[0].tolist()
+        return cylinder((x, y), loop.radius, z_mm)
+    return prism(place.to_holder(loop.array), [], z_mm)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,6 +204,9 @@ class Holder(Fixture):
                     raise InputError(name, value, "the authors' holder cannot be changed; use the preset fitted")
         if self.block.key_mm is not None:
             raise InputError("key", self.block.key_mm, "the authors' holder has no key; use the preset fitted")
+        if self.block.outline is not None:
+            allowed = "does not fit the authors' holder; use the preset fitted"
+            raise InputError("outline", str(self.block.outline), allowed)
         room, sides = RELEASED.pocket_mm[:2], self._footprint_mm
         if any(not -ROUNDING_MM <= room[i] - sides[i] <= 2.0 for i in (0, 1)):
             raise InputError(
@@ -226,7 +249,11 @@ class Holder(Fixture):
         if self.is_released:
             return RELEASED
         (x, y), c = self._footprint_mm, clearance_mm(self.fit)
-        pocket = (x + 2.0 * c, y + 2.0 * c, self.block.height_mm - self.rim_mm)
+        depth = self.block.height_mm - self.rim_mm
+        if (loop := self.pocket_loop) is not None:
+            room = turned_size_mm(tuple(np.subtract(*loop.box[::-1]).tolist()), self.turns)
+            return fitted((*room, depth), self.slots, self.floor_mm, self.margin_mm, self.web_mm)
+        pocket = (x + 2.0 * c, y + 2.0 * c, depth)
         return fitted(pocket, self.slots, self.floor_mm, self.margin_mm, self.web_mm)
 
     @property
@@ -272,6 +299,11 @@ class Holder(Fixture):
     def block_placements(self) -> tuple[Placement, ...]:
         """Return the placement of the block in each slot, in the middle of its clearance."""
         cx, cy = self.clearance_mm
+        if (loop := self.pocket_loop) is not None:
+            return tuple(
+                Placement.of_box((*low, self.layout.floor_mm), loop.box, self.turns)
+                for low in self.layout.pocket_lows_mm
+            )
         return tuple(
             Placement.at((low[0] + cx, low[1] + cy, self.layout.floor_mm), self.block.size_mm, self.turns)
             for low in self.layout.pocket_lows_mm
@@ -281,6 +313,23 @@ class Holder(Fixture):
     def push_out(self) -> PushOut | None:
         """The push-out hole in the block frame; None for the authors' holder."""
         return None if self.is_released else PushOut.under(self.block)
+
+    @cached_property
+    def pocket_loop(self) -> Loop | None:
+        """The outer loop of the block's outline, moved outwards by the clearance, in the block frame.
+
+        It is None for a rectangular block.
+        """
+        return None if self.block.outline is None else self.block.outline.loops[0].moved_outwards(self.clearance_mm[0])
+
+    @property
+    def recessed(self) -> tuple[tuple[Bore, float], ...]:
+        """The round pockets of discs and rings."""
+        loop, depth = self.pocket_loop, self.pocket_size_mm[2]
+        if not isinstance(loop, Circle):
+            return ()
+        centres = [place.to_holder([loop.centre])[0] for place in self.block_placements()]
+        return tuple((Bore(at_mm=(float(x), float(y)), diameter_mm=2.0 * loop.radius), depth) for x, y in centres)
 
     @property
     def push_outs(self) -> tuple[Bore, ...]:
@@ -299,13 +348,25 @@ class Holder(Fixture):
 
     @property
     def admits_deg(self) -> tuple[int, ...]:
-        """The angles by which a block can be turned and still fits into its pocket, in degrees."""
+        """The angles by which a block can be turned and fits into its pocket, in degrees. No angles stand for all."""
         if self.block.key_mm is not None:
             return (0,)
+        if self.block.outline is not None:
+            turns = self.block.outline.turns
+            return () if turns is None else tuple(round(360 * k / turns) for k in range(turns))
         x, y = self._footprint_mm
         room_x, room_y, _ = self.pocket_size_mm
         quarter = y <= room_x + ROUNDING_MM and x <= room_y + ROUNDING_MM
         return (0, 90, 180, 270) if quarter else (0, 180)
+
+    @property
+    def _orientations(self) -> str:
+        if not self.admits_deg:
+            return "in any orientation; mark the block, so that it is always inserted in the same one"
+        if self.admits_deg == (0,):
+            return "in one orientation only"
+        angles = " or ".join(map(str, self.admits_deg))
+        return f"in {len(self.admits_deg)} orientations: turned by {angles} degrees"
 
     @property
     def walls_mm(self) -> Mapping[str, float]:
@@ -353,12 +414,19 @@ class Holder(Fixture):
         """The volume of the plate without pockets, screw holes and push-out holes, in mm^3."""
         x, y, z = self.size_mm
         depth = self.pocket_size_mm[2]
-        pockets = sum(p.area_mm2 - self.pocket_key_mm**2 / 2.0 for p in self.pockets) * depth
+        loop = self.pocket_loop
+        areas = [loop.area_mm2 if loop is not None else p.area_mm2 - self.pocket_key_mm**2 / 2.0 for p in self.pockets]
+        pockets = sum(areas) * depth
         screws = sum(bore.volume_mm3(z) for bore in self.screws)
         return x * y * z - pockets - screws - sum(bore.volume_mm3(self.layout.floor_mm) for bore in self.push_outs)
 
     def pocket_outline(self) -> Floats:
-        """Return the outline of a pocket in the block frame, counter-clockwise, shape (n, 2), in mm."""
+        """Return the outline of a pocket in the block frame, counter-clockwise, shape (n, 2), in mm.
+
+        Chords replace a circle.
+        """
+        if (loop := self.pocket_loop) is not None:
+            return loop.chords(CHORD_MM, None)[0]
         (x, y), k = self.block.size_mm, self.pocket_key_mm
         cx, cy = self.clearance_mm if self.turns % 2 == 0 else self.clearance_mm[::-1]
         corner = [(x + cx, -cy)] if k == 0.0 else [(x + cx - k, -cy), (x + cx, -cy + k)]
@@ -370,17 +438,15 @@ class Holder(Fixture):
         x, y, z = self.size_mm
         floor = self.layout.floor_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
-        outline = self.pocket_outline()
-        tools = [prism(place.to_holder(outline), [], (floor, z + 1.0)) for place in self.block_placements()]
+        tools = [pocket_tool(self, place, 0.0, (floor, z + 1.0)) for place in self.block_placements()]
         tools += [bore.solid((0.0, depth)) for bore, depth in self.drilled]
         return one_solid(plate.cut(*tools), "holder")
 
     def spec(self) -> dict[str, Any]:
         """Return all values that define the holder, and notes for the user, as plain JSON values."""
-        angles = " or ".join(map(str, self.admits_deg))
         notes = [
             "print in the orientation of the file, with the pockets up, without supports",
-            f"without a key, a block fits in {len(self.admits_deg)} orientations: turned by {angles} degrees"
+            f"without a key, a block fits {self._orientations}"
             if self.block.key_mm is None
             else "with the key, a block fits in one orientation only; for that the key must be above "
             f"{min_key_mm(self.block, self.fit):.4g} mm",
@@ -433,5 +499,7 @@ class Holder(Fixture):
             "screw holes": "4 of " + mm(SCREW_HOLE_MM),
             "push-out": f"{len(self.push_outs)} of {mm(self.push_outs[0].diameter_mm)}" if self.push_outs else "none",
             "thinnest wall": self._thinnest,
-            "orientations": "block turned by " + " or ".join(map(str, self.admits_deg)) + " degrees",
+            "orientations": "block turned by " + " or ".join(map(str, self.admits_deg)) + " degrees"
+            if self.admits_deg
+            else "any",
         }

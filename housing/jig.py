@@ -26,7 +26,7 @@ from housing.fits import (
     require_walls,
 )
 from housing.fixture import Fixture, tidied
-from housing.holder import Holder
+from housing.holder import Holder, pocket_tool
 from housing.lettering import COUNTER_MM
 from housing.marks import (
     DEPTH_MM,
@@ -40,7 +40,7 @@ from housing.marks import (
     numerals,
     outside_mm2,
 )
-from housing.seat import AIR_MM, LIP_MM, ROOF_MM, Seat
+from housing.seat import AIR_MM, LIP_MM, RECESS_MM, ROOF_MM, Seat
 from housing.shapes import Bore, box, one_solid, prism
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
@@ -269,6 +269,16 @@ class Jig(Fixture):
         return tuple((bore, ROOF_MM) for bore in self.bores)
 
     @property
+    def recessed(self) -> tuple[tuple[Bore, float], ...]:
+        """The round recesses over discs and rings."""
+        if not self.seat.has_outlined_recesses:
+            return ()
+        depth, wider = self.seat.recess_depth_mm, 2.0 * RECESS_MM
+        return tuple(
+            (Bore(at_mm=bore.at_mm, diameter_mm=bore.diameter_mm + wider), depth) for bore, _ in self.holder.recessed
+        )
+
+    @property
     def walls_mm(self) -> Mapping[str, float]:
         """The name and the thickness of each wall, in mm."""
         return {**self.seat.walls_mm, **self._marker_walls}
@@ -329,7 +339,11 @@ class Jig(Fixture):
         seat, (ceiling, top) = self.seat, self.seat.roof_mm
         plate = prism(seat.outline(), [], (seat.bottom_mm, top))
         tools = [box(seat.inner, (seat.bottom_mm - 1.0, seat.rest_mm))]
-        tools += [box(recess, (seat.rest_mm - 1.0, ceiling)) for recess in seat.recesses]
+        over = (seat.rest_mm - 1.0, ceiling)
+        if seat.has_outlined_recesses:
+            tools += [pocket_tool(self.holder, place, RECESS_MM, over) for place in self.holder.block_placements()]
+        else:
+            tools += [box(recess, over) for recess in seat.recesses]
         tools += [bore.solid((ceiling, top)) for bore in self.bores]
         return engraved(one_solid(plate.cut(*tools), "jig"), top, self._grooves_in_holder, DEPTH_MM)
 

@@ -21,6 +21,8 @@ SCREW_INSET_MM = 4.5
 PUSH_OUTS_MM = (6.0, 3.0)
 #: The possible positions of the push-out hole, as fractions of the sides of the block.
 _PUSH_OUT_FRACTIONS = (0.3, 0.4, 0.5, 0.6, 0.7)
+#: The same for an outline that is not a rectangle.
+_OUTLINE_FRACTIONS = tuple(k / 20.0 for k in range(2, 19))
 #: The distance between the push-out hole and the press positions, if the block is large enough, in mm.
 _PUSH_OUT_CLEAR_MM = 2.0
 
@@ -134,6 +136,8 @@ class PushOut:
         """
         x, y = block.size_mm
         wide, narrow = PUSH_OUTS_MM
+        if block.outline is not None:
+            return cls._under_outline(block)
         diameter = wide if (min(x, y) - wide) / 2.0 >= MIN_WALL_MM else narrow
         places = [(x * a, y * b) for a in _PUSH_OUT_FRACTIONS for b in _PUSH_OUT_FRACTIONS]
         holes = [cls._at(place, diameter, block) for place in places]
@@ -145,11 +149,27 @@ class PushOut:
         return max(holes, key=lambda hole: hole.clear_of_press_mm)
 
     @classmethod
+    def _under_outline(cls, block: Block) -> PushOut:
+        """Return the hole by the same rules, from more possible positions. The ledge also counts to holes of a ring."""
+        x, y = block.size_mm
+        places = [(x * a, y * b) for a in _OUTLINE_FRACTIONS for b in _OUTLINE_FRACTIONS]
+        for diameter in PUSH_OUTS_MM:
+            holes = [cls._at(place, diameter, block) for place in places]
+            wide_ledge = [hole for hole in holes if hole.ledge_mm >= MIN_WALL_MM]
+            clear = [hole for hole in wide_ledge if hole.clear_of_press_mm >= _PUSH_OUT_CLEAR_MM]
+            if clear:
+                return min(clear, key=lambda hole: math.dist(hole.bore.at_mm, (x / 2.0, y / 2.0)))
+            if wide_ledge:
+                return max(wide_ledge, key=lambda hole: hole.clear_of_press_mm)
+        return max(holes, key=lambda hole: hole.ledge_mm)
+
+    @classmethod
     def _at(cls, place: tuple[float, float], diameter: float, block: Block) -> PushOut:
         (a, b), (x, y) = place, block.size_mm
         press = PressGrid.paper(block.scale).positions_mm
+        inside = min(a, b, x - a, y - b) if block.outline is None else -float(block.outline.distance(a, b))
         return cls(
             bore=Bore(at_mm=place, diameter_mm=diameter),
-            ledge_mm=min(a, b, x - a, y - b) - diameter / 2.0,
+            ledge_mm=inside - diameter / 2.0,
             clear_of_press_mm=float(np.linalg.norm(press - np.array(place), axis=1).min()) - diameter / 2.0,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +37,23 @@ class Placement:
             size_mm: The sides x, y of the block in its own frame.
             quarter_turns: The number of quarter turns counter-clockwise.
         """
-        corners = np.array([[0.0, 0.0], size_mm]) @ _TURNS[quarter_turns].T
+        return cls.of_box(low_mm, ((0.0, 0.0), size_mm), quarter_turns)
+
+    @classmethod
+    def of_box(
+        cls,
+        low_mm: tuple[float, float, float],
+        box_mm: tuple[tuple[float, float], tuple[float, float]],
+        quarter_turns: int,
+    ) -> Placement:
+        """Place a block so that the lower corner of a turned box is at a point.
+
+        Args:
+            low_mm: The point in the holder frame.
+            box_mm: The lower and the upper corner of the box in the block frame.
+            quarter_turns: The number of quarter turns counter-clockwise.
+        """
+        corners = np.array(box_mm) @ _TURNS[quarter_turns].T
         x, y = np.array(low_mm[:2]) - corners.min(axis=0)
         return cls(origin_mm=(float(x), float(y), low_mm[2]), quarter_turns=quarter_turns)
 
@@ -71,9 +88,9 @@ def turned_size_mm(size_mm: tuple[float, float], quarter_turns: int) -> tuple[fl
 def block_stem(block: Block) -> str:
     """Return the part of a block's name that its fixtures share.
 
-    This is the preset and the scale, then sides and key if they are not the default. The texture, the mapping, the
-    sampling, the label and the copy of a block do not matter for its fixtures.
+    This is the preset and the scale, then sides, outline and key if they are not the default. The texture, the mapping,
+    the sampling, the label and the copy of a block do not matter for its fixtures.
     """
     preset, scale, *others = block.name.removeprefix(f"{block.texture.name}_").split("_")
-    kept = [word for word in others if word[0].isdigit() or word.startswith("key")]
+    kept = [word for word in others if word[0].isdigit() or re.match(r"(key|disc|ring|poly|h)\d", word)]
     return "_".join([preset, scale, *kept])

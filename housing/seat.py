@@ -97,6 +97,15 @@ class Seat:
         return tuple(pocket.grown(RECESS_MM, RECESS_MM) for pocket in self.holder.pockets)
 
     @property
+    def has_outlined_recesses(self) -> bool:
+        """Whether the recesses have the outline of the block. Otherwise they are rectangles.
+
+        They are also rectangles if the rectangle around the outline touches the corner for a screw.
+        """
+        touches = any(n.apart_mm(r) is None for n in self.notches for r in self.recesses)
+        return self.holder.pocket_loop is not None and not touches
+
+    @property
     def lip_lengths_mm(self) -> tuple[float, ...]:
         """The lengths of the lips between the notches, at low y, high y, low x and high x, in mm."""
         a, b, c, d = self.notches
@@ -139,4 +148,7 @@ class Seat:
 
         height = self.roof_mm[1] - self.bottom_mm
         hollow = covered(self.inner) * self.lip_depth_mm
-        return covered(self.outer) * height - hollow - sum(map(covered, self.recesses)) * self.recess_depth_mm
+        recesses = sum(map(covered, self.recesses))
+        if self.has_outlined_recesses and self.holder.pocket_loop is not None:
+            recesses = self.holder.slots * self.holder.pocket_loop.moved_outwards(RECESS_MM).area_mm2
+        return covered(self.outer) * height - hollow - recesses * self.recess_depth_mm

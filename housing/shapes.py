@@ -136,6 +136,14 @@ def box(plan: Rectangle, z_mm: tuple[float, float]) -> Shape:
     return Pos(*plan.low, z_mm[0]) * Box(x, y, z_mm[1] - z_mm[0], align=(Align.MIN, Align.MIN, Align.MIN))
 
 
+def cylinder(at_mm: tuple[float, float], radius_mm: float, z_mm: tuple[float, float]) -> Shape:
+    """Return an upright cylinder between two heights."""
+    from build123d import Align, Cylinder, Pos
+
+    align = (Align.CENTER, Align.CENTER, Align.MIN)
+    return Pos(*at_mm, z_mm[0]) * Cylinder(radius_mm, z_mm[1] - z_mm[0], align=align)
+
+
 def prism(outer: Floats, holes: Sequence[Floats], z_mm: tuple[float, float]) -> Shape:
     """Return an upright prism over an outline with holes, between two heights."""
     from build123d import Face, Solid, Vector, Wire

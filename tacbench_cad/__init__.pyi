@@ -47,6 +47,10 @@ from .spec.operations import repeated as repeated
 from .spec.operations import scaled as scaled
 from .spec.operations import turned as turned
 from .spec.operations import windowed as windowed
+from .spec.outlines import Disc as Disc
+from .spec.outlines import Polygon as Polygon
+from .spec.outlines import RegularPolygon as RegularPolygon
+from .spec.outlines import Ring as Ring
 from .spec.protocol import FORCES_N as FORCES_N
 from .spec.protocol import PressGrid as PressGrid
 from .spec.protocol import contact_radius_mm as contact_radius_mm

@@ -12,6 +12,7 @@ from typing import Literal
 
 from tacbench_cad.formats.stl import stl_header
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.outlines import outline_of_word
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
@@ -55,6 +56,8 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
         return None
     rest = words[3:]
     size, unit, origin = _numbers(rest, "", 3), _numbers(rest, "mm", 3), _numbers(rest, "from", 2)
+    outline = next((shape for word in rest if (shape := outline_of_word(word)) is not None), None)
+    height = _numbers(rest, "h", 1)
     key, grid, tolerance = _numbers(rest, "key", 1), _numbers(rest, "grid", 2), _numbers(rest, "tol", 1)
     try:
         sampling: SampleGrid | Tolerance | Literal["grid"] | None = "grid" if words[1] == "released" else None
@@ -68,9 +71,10 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
             scale=float(scale.group(1)),
             sampling=sampling,
             size_mm=(size[0], size[1]) if size else None,
-            height_mm=size[2] if size else None,
+            height_mm=size[2] if size else height[0] if height else None,
             mm_per_unit=(unit[0], unit[1], unit[2]) if unit else None,
             key_mm=key[0] if key else None,
+            outline=outline,
         )
         return dataclasses.replace(block, origin_uv=(origin[0], origin[1])) if origin else block
     except InputError:

@@ -15,6 +15,7 @@ import numpy as np
 from tacbench_cad.checks import solidcheck
 from tacbench_cad.checks.solidcheck import Measured
 from tacbench_cad.checks.splineface import SplineFace, spline_face
+from tacbench_cad.checks.trimmedface import trimmed_face
 from tacbench_cad.geometry import kernel
 from tacbench_cad.util.types import Floats
 
@@ -38,12 +39,15 @@ class Survey:
     exact: bool
 
 
-def survey(shape: TopoDS_Shape) -> Survey:
+def survey(shape: TopoDS_Shape, outlined: bool = False) -> Survey:
     """Measure a solid.
 
     Args:
         shape: The solid, in mm.
+        outlined: Whether it is expected to be a block whose outline is not a rectangle.
     """
+    if outlined and (result := _survey_outlined(shape)) is not None:
+        return result
     faces = kernel.distinct(shape, "FACE")
     bases: dict[Any, Any] = {}
     planes, patches = [], []
@@ -58,6 +62,57 @@ def survey(shape: TopoDS_Shape) -> Survey:
         patches.append(patch)
     volume = sum(_cone(face) for face in planes) + sum(patch.volume_mm3 for patch in patches)
     return Survey(measured=_measured(shape, volume, patches), points=_points(patches), exact=True)
+
+
+def _survey_outlined(shape: TopoDS_Shape) -> Survey | None:
+    """Measure a block with patches that are cut by upright walls; return None if it has other faces.
+
+    Upright walls do not contribute to the integral of ``z dx dy``.
+    """
+    bases: dict[Any, Any] = {}
+    volume, tops = 0.0, []
+    for face in kernel.distinct(shape, "FACE"):
+        upright, level = _upright_or_level(face)
+        if level is not None:
+            volume += level
+        elif not upright:
+            patch = spline_face(face, bases)
+            top = None if patch is None else trimmed_face(face, patch)
+            if top is None or not top.is_graph:
+                return None
+            tops.append(top)
+    if not tops:
+        return None
+    side = solidcheck.lattice_side(len(tops))
+    points = np.concatenate([top.points(side) for top in tops])
+    corners = np.concatenate([solidcheck.vertices(shape), points])
+    high = corners.max(axis=0)
+    likely = [top for top in tops if top.patch.poles[..., 2].max() >= high[2]]
+    high[2] = max([float(high[2]), *(top.highest_mm(side) for top in likely)])
+    volume += sum(top.volume_mm3 for top in tops)
+    return Survey(
+        measured=Measured(volume_mm3=volume, low_mm=corners.min(axis=0), high_mm=high), points=points, exact=True
+    )
+
+
+def _upright_or_level(face: TopoDS_Face) -> tuple[bool, float | None]:
+    """Return whether a face is a plane wall or an upright cylinder, and the integral of z dx dy over a level face."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_SurfaceType
+    from OCP.TopAbs import TopAbs_Orientation
+
+    surface = BRepAdaptor_Surface(face, False)
+    if surface.GetType() == GeomAbs_SurfaceType.GeomAbs_Cylinder:
+        return bool(abs(surface.Cylinder().Axis().Direction().Z()) > 1.0 - 1e-12), None
+    if surface.GetType() != GeomAbs_SurfaceType.GeomAbs_Plane:
+        return False, None
+    position = surface.Plane().Position()
+    up = position.XDirection().Crossed(position.YDirection()).Z()
+    if abs(up) < 1e-9:
+        return True, None
+    sign = -1.0 if face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED else 1.0
+    height = surface.Plane().Location().Z()
+    return False, sign * up * height * kernel.area_mm2([face]) if height else 0.0
 
 
 def _measured(shape: TopoDS_Shape, volume: float, patches: list[SplineFace]) -> Measured:

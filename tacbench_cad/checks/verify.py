@@ -180,7 +180,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
 
     shape = read_step(path)
     _, expected = part.solid
-    result = survey(shape)
+    result = survey(shape, outlined=part.block is not None and part.block.outline is not None)
     measured = result.measured
     fraction = SOLID_ROUNDING_FRACTION if result.exact else SOLID_VOLUME_FRACTION
     allowed_mm3 = fraction * expected.volume_mm3 + expected.volume_slack_mm3

@@ -408,6 +408,13 @@ part = together(
     scale,
     option("--size", coordinates("X,Y"), "Sides in mm. Changes the number of periods.", SIZE, dest="size_mm"),
     option(
+        "--outline",
+        text("WORD", "disc", "hexagon", "ring", "triangle", "square", "pentagon", "octagon"),
+        "Outline of the block: disc, hexagon, ring and so on for the largest one in the sides; or with sizes in mm: "
+        "disc:30, hexagon:30, ring:30,12 or polygon:0,0,20,0,10,15 with its corners x,y.",
+        SIZE,
+    ),
+    option(
         "--height", MM, "Height of the highest point in mm. Changes the thickness of the base.", SIZE, dest="height_mm"
     ),
     option("--mm-per-unit", coordinates("X,Y,Z"), "Length of one unit of u, v and z of the formula, in mm.", SIZE),

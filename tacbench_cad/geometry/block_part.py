@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.geometry.block_mesh import mesh_of_top
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.meshing.outlined import outlined_mesh
 from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
 from tacbench_cad.geometry.part import Part
@@ -24,6 +25,15 @@ def block_part(block: Block) -> Part:
     from tacbench_cad.geometry.brep import solid_refusal
 
     def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
+        if block.outline is not None:
+            outlined = outlined_mesh(block)
+            return outlined.mesh, ExpectedGeometry(
+                volume_mm3=outlined.volume_mm3,
+                volume_slack_mm3=outlined.volume_slack_mm3,
+                size_slack_mm=outlined.certificate.outline_mm,
+                certificate=outlined.certificate.plus(block.surface.error, block.surface.evidence),
+                datum_mm=block.datum_mm,
+            )
         top = textured_top(block)
         volume, slack = piecewise_volume_mm3(block, top)
         expected = ExpectedGeometry(
@@ -54,7 +64,7 @@ def block_part(block: Block) -> Part:
         kind="block",
         title=block.title,
         size_mm=(x, y, block.height_mm),
-        genus=0,
+        genus=0 if block.outline is None else len(block.outline.loops) - 1,
         make_mesh=make_mesh,
         make_solid=make_solid if refusal is None else None,
         spec=block_spec(block),
@@ -103,6 +113,7 @@ def block_spec(block: Block) -> dict[str, Any]:
         if isinstance(sampling, Tolerance)
         else {"grid": [sampling.nx, sampling.ny], "aliases": block.grid_aliases},
         "key_mm": block.key_mm,
+        **({} if block.outline is None else {"outline": block.outline.word}),
         "label": list(block.label_words) if block.label else None,
         "copy": block.copy,
         "relief_mm": block.relief_mm,

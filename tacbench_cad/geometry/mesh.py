@@ -116,17 +116,23 @@ class Certificate:
     Args:
         distance_mm: The bound of ``|z - formula| / sqrt(1 + |gradient|^2)``.
         vertical_mm: The bound of ``|z - formula|``.
+        outline_mm: The largest distance of the outline of a mesh from that of the block, because chords replace its
+            circles. It is 0 for straight sides and for solids.
         evidence: ``proved``, or ``measured`` if the formula is a spline whose own error is only measured.
     """
 
     distance_mm: float
     vertical_mm: float
     evidence: Literal["proved", "measured"] = "proved"
+    outline_mm: float = 0.0
 
     def plus(self, error_mm: float, evidence: Literal["proved", "measured"]) -> Certificate:
         """Return the bounds for the source of the formula, from which the formula has an error of its own."""
         return Certificate(
-            distance_mm=self.distance_mm + error_mm, vertical_mm=self.vertical_mm + error_mm, evidence=evidence
+            distance_mm=self.distance_mm + error_mm,
+            vertical_mm=self.vertical_mm + error_mm,
+            evidence=evidence,
+            outline_mm=self.outline_mm,
         )
 
 

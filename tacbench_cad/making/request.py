@@ -15,6 +15,7 @@ from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
 from tacbench_cad.spec.block import MAX_COPIES, Block
+from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, MissingToolError, one_of, require_between
@@ -33,6 +34,7 @@ class Request:
         preset: ``paper`` or ``released``.
         scale: The factor for sides, height, mm per unit and press grid.
         size_mm: The sides x, y of a block.
+        outline: The outline of a block: an object or a word, see :meth:`tacbench_cad.Block.of`; None for a rectangle.
         height_mm: The height of a block's highest point.
         mm_per_unit: The number of mm per unit of u, v and height.
         sampling: The tolerance or the grid of the meshes in STL and 3MF files; ``"grid"`` for the preset's own grid.
@@ -57,6 +59,7 @@ class Request:
     preset: str = "paper"
     scale: float = 1.0
     size_mm: tuple[float, float] | None = None
+    outline: Outline | str | None = None
     height_mm: float | None = None
     mm_per_unit: tuple[float, float, float] | None = None
     sampling: Tolerance | SampleGrid | Literal["grid"] | None = None
@@ -199,6 +202,7 @@ def blocks_of(request: Request) -> list[Block]:
             request.preset,
             mm_per_unit=request.mm_per_unit,
             size_mm=request.size_mm,
+            outline=request.outline,
             height_mm=request.height_mm,
             scale=request.scale,
             sampling=request.sampling,
@@ -259,7 +263,7 @@ def _distinct(blocks: Sequence[Block]) -> list[Block]:
     """Return the first block of each outline, because fixtures depend only on the outline."""
     distinct: dict[object, Block] = {}
     for block in blocks:
-        distinct.setdefault(block.outline, block)
+        distinct.setdefault(block.silhouette, block)
     return list(distinct.values())
 
 

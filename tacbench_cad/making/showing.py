@@ -106,10 +106,10 @@ def _thing(source: Source, number: int, holders: Sequence[Any]) -> Thing:
     """Return a part of the scene in its place of use; a block is in the holder that it fits."""
     part, thing = source.part, source.thing
     if part.block is not None:
-        outlines = [holder.block.outline for holder in holders]
-        if part.block.outline not in outlines:
+        silhouettes = [holder.block.silhouette for holder in holders]
+        if part.block.silhouette not in silhouettes:
             return block_thing(part, np.eye(4), None, 0)
-        held = outlines.index(part.block.outline)
+        held = silhouettes.index(part.block.silhouette)
         places = holders[held].block_placements()
         slot = number % len(places)
         return block_thing(part, places[slot].matrix, held, slot)

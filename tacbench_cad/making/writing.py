@@ -12,7 +12,7 @@ from tacbench_cad.checks.report import Report
 from tacbench_cad.checks.verify import verify
 from tacbench_cad.formats import FORMATS, format_of
 from tacbench_cad.geometry.block_part import as_part
-from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry.mesh import Certificate, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.making.manifest import Row
 from tacbench_cad.making.plan import file_name
@@ -136,7 +136,7 @@ def _row(part: Part, format_name: str, report: Report) -> Row:
         "size_mm": checked["size_mm"],
         "volume_mm3": report.volume_mm3,
         "closed_form_volume_mm3": expected.volume_mm3,
-        "certificate": None if expected.certificate is None else asdict(expected.certificate),
+        "certificate": None if expected.certificate is None else _certificate(expected.certificate),
         "deviation_mm": report.deviation_mm,
         "checks": checked["checks"],
     }
@@ -155,3 +155,8 @@ def _row(part: Part, format_name: str, report: Report) -> Row:
     row["spec"] = dict(part.spec)
     # In schema 1 of the manifest, the rows of assemblies begin with the values of the report.
     return {**checked, **row} if part.placed else row
+
+
+def _certificate(certificate: Certificate) -> dict[str, Any]:
+    """Return the bounds. The distance of the outline is only stated if chords replace circles."""
+    return {name: value for name, value in asdict(certificate).items() if name != "outline_mm" or value}

@@ -49,19 +49,22 @@ def formula(block: Block, width: int) -> str:
 
 
 def _heights(block: Block) -> tuple[Floats, Floats, Floats]:
-    """Positions x (n,) and y (m,) in mm, and the formula's heights there (n, m); NaN where the key cuts the block."""
+    """Positions x (n,) and y (m,) in mm, and the formula's heights there (n, m); NaN outside of the block."""
     x, y = (np.linspace(0.0, side, int(np.clip(24 * side, 400, 1600))) for side in block.size_mm)
     z = block.datum_mm + block.surface.grid(x, y)
-    if block.keep is not None:
-        z[block.keep.excess(x[:, None], y[None, :]) > 0.0] = np.nan
+    if block.region is not None:
+        z[block.region.excess(x[:, None], y[None, :]) > 0.0] = np.nan
     return x, y, z
 
 
-def _outline(block: Block) -> Floats:
-    """The closed outline of the underside, in mm; shape (n, 2)."""
+def _outlines(block: Block) -> list[Floats]:
+    """The closed loops of the outline of the underside, in mm; shape (n, 2) each."""
+    if block.outline is not None:
+        loops = block.outline.chords(1e-4 * max(block.size_mm)).loops
+        return [np.concatenate([loop.array, loop.array[:1]]) for loop in loops]
     (x, y), key = block.size_mm, block.key_mm
     corner = [(x, 0.0)] if key is None else [(x - key, 0.0), (x, key)]
-    return np.array([(0.0, 0.0), *corner, (x, y), (0.0, y), (0.0, 0.0)])
+    return [np.array([(0.0, 0.0), *corner, (x, y), (0.0, y), (0.0, 0.0)])]
 
 
 def _map(axes: Axes, block: Block, lightness: float) -> Any:
@@ -88,7 +91,8 @@ def _map(axes: Axes, block: Block, lightness: float) -> Any:
     colours[..., 3] = np.isfinite(z)
     shown = np.clip(colours, 0.0, 1.0).transpose(1, 0, 2)
     axes.imshow(shown, origin="lower", extent=(0.0, x[-1], 0.0, y[-1]), interpolation="antialiased")
-    axes.plot(*_outline(block).T, color=INK, linewidth=1.0)
+    for loop in _outlines(block):
+        axes.plot(*loop.T, color=INK, linewidth=1.0)
     axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
     _scale_bar(axes, block.size_mm)
     return scale
@@ -148,8 +152,8 @@ def _cut_panel(
     """Draw the formula's height along an axis. Both panels of a figure have the same scale."""
     points = (along, np.full_like(along, at)) if axis == "x" else (np.full_like(along, at), along)
     heights = block.height_at(*points)
-    if block.keep is not None:
-        heights = np.where(block.keep.excess(*points) > 0.0, np.nan, heights)
+    if block.region is not None:
+        heights = np.where(block.region.excess(*points) > 0.0, np.nan, heights)
     panel = figure.add_axes(place)
     panel.fill_between(along, 0.0, heights, color=colour, alpha=0.18, linewidth=0.0)
     panel.plot(along, heights, color=colour, linewidth=1.1)

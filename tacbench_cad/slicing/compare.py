@@ -311,8 +311,8 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
 def _inside(block: Block, x: Floats, y: Floats) -> Bools:
     across, down = block.size_mm
     inside = ((x > EDGE_MM) & (x < across - EDGE_MM))[:, None] & ((y > EDGE_MM) & (y < down - EDGE_MM))[None, :]
-    if block.keep is not None:
-        inside &= block.keep.excess(x[:, None], y[None, :]) < -EDGE_MM * math.sqrt(2.0)
+    if block.region is not None:
+        inside &= block.region.distance(x[:, None], y[None, :]) < -EDGE_MM
     if not inside.any():
         raise InputError("texture", block.name, f"is too small: nothing remains without its edge of {EDGE_MM:g} mm")
     return inside

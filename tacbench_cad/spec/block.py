@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, HalfPlane
+from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
+from tacbench_cad.spec.outlines import Outline, outline_of
 from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_table
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, highest_sample
 from tacbench_cad.spec.surface import Surface
@@ -51,6 +53,7 @@ class Block:
         label: Whether texture, preset, scale and copy are engraved in the underside.
         copy: The number of this copy, or None.
         step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
+        nominal_outline: The outline before scaling; None for a rectangle.
 
     Raises:
         InputError: A field has a value that is not allowed.
@@ -68,6 +71,7 @@ class Block:
     label: bool = False
     copy: int | None = None
     step_tolerance_mm: float = STEP_TOLERANCE_MM
+    nominal_outline: Outline | None = None
 
     @classmethod
     def of(
@@ -85,6 +89,7 @@ class Block:
         copy: int | None = None,
         step_tolerance_mm: float = STEP_TOLERANCE_MM,
         table: BlockTable | None = None,
+        outline: Outline | str | None = None,
     ) -> Block:
         """Make a block from a preset. The options are applied in this order: mm per unit, size, height, scale.
 
@@ -103,6 +108,9 @@ class Block:
             step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
             table: The block settings of a texture file, which replace the values of the preset; None for those of
                 the texture itself.
+            outline: The outline before scaling: a :class:`~tacbench_cad.spec.outlines.Disc`, ``RegularPolygon``,
+                ``Polygon`` or ``Ring``, or a word such as ``disc`` (the largest disc in the sides) or ``disc:30``.
+                None for the outline of the texture file, or a rectangle. The sides become those of its box.
 
         Raises:
             InputError: A value is not allowed.
@@ -117,6 +125,16 @@ class Block:
             )
         size, unit, origin, _ = start
         size, unit = size_mm or size, mm_per_unit or unit
+        shape = outline if outline is not None else table.outline
+        if isinstance(shape, str):
+            word, shape = shape, outline_of(shape, size)
+            if size_mm is not None and ":" in word and not _same(size, shape.size_mm):
+                own = " x ".join(f"{side:g}" for side in shape.size_mm)
+                raise InputError(
+                    "size", f"{size[0]:g} x {size[1]:g} mm", f"the outline {word} has {own} mm; leave it out"
+                )
+        if isinstance(shape, Outline):
+            size = shape.size_mm
         height = height_mm if height_mm is not None else table.height_mm or values.height_mm
         chosen = sampling if sampling is not None else values.sampling
         if chosen == "grid":
@@ -135,6 +153,7 @@ class Block:
             label=label or copy is not None,
             copy=copy,
             step_tolerance_mm=step_tolerance_mm,
+            nominal_outline=shape,
         )
 
     def __post_init__(self) -> None:
@@ -151,9 +170,27 @@ class Block:
             require_between("copy", self.copy, 1, MAX_COPIES)
         if not 0.0 < self.step_tolerance_mm <= 1.0:
             raise InputError("step tolerance", self.step_tolerance_mm, "must be above 0 and at most 1 mm")
+        if self.nominal_outline is not None:
+            self._check_outline(self.nominal_outline)
         if self.key_mm is not None:
             self._check_key(self.key_mm)
         self._check_base()
+
+    def _check_outline(self, outline: Any) -> None:
+        if not isinstance(outline, Outline):
+            allowed = "must be a Disc, RegularPolygon, Polygon or Ring, or a word such as disc:30"
+            raise InputError("outline", outline, allowed)
+        if not _same(outline.size_mm, self.nominal_size_mm):
+            box = " x ".join(f"{side:g}" for side in outline.size_mm)
+            raise InputError("size", self.nominal_size_mm, f"must be {box} mm, the box of the {outline}")
+        if self.key_mm is not None:
+            raise InputError("key", self.key_mm, f"needs a rectangular block, but the outline is a {outline}")
+        if isinstance(self.sampling, SampleGrid):
+            raise InputError(
+                "grid",
+                f"{self.sampling.nx}x{self.sampling.ny}",
+                f"needs a rectangular block; use a tolerance for a {outline}",
+            )
 
     def _check_key(self, key: float) -> None:
         most = min(self.size_mm) / 3.0
@@ -207,11 +244,21 @@ class Block:
         """The half-plane ``x - y <= size x - key``, which the key leaves; None if the block has no key."""
         return None if self.key_mm is None else HalfPlane(1.0, -1.0, self.size_mm[0] - self.key_mm)
 
+    @property
+    def region(self) -> Region | None:
+        """The part of the rectangle that belongs to the block; None for the whole rectangle."""
+        return self.keep if self.outline is None else self.outline
+
     @cached_property
     def extremes(self) -> Extremes:
         """The lowest and the highest value of :attr:`surface` over the top of the block, without the key, in mm."""
         x, y = self.size_mm
         whole = self.surface.extremes((0.0, x), (0.0, y))
+        if self.outline is not None:
+            ends = np.array([whole.at_low, whole.at_high])
+            if np.all(self.outline.excess(*ends.T) <= 0.0):
+                return whole
+            return self.surface.extremes((0.0, x), (0.0, y), self.outline)
         keep = self.keep
         if keep is None:
             return whole
@@ -302,7 +349,7 @@ class Block:
         """The label in the underside; None if the block has none."""
         if not self.label:
             return None
-        return engrave(self.label_words, self.size_mm, self.key_mm or 0.0)
+        return engrave(self.label_words, self.size_mm, self.key_mm or 0.0, self.outline)
 
     @property
     def label_words(self) -> tuple[str, ...]:
@@ -311,14 +358,21 @@ class Block:
         copy = () if self.copy is None else (f"{self.copy:02d}",)
         return (first, self.preset.upper(), f"X{decimal(self.scale)}", *copy)
 
+    @cached_property
+    def outline(self) -> Outline | None:
+        """The outline of the printed block; None for a rectangle, with or without a key."""
+        return None if self.nominal_outline is None else self.nominal_outline.scaled(self.scale)
+
     @property
-    def outline(self) -> tuple[tuple[float, float], float, float | None]:
-        """The sides, height and key in mm, from which a holder is made. Blocks with the same outline fit one holder."""
-        return (self.size_mm, self.height_mm, self.key_mm)
+    def silhouette(self) -> tuple[tuple[float, float], float, float | None, Outline | None]:
+        """Sides, height, key and outline, from which a holder is made. Blocks with the same values fit one holder."""
+        return (self.size_mm, self.height_mm, self.key_mm, self.outline)
 
     @property
     def footprint_mm2(self) -> float:
         """The area inside the outline of the underside, in mm^2."""
+        if self.outline is not None:
+            return self.outline.area_mm2
         x, y = self.size_mm
         return x * y - (self.key_mm or 0.0) ** 2 / 2.0
 
@@ -329,7 +383,10 @@ class Block:
             datum_mm: The height z of the formula's zero: :attr:`datum_mm` or :attr:`solid_datum_mm`.
         """
         x, y = self.size_mm
-        relief = self.surface.integral((0.0, x), (0.0, y))
+        if self.outline is not None:
+            relief = self.outline.integral(self.surface)
+        else:
+            relief = self.surface.integral((0.0, x), (0.0, y))
         if self.key_mm is not None:
             relief -= self.surface.integral_triangle([(x - self.key_mm, 0.0), (x, 0.0), (x, self.key_mm)])
         engraved = self.engraving.volume_mm3 if self.engraving else 0.0
@@ -350,7 +407,11 @@ class Block:
     def _name(self, tolerance_mm: float | None) -> str:
         values, sampling = VALUES[self.preset], self.sampling
         parts = [self.texture.name, self.preset, f"x{decimal(self.scale)}"]
-        if (*self.nominal_size_mm, self.nominal_height_mm) != (*values.size_mm, values.height_mm):
+        if self.nominal_outline is not None:
+            parts.append(self.nominal_outline.word)
+            if self.nominal_height_mm != values.height_mm:
+                parts.append(f"h{decimal(self.nominal_height_mm)}")
+        elif (*self.nominal_size_mm, self.nominal_height_mm) != (*values.size_mm, values.height_mm):
             parts.append("x".join(decimal(side) for side in (*self.nominal_size_mm, self.nominal_height_mm)))
         if self.nominal_mm_per_unit != values.mm_per_unit:
             parts.append("mm" + "x".join(decimal(factor) for factor in self.nominal_mm_per_unit))
@@ -371,6 +432,8 @@ class Block:
     @property
     def title(self) -> str:
         """The texture, preset and size in one line."""
+        if self.outline is not None:
+            return f"{self.texture.name}, preset {self.preset}, {self.outline}, {self.height_mm:g} mm high"
         x, y = self.size_mm
         return f"{self.texture.name}, preset {self.preset}, {x:g} x {y:g} x {self.height_mm:g} mm"
 
@@ -382,6 +445,7 @@ class Block:
             "name": self.name,
             "z": self.texture.equation,
             "size": mm(*self.size_mm, self.height_mm),
+            **({"outline": str(self.outline)} if self.outline is not None else {}),
             "relief": f"{mm(self.relief_mm)} from the lowest valley to the highest point",
             "base": f"{mm(self.base_mm)} below the lowest valley",
             "volume": f"{self.volume_mm3(self.datum_mm):.6g} mm^3",
@@ -401,3 +465,7 @@ class Block:
             return f"within {mm(self.sampling.mm)} of the formula"
         coarse = "; too coarse for the finest wave, so it draws another shape" if self.grid_aliases else ""
         return f"joins {self.sampling.nx} x {self.sampling.ny} samples{coarse}"
+
+
+def _same(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    return all(abs(a - b) <= 1e-9 * max(a, b) for a, b in zip(one, other, strict=True))

@@ -7,6 +7,7 @@ better value are dropped and the others are halved, until the proved error is be
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.util.types import Floats
+from tacbench_cad.util.types import Bools, Floats
 
 #: The largest number of cells at a time. Beyond it the search stops and reports the error proved so far.
 MAX_CELLS = 2_000_000
@@ -60,6 +61,63 @@ class HalfPlane:
     def excess(self, u: ArrayLike, v: ArrayLike) -> Floats:
         """Return ``a u + b v - c``, which is zero or negative inside."""
         return np.asarray(self.a * np.asarray(u) + self.b * np.asarray(v) - self.c, dtype=np.float64)
+
+    def distance(self, u: ArrayLike, v: ArrayLike) -> Floats:
+        """Return the distances of points from the half-plane. Points inside have negative distances."""
+        return self.excess(u, v) / math.sqrt(self.a**2 + self.b**2)
+
+    def meets(self, u: Floats, v: Floats, half_u: float | Floats, half_v: float | Floats) -> Bools:
+        """Return which cells have points inside: those whose corner that lies deepest in the half-plane is inside."""
+        return np.asarray(self.excess(*self._deepest(u, v, half_u, half_v)) <= 0.0)
+
+    def inner_points(
+        self, u: Floats, v: Floats, half_u: float | Floats, half_v: float | Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the centres of cells, or the deepest corners of cells whose centres are not inside."""
+        corner_u, corner_v = self._deepest(u, v, half_u, half_v)
+        outside = self.excess(u, v) > 0.0
+        return np.where(outside, corner_u, u), np.where(outside, corner_v, v)
+
+    def _deepest(self, u: Floats, v: Floats, half_u: float | Floats, half_v: float | Floats) -> tuple[Floats, Floats]:
+        return u - np.sign(self.a) * half_u, v - np.sign(self.b) * half_v
+
+
+class Area(Protocol):
+    """A bounded and connected part of the plane, such as the inside of an outline."""
+
+    def __hash__(self) -> int:
+        """Return the hash, because results of searches are cached."""
+        ...
+
+    def excess(self, u: ArrayLike, v: ArrayLike) -> Floats:
+        """Return a number for each point that is zero or negative inside."""
+        ...
+
+    def distance(self, u: ArrayLike, v: ArrayLike) -> Floats:
+        """Return the distances of points from the inside. Points inside have negative distances."""
+        ...
+
+    def meets(self, u: Floats, v: Floats, half_u: float | Floats, half_v: float | Floats) -> Bools:
+        """Return which cells can have points inside. Cells are given by their centres and half sides."""
+        ...
+
+    def inner_points(
+        self, u: Floats, v: Floats, half_u: float | Floats, half_v: float | Floats
+    ) -> tuple[Floats, Floats]:
+        """Return a point inside for each cell that has points inside. It is the centre if that is inside."""
+        ...
+
+    def ends(self, direction: tuple[float, float]) -> list[tuple[float, float]]:
+        """Return the points that lie furthest along a unit vector, in both ways."""
+        ...
+
+    def point_on(self, start: tuple[float, float], direction: tuple[float, float]) -> tuple[float, float]:
+        """Return the point inside that is nearest to a point, on the line through it at right angles to a direction."""
+        ...
+
+
+#: A part of the plane to which a search is limited.
+Region = HalfPlane | Area
 
 
 def clipped_rectangle(
@@ -117,9 +175,9 @@ def search_rectangle(
     u: tuple[float, float],
     v: tuple[float, float],
     error: float,
-    keep: HalfPlane | None = None,
+    keep: Region | None = None,
 ) -> Extremes:
-    """Find the extremes of a function of two variables over a rectangle, or over its part in a half-plane.
+    """Find the extremes of a function of two variables over a rectangle, or over its part in a region.
 
     Args:
         function: The function. It is called with arrays.
@@ -127,7 +185,7 @@ def search_rectangle(
         u: The lower and upper end along u.
         v: The lower and upper end along v.
         error: The error to prove.
-        keep: The half-plane to which the search is limited; None for the whole rectangle.
+        keep: The region to which the search is limited; None for the whole rectangle.
     """
     top, at_top, gap_top = _highest_2d(function, 1.0, second, u, v, error, keep)
     bottom, at_bottom, gap_bottom = _highest_2d(function, -1.0, second, u, v, error, keep)
@@ -148,7 +206,7 @@ def search_cells(
     second: Sequence[Floats],
     limits: tuple[Floats, Floats],
     error: float,
-    keep: HalfPlane | None = None,
+    keep: Region | None = None,
 ) -> Extremes:
     """Find the extremes of a surface over a grid of cells, each of which has bounds of its own.
 
@@ -158,7 +216,7 @@ def search_cells(
         second: Bounds of ``|f_uu|``, ``|f_uv|``, ``|f_vv|`` on each cell, shape (n - 1, m - 1) each.
         limits: A lower and an upper bound of the surface on each cell.
         error: The error to prove. It can become larger, because there are at most :data:`MAX_LOCAL_CELLS` cells.
-        keep: The half-plane to which the search is limited; None for the whole rectangle.
+        keep: The region to which the search is limited; None for the whole rectangle.
     """
     top, at_top, gap_top = _highest_in_cells(surface, 1.0, lines, second, limits[1], error, keep)
     bottom, at_bottom, gap_bottom = _highest_in_cells(surface, -1.0, lines, second, -limits[0], error, keep)
@@ -172,7 +230,7 @@ def _highest_in_cells(
     second: Sequence[Floats],
     limit: Floats,
     error: float,
-    keep: HalfPlane | None,
+    keep: Region | None,
 ) -> tuple[float, tuple[float, float], float]:
     """Highest value of ``sign * surface``, where it is taken, and the proved gap."""
     u, v = lines
@@ -192,8 +250,7 @@ def _highest_in_cells(
     cells = np.stack([part[chosen] for part in (*columns, *halves, *second, limit)])
     for _ in range(2 * MAX_ROUNDS):
         if keep is not None:
-            cu, cv = _corner_inside(keep, *cells[:4])
-            cells = cells[:, keep.excess(cu, cv) <= 0.0]
+            cells = cells[:, keep.meets(*cells[:4])]
         if cells.shape[1] == 0:
             return best, place, error
         cu, cv, hu, hv, uu, uv, vv, limit = cells
@@ -281,7 +338,7 @@ def _highest_2d(
     u: tuple[float, float],
     v: tuple[float, float],
     error: float,
-    keep: HalfPlane | None,
+    keep: Region | None,
 ) -> tuple[float, tuple[float, float], float]:
     """Highest value of ``sign * function``, where it is taken, and the proved gap."""
     uu, uv, vv = second
@@ -294,7 +351,8 @@ def _highest_2d(
     best, place, gap = -np.inf, (u[0], v[0]), np.inf
     for _ in range(2 * MAX_ROUNDS):
         if keep is not None:
-            cu, cv = _inside(keep, cu, cv, half_u, half_v)
+            touched = keep.meets(cu, cv, half_u, half_v)
+            cu, cv = cu[touched], cv[touched]
         value = sign * function(cu, cv)
         best, place = _best_point(function, sign, best, place, value, cu, cv, half_u, half_v, keep)
         best, place = _polish_2d(function, sign, best, place, u, v, keep)
@@ -316,18 +374,6 @@ def _highest_2d(
     return best, place, max(gap, 0.0)
 
 
-def _corner_inside(
-    keep: HalfPlane, cu: Floats, cv: Floats, half_u: float | Floats, half_v: float | Floats
-) -> tuple[Floats, Floats]:
-    """Return the corner of each cell that lies deepest in the half-plane."""
-    return cu - np.sign(keep.a) * half_u, cv - np.sign(keep.b) * half_v
-
-
-def _inside(keep: HalfPlane, cu: Floats, cv: Floats, half_u: float, half_v: float) -> tuple[Floats, Floats]:
-    touched = keep.excess(*_corner_inside(keep, cu, cv, half_u, half_v)) <= 0.0
-    return cu[touched], cv[touched]
-
-
 def _best_point(
     function: Function2D,
     sign: float,
@@ -338,13 +384,13 @@ def _best_point(
     cv: Floats,
     half_u: float | Floats,
     half_v: float | Floats,
-    keep: HalfPlane | None,
+    keep: Region | None,
 ) -> tuple[float, tuple[float, float]]:
-    """Return the best of ``best`` and those points of the cells that lie in the half-plane."""
+    """Return the best of ``best`` and those points of the cells that lie in the region."""
     if keep is not None:
-        corner_u, corner_v = _corner_inside(keep, cu, cv, half_u, half_v)
-        outside = keep.excess(cu, cv) > 0.0
-        cu, cv = np.where(outside, corner_u, cu), np.where(outside, corner_v, cv)
+        inner_u, inner_v = keep.inner_points(cu, cv, half_u, half_v)
+        outside = (inner_u != cu) | (inner_v != cv)
+        cu, cv = inner_u, inner_v
         value = np.where(outside, sign * function(cu, cv), value)
     i = int(value.argmax())
     return (float(value[i]), (float(cu[i]), float(cv[i]))) if value[i] > best else (best, place)
@@ -357,9 +403,9 @@ def _polish_2d(
     place: tuple[float, float],
     u: tuple[float, float],
     v: tuple[float, float],
-    keep: HalfPlane | None,
+    keep: Region | None,
 ) -> tuple[float, tuple[float, float]]:
-    """Move uphill by Newton steps inside the rectangle and the half-plane; the result is never worse."""
+    """Move uphill by Newton steps inside the rectangle and the region; the result is never worse."""
     a, b = place
     for _ in range(3):
         slope = np.array([float(function(a, b, (1, 0))), float(function(a, b, (0, 1)))])

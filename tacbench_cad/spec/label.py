@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
-from tacbench_cad.spec.outlines import area_mm2
+from tacbench_cad.spec.outlines import Outline, area_mm2
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -25,6 +25,9 @@ MAX_GLYPH_MM = 5.0
 MARGIN_MM = 1.6
 #: The step between the heights that are tried, in mm.
 _STEP_MM = 0.05
+#: For outlines that are not rectangles: the distance between points of a line at which its place is tested, in mm, and
+#: the number of places along each side that are tried if the middle has no room.
+_TEST_STEP_MM, _PLACES = 0.25, 9
 #: The gaps between glyphs, words and lines, as fractions of the glyph's height.
 _GLYPH_GAP, _WORD_GAP, _LINE_GAP = 0.2, 0.9, 0.3
 #: Coordinates are rounded to _ROUND_MM, and outlines are simplified within _SIMPLIFY_MM, in mm. No edge is therefore
@@ -86,11 +89,13 @@ class _Page:
         size_mm: The sides x, y of the block.
         key_mm: The leg of the key; 0 for no key.
         along_y: Whether lines run along the block's y axis (otherwise along x).
+        outline: The outline of the block; None for a rectangle.
     """
 
     size_mm: tuple[float, float]
     key_mm: float
     along_y: bool
+    outline: Outline | None = None
 
     @property
     def width(self) -> float:
@@ -112,10 +117,31 @@ class _Page:
         """
         if layout.width > self.width - 2 * MARGIN_MM + 1e-9 or layout.depth > self.depth - 2 * MARGIN_MM + 1e-9:
             return None
+        if self.outline is not None:
+            return self._place_inside(self.outline, layout)
         for centred in (True, False):
             corners = self._corners(layout, centred)
             if all(self._clear(layout, line, at) for line, at in zip(layout.lines, corners, strict=True)):
                 return corners
+        return None
+
+    def _place_inside(self, outline: Outline, layout: _Layout) -> list[tuple[float, float]] | None:
+        """Return the corners of the lines nearest to the centre of the page that are inside of an outline."""
+        corners = self._corners(layout, True)
+        points = []
+        for line, (a, b) in zip(layout.lines, corners, strict=True):
+            width = _width(line, layout.height)
+            across = np.linspace(a, a + width, math.ceil(width / _TEST_STEP_MM) + 1)
+            up = np.linspace(b, b + layout.height, math.ceil(layout.height / _TEST_STEP_MM) + 1)
+            points += [(float(p), float(q)) for p in across for q in up]
+        x, y = np.array([self.to_block(*point) for point in points]).T
+        room = (self.width - layout.width) / 2.0 - MARGIN_MM, (self.depth - layout.depth) / 2.0 - MARGIN_MM
+        steps = np.linspace(-1.0, 1.0, _PLACES) if len(outline.loops) > 1 or outline.turns == 1 else np.zeros(1)
+        places = [(float(s) * room[0], float(t) * room[1]) for s in steps for t in steps]
+        for da, db in sorted(places, key=lambda place: math.hypot(*place)):
+            (x0, y0), (x1, y1) = self.to_block(0.0, 0.0), self.to_block(da, db)
+            if np.all(outline.excess(x + (x1 - x0), y + (y1 - y0)) <= 1e-9 - MARGIN_MM):
+                return [(a + da, b + db) for a, b in corners]
         return None
 
     def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:
@@ -139,7 +165,9 @@ class _Page:
         return all(x - y <= limit + 1e-9 for x, y in ends)
 
 
-def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float) -> Engraving:
+def engrave(
+    words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float, outline: Outline | None = None
+) -> Engraving:
     """Engrave words in the underside with the largest glyphs that fit (3 to 5 mm), to be read from below.
 
     Words keep their order, and each line has one or more words. Lines run along the side that allows larger glyphs. A
@@ -150,6 +178,7 @@ def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float)
         words: The words, with A to Z, 0 to 9, hyphens and full stops. Small letters become capitals.
         size_mm: The sides x, y of the underside, in mm.
         key_mm: The leg of the chamfered corner at (x, 0), in mm; 0 for no key.
+        outline: The outline of the underside; None for a rectangle.
 
     Returns:
         The pockets in the block frame. They are the same on every run, their coordinates are float32 values, and no
@@ -164,7 +193,7 @@ def engrave(words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float)
             raise InputError("label", text, f"has no glyph for {character!r}; allowed: A to Z, 0 to 9, - and .")
     if not text.strip():
         raise InputError("label", text, "needs at least one character")
-    pages = (_Page(size_mm, key_mm, False), _Page(size_mm, key_mm, True))
+    pages = (_Page(size_mm, key_mm, False, outline), _Page(size_mm, key_mm, True, outline))
     breaks = _breaks(text)
     steps = round((MAX_GLYPH_MM - MIN_GLYPH_MM) / _STEP_MM)
     for step in range(steps + 1):
@@ -189,6 +218,11 @@ def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
     _, (x, y) = min(needs)
     have = f"{pages[0].size_mm[0]:.4g} x {pages[0].size_mm[1]:.4g} mm"
     key = pages[0].key_mm
+    if pages[0].outline is not None:
+        return (
+            f"glyphs of {MIN_GLYPH_MM:g} mm do not fit into the underside of a {pages[0].outline} at a distance of "
+            f"{MARGIN_MM:g} mm from the outline; choose a larger outline or no label"
+        )
     return (
         f"needs an underside of {math.ceil(10 * x) / 10:g} x {math.ceil(10 * y) / 10:g} mm for glyphs of "
         f"{MIN_GLYPH_MM:g} mm at a distance of {MARGIN_MM:g} mm from the outline; this one has {have}"

@@ -82,6 +82,16 @@ class PressGrid:
                 f"the block is too small for the press grid, which needs {need}; use a larger block or a smaller grid"
             )
             raise InputError("size", f"{x:g} x {y:g} mm", allowed)
+        if block.outline is not None:
+            excess = block.outline.excess(*self.positions_mm.T)
+            if excess.max() > 1e-9:
+                a, b = self.positions_mm[int(excess.argmax())]
+                raise InputError(
+                    "outline",
+                    str(block.outline),
+                    f"{np.count_nonzero(excess > 1e-9)} of the {len(excess)} press positions are outside of it; the "
+                    f"furthest, x {a:g}, y {b:g} mm, by {excess.max():.3g} mm; use a larger block or another grid",
+                )
         if block.key_mm is not None:
             gap = (x - block.key_mm) - (self.x_mm[-1] - self.y_mm[0])
             if gap < 0.0:

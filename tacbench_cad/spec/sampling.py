@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.spec.extremes import HalfPlane
+from tacbench_cad.spec.extremes import Region
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
@@ -58,7 +58,7 @@ class SampleGrid:
         return x * np.arange(self.nx) / (self.nx - 1), y * np.arange(self.ny) / (self.ny - 1)
 
 
-def highest_sample(surface: Surface, samples: tuple[Floats, Floats], keep: HalfPlane | None) -> float:
+def highest_sample(surface: Surface, samples: tuple[Floats, Floats], keep: Region | None) -> float:
     """Return the highest point of the triangulated samples. If there is a key, the points on its cut count as well."""
     x, y = samples
     if keep is None and surface.is_separable:

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, HalfPlane, search_cells
+from tacbench_cad.spec.extremes import Extremes, Region, search_cells
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
@@ -422,8 +422,8 @@ class SplineSurface:
             total -= (u1 - u0) * float(values @ (half * weight).ravel())
         return math.copysign(1.0, _area(corners)) * total
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
-        """Find the lowest and the highest value over a rectangle, or over its part in a half-plane.
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
+        """Find the lowest and the highest value over a rectangle, or over its part in a region.
 
         The error is at most :data:`EXTREMES_FRACTION` times the height of the surface, and it is proved.
         """
@@ -513,9 +513,7 @@ def _area(corners: Sequence[tuple[float, float]]) -> float:
 
 
 @lru_cache(maxsize=64)
-def _extremes(
-    surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None
-) -> Extremes:
+def _extremes(surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], keep: Region | None) -> Extremes:
     part = surface if (surface.u.ends, surface.v.ends) == (u, v) else surface.over(u, v)
     lines = part.u.breaks, part.v.breaks
     second = [part.cell_bounds(*lines, order) for order in ((2, 0), (1, 1), (0, 2))]

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, HalfPlane
+from tacbench_cad.spec.extremes import Extremes, Region
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Floats
 
@@ -106,8 +106,8 @@ class Surface(Protocol):
         """Return the integral over a triangle with these corners ``(u, v)``."""
         ...
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
-        """Find the lowest and the highest value over a rectangle, or over its part in a half-plane."""
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
+        """Find the lowest and the highest value over a rectangle, or over its part in a region."""
         ...
 
     def mapped(

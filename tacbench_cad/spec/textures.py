@@ -47,12 +47,14 @@ class BlockTable:
         height_mm: The height of the highest point, in mm.
         mm_per_unit: The millimetres per unit of u, v and height.
         domain: The part of the plane to use, ``((u low, u high), (v low, v high))``.
+        outline: The outline in words: ``disc``, ``hexagon:30``; see :func:`tacbench_cad.spec.outlines.outline_of`.
     """
 
     size_mm: tuple[float, float] | None = None
     height_mm: float | None = None
     mm_per_unit: tuple[float, float, float] | None = None
     domain: tuple[tuple[float, float], tuple[float, float]] | None = None
+    outline: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

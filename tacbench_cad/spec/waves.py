@@ -8,7 +8,7 @@ units; :class:`tacbench_cad.spec.block.Block` uses the same class for lengths in
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import ClassVar, Literal
@@ -16,7 +16,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, HalfPlane, clipped_rectangle, search_interval, search_rectangle
+from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region, clipped_rectangle, search_interval, search_rectangle
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -311,7 +311,7 @@ class WaveSum:
             total += a * _mean_sine(*(f * u + g * v + phase for u, v in corners))
         return area * total
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, with a proved error.
 
         The error is at most :data:`EXTREMES_ERROR` if the sum is separable or all waves are parallel. Otherwise it is
@@ -320,12 +320,24 @@ class WaveSum:
         Args:
             u: The lower and upper end along u.
             v: The lower and upper end along v.
-            keep: A half-plane to which the rectangle is cut; None for the whole rectangle.
+            keep: A region to which the rectangle is cut; None for the whole rectangle.
         """
         return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
 
-    def _extremes_parallel(self, region: list[tuple[float, float]], direction: tuple[float, float]) -> Extremes:
-        """Find the extremes over a convex region if all waves are parallel; the search runs along their direction."""
+    def _extremes_parallel(
+        self,
+        region: list[tuple[float, float]],
+        direction: tuple[float, float],
+        inner: Callable[[tuple[float, float], tuple[float, float]], tuple[float, float]] | None = None,
+    ) -> Extremes:
+        """Find the extremes over a connected region if all waves are parallel; the search runs along their direction.
+
+        Args:
+            region: The corners of a convex region, or the two ends of another region along the direction.
+            direction: The direction of the waves.
+            inner: Returns the point of the region nearest to a point, at right angles to the direction. None for a
+                convex region with these corners.
+        """
         c, s = direction
         along = Sines.of((w.amplitude, w.f * c + w.g * s, w.phase) for w in self.waves)
         start = min(region, key=lambda point: c * point[0] + s * point[1])
@@ -335,7 +347,8 @@ class WaveSum:
 
         def place(t: float) -> tuple[float, float]:
             fraction = 0.0 if high == low else (t - low) / (high - low)
-            return (start[0] + fraction * (end[0] - start[0]), start[1] + fraction * (end[1] - start[1]))
+            between = (start[0] + fraction * (end[0] - start[0]), start[1] + fraction * (end[1] - start[1]))
+            return between if inner is None or fraction in (0.0, 1.0) else inner(between, direction)
 
         return Extremes(found.low, found.high, place(found.at_low[0]), place(found.at_high[0]), found.error)
 
@@ -368,14 +381,16 @@ class WaveSum:
 
 # A study has many blocks of few textures, and each block asks for the same.
 @lru_cache(maxsize=256)
-def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], keep: HalfPlane | None) -> Extremes:
+def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], keep: Region | None) -> Extremes:
     if keep is None and waves.is_separable:
         return _sum_of(
             waves.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),
             waves.along_v.extremes(v[0], v[1], EXTREMES_ERROR / 2.0),
         )
     if waves._common_direction is not None:
-        return waves._extremes_parallel(clipped_rectangle(u, v, keep), waves._common_direction)
+        if keep is None or isinstance(keep, HalfPlane):
+            return waves._extremes_parallel(clipped_rectangle(u, v, keep), waves._common_direction)
+        return waves._extremes_parallel(keep.ends(waves._common_direction), waves._common_direction, keep.point_on)
     bounds = (waves.bound(2, 0), waves.bound(1, 1), waves.bound(0, 2))
     error = EXTREMES_FRACTION * waves.amplitude_sum
     return search_rectangle(waves, bounds, u, v, error, keep)

@@ -24,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import enum
+import inspect
 import math
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -285,8 +286,11 @@ def _converter() -> Converter:
         (lambda kind: get_origin(kind) is Literal, _literal_hook),
         (lambda kind: isinstance(kind, type) and issubclass(kind, enum.Enum), _enum_hook),
         (lambda kind: get_origin(kind) is Annotated, _annotated_hook),
-        # a field with a protocol as its type gets objects, and its dataclass checks them
-        (lambda kind: getattr(kind, "_is_protocol", False), lambda _kind, _: lambda value, _: value),
+        # a field with a protocol or an abstract class as its type gets objects, and its dataclass checks them
+        (
+            lambda kind: getattr(kind, "_is_protocol", False) or inspect.isabstract(kind),
+            lambda _kind, _: lambda value, _: value,
+        ),
     ]
     for fits, factory in factories:
         converter.register_structure_hook_factory(fits, factory)

@@ -72,7 +72,7 @@ class SimulatorAsset:
         block: The block, without a key. The meshes keep its label.
 
     Raises:
-        InputError: The block has a key. A height field cannot represent the missing corner.
+        InputError: The block has a key or an outline. A height field is a rectangle.
     """
 
     block: Block
@@ -80,6 +80,8 @@ class SimulatorAsset:
     def __post_init__(self) -> None:
         if self.block.key_mm is not None:
             raise InputError("key", self.block.key_mm, "must not be set; only blocks without a key can be exported")
+        if self.block.outline is not None:
+            raise InputError("outline", str(self.block.outline), "must not be set; only rectangles can be exported")
 
     @property
     def name(self) -> str:

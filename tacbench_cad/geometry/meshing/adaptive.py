@@ -157,7 +157,7 @@ def _start(block: Block, heights: Heights, tolerance: float, ideal: float) -> Ne
     fixed = np.zeros(len(points), dtype=np.bool_)
     fixed[highest] = True
     ceiling = float(np.float32(block.height_mm)) - block.formula_datum_mm
-    return Net(heights, points, triangles, lines, fixed, highest, tolerance, ceiling)
+    return Net(heights, points, triangles, lines, fixed, highest, tolerance, ceiling, block.outline)
 
 
 def _index(value: float, places: list[float]) -> int:

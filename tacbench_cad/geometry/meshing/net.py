@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.geometry.meshing.heights import Heights
+from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The number of triangles that are evaluated together. Their arrays fit into the processor's cache.
@@ -50,6 +51,7 @@ class Net:
         peak: The vertex at the highest point.
         tolerance: The tolerance of the mesh.
         ceiling: The height that no vertex may exceed.
+        region: The outline outside of which vertices may exceed this height, because they will be cut off.
     """
 
     def __init__(
@@ -62,6 +64,7 @@ class Net:
         peak: int,
         tolerance: float,
         ceiling: float,
+        region: Outline | None = None,
     ) -> None:
         self.heights = heights
         self.x, self.y = np.ascontiguousarray(points.T)
@@ -72,6 +75,7 @@ class Net:
         self.peak = peak
         self.tolerance = tolerance
         self.ceiling = ceiling
+        self.region = region
         self.deviation = np.full(len(faces), np.nan)
         #: The proved distance and vertical deviation of each triangle; NaN where they are not known.
         self.proof = np.full((2, len(faces)), np.nan)
@@ -293,7 +297,10 @@ class Net:
         # along a crease the surface has several slopes, so that the lift is limited as if it were level
         level = (self.lines[vertices] >= 2).any(axis=1)
         most = MAX_LIFT * self.tolerance * np.where(level, 1.0, np.sqrt(1.0 + slope_x**2 + slope_y**2))
-        self.lift[vertices] = np.minimum(np.clip(self.lift[vertices], -most, most), self.ceiling - height)
+        ceiling: float | Floats = self.ceiling
+        if self.region is not None:
+            ceiling = np.where(self.region.excess(self.x[vertices], self.y[vertices]) > 0.0, np.inf, ceiling)
+        self.lift[vertices] = np.minimum(np.clip(self.lift[vertices], -most, most), ceiling - height)
         height, _ = self.heights.height(self.x[[self.peak]], self.y[[self.peak]])
         self.lift[self.peak] = self.ceiling - height[0]
 

@@ -95,8 +95,8 @@ def _rounding_mm(block: Block) -> float:
 
 
 def _peak_survives(block: Block) -> bool:
-    """Check whether the highest point of the whole rectangle is not cut off by the key."""
-    if block.key_mm is None:
+    """Check whether the highest point of the whole rectangle is not cut off by the key or the outline."""
+    if block.region is None:
         return True
     x, y = block.size_mm
     whole = block.surface.extremes((0.0, x), (0.0, y))

@@ -144,8 +144,8 @@ def highest_point_mm(block: Block) -> tuple[float, float]:
     x = np.linspace(0.0, width, math.ceil(width / _SAMPLE_MM) + 1)
     y = np.linspace(0.0, depth, math.ceil(depth / _SAMPLE_MM) + 1)
     heights = block.height_at(x[None, :], y[:, None])
-    if block.keep is not None:
-        heights = np.where(block.keep.excess(x[None, :], y[:, None]) <= 0.0, heights, -np.inf)
+    if block.region is not None:
+        heights = np.where(block.region.excess(x[None, :], y[:, None]) <= 0.0, heights, -np.inf)
     rows, columns = np.nonzero(heights >= heights.max() - _EQUAL_MM)
     best = int(np.argmin((x[columns] - width / 2.0) ** 2 + (y[rows] - depth / 2.0) ** 2))
     return float(x[columns[best]]), float(y[rows[best]])

@@ -19,6 +19,7 @@ from tacbench_cad.lab.study.spec import (
     Study,
     WorkFrame,
 )
+from tacbench_cad.spec.outlines import outline_of_word
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.storage import surface_from
 from tacbench_cad.util.convert import from_plain, to_plain
@@ -294,8 +295,12 @@ def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
         texture = {"name": block.pop("texture"), "surface": surface}
         texture |= {key: block.pop(key) for key in ("number", "equation")}
         printed = {key: block.pop(key) for key in ("printer", "filament", "copy")}
+        outline = None
+        if "outline" in block and (outline := outline_of_word(str(block.pop("outline")))) is None:
+            raise ValueError
         block |= {
             "texture": texture,
+            "nominal_outline": outline,
             "copy": block.pop("engraved_copy"),
             "sampling": (
                 {"mm": sampling["tolerance_mm"]}

@@ -116,7 +116,7 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     """Add the holder to a block's top: the clearance gap around the block, then the rim, then no surface.
 
     Args:
-        block: The block. Its sides and its key determine the gap; the pocket follows the key.
+        block: The block. Its sides and its key or its outline determine the gap; the pocket follows them.
         top: The heights on the block's own cells.
         holder: The height of the rim and the width of the gap. A gap below a cell's side may fall between two cells.
     """
@@ -133,8 +133,8 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     outside = np.abs(x - block.size_mm[0] / 2.0) - block.size_mm[0] / 2.0
     outside = np.maximum(outside, np.abs(y - block.size_mm[1] / 2.0) - block.size_mm[1] / 2.0)
     beyond_plate = outside > gap + PLATE_MM
-    if block.keep is not None:
-        outside = np.maximum(outside, block.keep.excess(x, y) / math.sqrt(2.0))
+    if block.region is not None:
+        outside = np.maximum(outside, block.region.distance(x, y))
     z[outside > 0.0] = -math.inf
     z[outside > gap] = -holder.rim_mm
     z[beyond_plate] = -math.inf

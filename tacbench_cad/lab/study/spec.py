@@ -192,6 +192,7 @@ def block_values(block: Block) -> dict[str, Any]:
         "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
         "origin_uv": list(block.origin_uv),
         "key_mm": block.key_mm,
+        **({} if block.nominal_outline is None else {"outline": block.nominal_outline.word}),
         "sampling": (
             {"tolerance_mm": block.sampling.mm}
             if isinstance(block.sampling, Tolerance)

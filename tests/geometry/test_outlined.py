@@ -1,0 +1,69 @@
+"""Meshes and solids of blocks whose outlines are not rectangles."""
+
+import numpy as np
+import pytest
+
+from tacbench_cad import Block
+from tacbench_cad.checks.meshcheck import edges, solidity
+from tacbench_cad.checks.survey import survey
+from tacbench_cad.checks.verify import verify
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.geometry import kernel
+from tacbench_cad.geometry.block_mesh import mesh_block
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.brep import solid_block, texture_face
+from tacbench_cad.spec.outlines import Polygon
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.textures import Texture, plane_waves
+
+WEAVE = Texture(name="weave", surface=plane_waves((0.6, 1.0, 0.5), (0.6, 1.0, -0.5)))
+CORNER = Polygon(points_mm=((0, 0), (14, 0), (14, 6), (6, 6), (6, 14), (0, 14)))
+
+
+@pytest.mark.parametrize("outline", ["disc:14", "hexagon:14", "ring:14,6", CORNER], ids=str)
+@pytest.mark.parametrize("texture", [2, WEAVE], ids=["separable", "oblique"])
+def test_meshes_are_closed_and_exactly_as_high_as_the_block(outline: str, texture: int | Texture) -> None:
+    block = Block.of(texture, outline=outline, sampling=Tolerance(mm=0.03))
+    part = block_part(block)
+    mesh, expected = part.mesh
+    assert edges(mesh).ok
+    assert solidity(mesh) == ("NoError", part.genus)
+    assert mesh.bounds_mm[1][2] == np.float32(block.height_mm)
+    assert mesh.volume_mm3 == pytest.approx(expected.volume_mm3, abs=expected.volume_slack_mm3)
+    assert expected.volume_mm3 == pytest.approx(block.volume_mm3(block.datum_mm), rel=0.01)
+    assert block.outline is not None and expected.certificate is not None
+    assert expected.certificate.distance_mm <= 0.03
+    far = np.abs(block.outline.excess(*mesh.vertices[:, :2].T)[mesh.vertices[:, 2] == 0.0])
+    assert far.max() < 1e-5
+
+
+def test_a_file_of_a_disc_with_a_label_passes_its_checks(tmp_path) -> None:
+    part = block_part(Block.of(2, outline="disc:24", label=True, sampling=Tolerance(mm=0.03)))
+    for name in ("stl", "3mf"):
+        path = tmp_path / f"block{FORMATS[name].suffix}"
+        FORMATS[name].write(part, path)
+        report = verify(part, path)
+        assert report.ok, str(report)
+
+
+@pytest.mark.parametrize("outline", ["disc:14", "ring:14,6", CORNER], ids=str)
+def test_solids_have_the_volume_of_the_formula(outline: str) -> None:
+    block = Block.of(2, outline=outline)
+    solid, certificate = solid_block(block)
+    result = survey(solid, outlined=True)
+    assert result.exact
+    assert result.measured.volume_mm3 == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=2e-6)
+    assert result.measured.high_mm[2] == pytest.approx(block.height_mm, abs=1e-3)
+    assert certificate.vertical_mm <= 1e-3
+    heights = block.solid_datum_mm + block.surface(*result.points[:, :2].T)
+    assert np.abs(result.points[:, 2] - heights).max() < 1e-3
+
+
+def test_the_surface_alone_ends_at_the_outline() -> None:
+    block = Block.of(2, outline="disc:14")
+    low, high = kernel.box_mm(texture_face(block))
+    assert (high - low)[:2] == pytest.approx([14.0, 14.0], abs=1e-3)
+
+
+def test_the_mesh_of_a_rectangle_has_no_distance_of_the_outline() -> None:
+    assert mesh_block(Block.of(2))[1].outline_mm == 0.0
