@@ -24,6 +24,7 @@ BLOCK = {
     "file": None,
     "preset": "paper",
     "scale": 1.0,
+    "outline": None,
     "size_mm": [None, None],
     "height_mm": None,
     "key_mm": None,

@@ -143,6 +143,7 @@ BAD_VALUES = {
     "block.Scale = 500": "scale = 500.0: must be from 0.01 to 100",
     "block.Key = 20": "key = 20.0: must be above 0 and at most 7.767 mm, a third of the shorter side",
     "block.TextureFile = 'none.toml'": "texture = 'none.toml': cannot be read: No such file or directory",
+    "block.Outline = 'disk'": "outline = 'disk': did you mean \"disc\"?",
     "holder.Floor = 0.1": "floor = 0.1: ",
     "holder.Block = None": "Holder: Block is empty. Choose the texture block of the holder.",
 }
@@ -155,10 +156,10 @@ def test_a_bad_value_marks_the_object_with_one_line(freecad: Script) -> None:
 state()
 bad = []
 for change in {list(BAD_VALUES)!r}:
-    kept = block.Scale, block.Key, block.TextureFile, holder.Floor, holder.Block
+    kept = block.Scale, block.Key, block.Outline, block.TextureFile, holder.Floor, holder.Block
     exec(change)
     bad.append(state())
-    block.Scale, block.Key, block.TextureFile, holder.Floor, holder.Block = kept
+    block.Scale, block.Key, block.Outline, block.TextureFile, holder.Floor, holder.Block = kept
 reply([bad, state()])
 """
     )
@@ -168,6 +169,16 @@ reply([bad, state()])
         assert "\n" not in marked["says"]
         assert marked["kind"] == "Solid", "the last good shape stays"
     assert all(part["ok"] for part in good)
+
+
+def test_holder_and_jig_follow_the_outline(freecad: Script) -> None:
+    """A disc: block, holder and jig are valid solids with the volumes of the formulas."""
+    states = freecad(OBJECTS + "block.Key, block.Outline, block.Height = 0, 'disc:40', 8\nreply(state())")
+    block = Block.of(2, outline="disc:40", height_mm=8.0)
+    holder = Holder(block=block, slots=2)
+    volumes = [block.volume_mm3(block.solid_datum_mm), holder.volume_mm3, Jig(holder=holder).volume_mm3]
+    assert [part["says"] for part in states] == ["Valid"] * 3
+    assert [part["volume"] for part in states] == pytest.approx(volumes, rel=1e-5)
 
 
 def test_an_unchanged_part_is_not_made_again(freecad: Script) -> None:
