@@ -19,6 +19,8 @@ from .making.printset import PrintSet as PrintSet
 from .making.printset import build as build
 from .making.request import Request as Request
 from .making.showing import write_view as write_view
+from .making.texturing import textured_mesh as textured_mesh
+from .making.texturing import write_textured_mesh as write_textured_mesh
 from .making.writing import export as export
 from .render.drawing import block_drawing as block_drawing
 from .render.drawing import save_drawing as save_drawing

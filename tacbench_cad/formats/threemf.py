@@ -214,11 +214,12 @@ def _vertex_lines(vertices: Floats) -> bytes:
     return "\n".join([f'<vertex x="{words[i]}" y="{words[j]}" z="{words[k]}"/>' for i, j, k in rows]).encode("ascii")
 
 
-def read_3mf(path: Path) -> tuple[Mesh, dict[str, str]]:
-    """Read all parts in the build of a 3MF file as one mesh, in strict mode and without repairs.
+def read_3mf(path: Path, strict: bool = True) -> tuple[Mesh, dict[str, str]]:
+    """Read all parts in the build of a 3MF file as one mesh, without repairs.
 
     Args:
         path: The file.
+        strict: Same as for :func:`read_parts`.
 
     Returns:
         The mesh in mm, with at least one shell for each part, and the metadata by names without their namespace.
@@ -228,17 +229,18 @@ def read_3mf(path: Path) -> tuple[Mesh, dict[str, str]]:
         MissingToolError: Same as for :func:`read_parts`.
         CheckFailedError: Same as for :func:`read_parts`.
     """
-    parts, entries = read_parts(path)
+    parts, entries = read_parts(path, strict)
     return Mesh.joined([mesh for _, mesh in parts]), entries
 
 
-def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
-    """Read each part in the build of a 3MF file at its position, in strict mode and without repairs.
+def read_parts(path: Path, strict: bool = True) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
+    """Read each part in the build of a 3MF file at its position, without repairs.
 
     Units other than the millimetre are converted.
 
     Args:
         path: The file.
+        strict: Whether a file is refused that breaks a rule of the format, also where this does not affect its meshes.
 
     Returns:
         The name of each object (empty if it has none) with its mesh in mm, in the order of the file. And the metadata
@@ -254,13 +256,15 @@ def read_parts(path: Path) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
     _require_container(not_empty(path))
     model = wrapper.CreateModel()
     reader = model.QueryReader("3mf")
-    reader.SetStrictModeActive(True)
+    reader.SetStrictModeActive(strict)
     try:
         reader.ReadFromFile(str(path))
     except module.ELib3MFException as error:
-        raise CheckFailedError(f"{path}: the strict 3MF reader refuses it: {one_line(error, 200)}") from None
+        raise CheckFailedError(
+            f"{path}: the {'strict ' if strict else ''}3MF reader refuses it: {one_line(error, 200)}"
+        ) from None
     warnings = [reader.GetWarning(i)[1] for i in range(reader.GetWarningCount())]
-    if warnings:
+    if warnings and strict:
         raise CheckFailedError(f"{path}: the strict 3MF reader warns: {warnings[0]}")
     parts = _placed(path, wrapper, module, model)
     group = model.GetMetaDataGroup()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from tacbench_cad.geometry.textured.field import TAU, Height
-from tacbench_cad.geometry.textured.region import Region
+from tacbench_cad.geometry.textured.frame import Frame
 from tacbench_cad.util.types import Floats
 
 #: The number of points of Gauss' rule on each interval.
@@ -19,7 +21,59 @@ _PER_WAVE = 2.0
 _AT_A_TIME = 1_000_000
 
 
-def added_volume_mm3(region: Region, height: Height) -> float:
+class OutlineCurve(Protocol):
+    """A piece of an outline: a curve with a parameter from ``first`` to ``last``."""
+
+    @property
+    def kind(self) -> str:
+        """``line`` for a straight piece."""
+        ...
+
+    @property
+    def first(self) -> float:
+        """The smallest parameter."""
+        ...
+
+    @property
+    def last(self) -> float:
+        """The largest parameter."""
+        ...
+
+    @property
+    def forward(self) -> bool:
+        """Whether the outline runs along increasing parameters."""
+        ...
+
+    @property
+    def samples(self) -> Floats:
+        """Points along the outline, shape (n, 2)."""
+        ...
+
+    def at(self, parameters: Floats, /) -> Floats:
+        """Return the points at some parameters, shape (n, 2)."""
+        ...
+
+
+class OutlinedRegion(Protocol):
+    """A region with an outline in local coordinates. The region is on the left of the outline."""
+
+    @property
+    def frame(self) -> Frame:
+        """The local coordinates."""
+        ...
+
+    @property
+    def is_rectangle(self) -> bool:
+        """Whether the region is a rectangle along s and t, or a band around a cylinder."""
+        ...
+
+    @property
+    def loops(self) -> Sequence[Sequence[OutlineCurve]]:
+        """The outline: one or more closed loops of curves."""
+        ...
+
+
+def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
     """Return the volume that a texture adds to the part; negative for a sunk texture, in mm^3.
 
     On a rectangle, this is a sum of Gauss' rule over both axes. For another outline, it is the integral along the
@@ -38,7 +92,7 @@ def added_volume_mm3(region: Region, height: Height) -> float:
         for edge in loop:
             length = float(np.linalg.norm(np.diff(edge.samples, axis=0), axis=1).sum())
             finest = max(max(height.surface.highest_frequency), 1e-9)
-            steps = max(4 if edge.kind == "line" else 16, math.ceil(length * finest / TAU * _PER_WAVE))
+            steps = max(1 if edge.kind == "line" else 16, math.ceil(length * finest / TAU * _PER_WAVE))
             steps = max(steps, math.ceil(4.0 * length / height.fade.length_mm)) if height.fade.length_mm else steps
             at, weight = _rule(np.linspace(edge.first, edge.last, steps + 1))
             points = edge.at(at)

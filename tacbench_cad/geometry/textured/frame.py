@@ -126,7 +126,7 @@ def frame_of(face: TopoDS_Face, up: str | tuple[float, float, float] | None) -> 
     if kind == "Plane":
         place = surface.Plane().Position()
         normal = outside * np.cross(_array(place.XDirection()), _array(place.YDirection()))
-        return Frame(_array(place.Location()), _axes(normal, up, "the normal of the face"))
+        return Frame(_array(place.Location()), axes_of(normal, up, "the normal of the face"))
     if kind != "Cylinder":
         what = _KINDS.get(kind, kind)
         raise InputError("face", None, f"is {what}; only planes and cylinders can get a texture")
@@ -134,10 +134,10 @@ def frame_of(face: TopoDS_Face, up: str | tuple[float, float, float] | None) -> 
     place = cylinder.Position()
     side = outside if place.Direct() else -outside
     axis = _array(place.Direction())
-    return Frame(_array(place.Location()), _axes(axis, up, "the axis of the cylinder"), cylinder.Radius(), side)
+    return Frame(_array(place.Location()), axes_of(axis, up, "the axis of the cylinder"), cylinder.Radius(), side)
 
 
-def _axes(third: Floats, up: str | tuple[float, float, float] | None, what: str) -> Floats:
+def axes_of(third: Floats, up: str | tuple[float, float, float] | None, what: str) -> Floats:
     """Return right-handed axes with this third axis. The first axis is as near to ``up`` as possible."""
     third = third / np.linalg.norm(third)
     if up is None:
