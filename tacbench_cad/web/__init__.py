@@ -1,0 +1,1 @@
+"""Pages that the program serves to the browser of the same machine."""

@@ -1,0 +1,321 @@
+"use strict";
+// The controls of the design page. The server calculates; this file sends the state and shows the answers.
+(() => {
+  const byId = (id) => document.getElementById(id);
+  const MAX_TEXT = 500000, MAX_IMAGE = 60000000, PAUSE_MS = 300;
+  let socket, design, view = null, shown = 0, last = null, groups = [];
+  let number = 0, busy = false, changed = 0, pause = 0, state = 0, sliders = 0;
+  const waiting = new Map();
+
+  const say = (text) => { byId("status").textContent = text; };
+  function complain(text) {
+    byId("error").hidden = !text;
+    if (byId("error").textContent !== (text || "")) byId("error").textContent = text || "";
+  }
+
+  // ---- the connection ----
+  function ask(question) {
+    number += 1;
+    const id = number;
+    return new Promise((answer, refuse) => {
+      if (socket.readyState !== WebSocket.OPEN) { refuse(new Error("The server has stopped. Start the command again.")); return; }
+      waiting.set(id, { answer, refuse });
+      if (question instanceof Uint8Array) {
+        new DataView(question.buffer).setUint32(0, id, true);
+        socket.send(question);
+      } else socket.send(JSON.stringify({ id, ...question }));
+    });
+  }
+
+  function receive(data) {
+    const binary = data instanceof ArrayBuffer, message = binary ? { id: new DataView(data).getUint32(0, true), data } : JSON.parse(data);
+    const question = waiting.get(message.id);
+    waiting.delete(message.id);
+    if (!question) { if (message.error) complain(message.error); return; }
+    if (message.error) question.refuse(new Error(message.error));
+    else question.answer(message);
+  }
+
+  async function tried(work) {
+    try { await work(); } catch (error) { complain(error.message); }
+  }
+
+  // ---- pictures ----
+  // One picture is under way at a time. Changes in the meantime are sent together when it has arrived.
+  function update() {
+    changed ||= performance.now();
+    state += 1;
+    clearTimeout(pause);
+    if (view) view.hold();
+    if (!busy) next();
+  }
+
+  async function next() {
+    const since = changed;
+    busy = true;
+    changed = 0;
+    try {
+      last = unpack((await ask({ do: "picture", design })).data);
+      complain("");
+      draw();
+      requestAnimationFrame(() => {
+        document.body.dataset.ready ??= performance.now();
+        document.body.dataset.pictures = 1 + Number(document.body.dataset.pictures || 0);
+        document.body.dataset.ms = performance.now() - since;
+      });
+    } catch (error) { complain(error.message); }
+    busy = false;
+    if (changed) next();
+    else pause = setTimeout(results, PAUSE_MS);
+  }
+
+  function unpack(data) {
+    const length = new DataView(data).getUint32(4, true), header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 8, length)));
+    const count = header.lines[0] * header.lines[1], { points } = header;
+    let at = 8 + length;
+    const take = (size) => { const part = new Float32Array(data, at, size); at += 4 * size; return part; };
+    return { ...header, tops: [take(count), take(count)], cuts: [take(points), take(points)], size: design.size_mm, cut: cutLine() };
+  }
+
+  function cutLine() {
+    const across = design.cut === "x" ? 1 : 0;
+    return [across === 0 ? 1 : 0, across, design.cut_at * design.size_mm[across]];
+  }
+
+  function draw() {
+    if (!last) return;
+    byId("equation").textContent = `z = ${last.equation}`;
+    if (view) view.show(last.tops[shown], last.lines, last.size, last.range, last.cut);
+    drawCut();
+  }
+
+  function drawCut() {
+    const canvas = byId("cut"), box = canvas.getBoundingClientRect(), dense = devicePixelRatio;
+    Object.assign(canvas, { width: Math.round(box.width * dense), height: Math.round(box.height * dense) });
+    const pen = canvas.getContext("2d", { willReadFrequently: true }), along = last.cut[1] ? 0 : 1, length = last.size[along], tall = last.range[1];
+    pen.scale(dense, dense);
+    // The scale is the same in both directions, so that the slopes are true.
+    const scale = Math.min((box.width - 20) / length, (box.height - 30) / tall), left = (box.width - scale * length) / 2, ground = box.height - 20;
+    const trace = (heights) => heights.forEach((z, i) => pen.lineTo(left + (scale * length * i) / (heights.length - 1), ground - scale * z));
+    pen.beginPath();
+    pen.moveTo(left, ground);
+    trace(last.cuts[1]);
+    pen.lineTo(left + scale * length, ground);
+    pen.fillStyle = "#dfe4e8";
+    pen.fill();
+    for (const [heights, colour] of [[last.cuts[1], "#b04a00"], [last.cuts[0], "#0b5a8a"]]) {
+      pen.beginPath();
+      trace(heights);
+      pen.lineWidth = 1.6;
+      pen.strokeStyle = colour;
+      pen.stroke();
+    }
+    pen.fillStyle = "#1c2126";
+    pen.font = "12px system-ui, sans-serif";
+    pen.textBaseline = "top";
+    pen.fillText("0", left, ground + 4);
+    pen.textAlign = "right";
+    pen.fillText(`${length.toFixed(1)} mm`, left + scale * length, ground + 4);
+    const worst = last.cuts[0].reduce((most, z, i) => Math.max(most, Math.abs(z - last.cuts[1][i])), 0);
+    const words = `Cut along ${along ? "y" : "x"} at ${along ? "x" : "y"} = ${last.cut[2].toFixed(2)} mm. Largest difference of the heights: ${worst.toFixed(3)} mm.`;
+    byId("cut-words").textContent = words;
+    canvas.setAttribute("aria-label", words);
+  }
+
+  // ---- results, when the user pauses ----
+  async function results() {
+    const asked = state;
+    say("Calculating…");
+    try {
+      const file = await ask({ do: "toml", design });
+      if (asked !== state) return;
+      byId("toml").value = file.toml;
+      const { facts } = await ask({ do: "facts", design });
+      if (asked !== state) return;
+      byId("facts").replaceChildren(...facts.flatMap(([name, value]) => [element("dt", name), element("dd", value)]));
+      const known = Object.fromEntries(facts);
+      byId("block").setAttribute("aria-label", `The block in 3D: ${facts.slice(0, 3).map((fact) => fact.join(" ")).join(", ")}`);
+      say(`Relief ${known.relief}, ${known.triangles} triangles, ${facts[4][0]}: ${facts[4][1]}.`);
+    } catch (error) {
+      if (asked !== state) return;
+      byId("facts").replaceChildren();
+      complain(error.message);
+      say("This block cannot be made.");
+    }
+  }
+
+  // ---- controls ----
+  function element(name, text = "", attributes = {}) {
+    const made = Object.assign(document.createElement(name), attributes);
+    if (text) made.textContent = text;
+    return made;
+  }
+
+  function setAt(path, value) {
+    const [key] = path.slice(-1), table = path.slice(0, -1).reduce((inner, step) => inner[step], design), old = table[key];
+    table[key] = value;
+    if (key === "mm_per_pixel" && old > 0 && value > 0) {  // the block keeps its part of the height map
+      design.size_mm = design.size_mm.map((side) => Number((side * value / old).toFixed(6)));
+      for (const i of [0, 1]) {
+        const slider = document.querySelector(`[data-path="size_mm.${i}"]`);
+        slider.max = Math.max(slider.max, design.size_mm[i]);
+        slider.value = slider.nextSibling.value = design.size_mm[i];
+      }
+    }
+    update();
+  }
+
+  function row(control) {
+    const { path, label, words, low, high, step, value } = control, id = `control-${(sliders += 1)}`, made = element("div", "", { className: "row" });
+    made.append(element("label", label, { htmlFor: id }));
+    if (words) {
+      const select = element("select", "", { id });
+      select.append(...words.map((word) => element("option", word)));
+      select.value = value;
+      select.addEventListener("change", () => setAt(path, select.value));
+      made.append(select);
+      return made;
+    }
+    const whole = Number.isInteger(step), shownValue = (x) => String(Number(x.toPrecision(6)));
+    const slider = element("input", "", { id, type: "range", min: low, max: high, step: whole ? step : "any" });
+    const field = element("input", "", { type: "number", step: whole ? step : "any", value: shownValue(value) });
+    slider.value = value;
+    slider.dataset.path = path.join(".");
+    field.setAttribute("aria-label", `${label}, number`);
+    slider.addEventListener("input", () => {
+      // A slider moves in steps from its lowest value, but a value that was typed or read stays as it is.
+      const x = whole ? Number(slider.value) : Number((Math.round((Number(slider.value) - low) / step) * step + low).toFixed(6));
+      field.value = shownValue(x);
+      setAt(path, x);
+    });
+    slider.addEventListener("keydown", (event) => {
+      const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+      if (whole || !by) return;
+      event.preventDefault();
+      slider.value = Math.min(high, Math.max(low, Number(slider.value) + by * step));
+      slider.dispatchEvent(new Event("input"));
+    });
+    field.addEventListener("input", () => {
+      if (field.value === "" || !Number.isFinite(field.valueAsNumber)) return;
+      slider.value = field.valueAsNumber;
+      setAt(path, field.valueAsNumber);
+    });
+    made.append(slider, field);
+    return made;
+  }
+
+  function take(answer) {
+    const kept = design && { nozzle_mm: design.nozzle_mm, cut: design.cut, cut_at: design.cut_at };
+    design = { ...answer.design, ...kept };
+    groups = answer.groups;
+    byId("name").value = design.name;
+    byId("groups").replaceChildren(...groups.map((group) => {
+      const made = element("fieldset");
+      made.append(element("legend", group.title), ...group.rows.map(row));
+      return made;
+    }));
+    byId("wave-buttons").hidden = design.texture.family !== "plane-waves";
+    byId("fewer").disabled = design.wave.length < 2;
+    update();
+  }
+
+  const written = (name, ok) => element("li", `${name}${ok ? "" : " (not written)"}`);
+  async function write() {
+    const formats = [...document.querySelectorAll("#formats input:checked")].map((box) => box.value);
+    if (!formats.length) throw new Error("Choose at least one file format.");
+    byId("write").disabled = true;
+    say("Writing the files…");
+    try {
+      const { files, failed } = await ask({ do: "write", design, formats });
+      complain("");
+      byId("files").replaceChildren(...files.map((name) => written(name, true)), ...failed.map((name) => written(name, false)));
+      say(failed.length ? `${failed.length} files failed their checks.` : `Wrote ${files.length} files, all of them checked.`);
+    } catch (error) {
+      say("The files were not written.");
+      throw error;
+    } finally { byId("write").disabled = false; }
+  }
+
+  async function copy() {
+    const { toml, name } = await ask({ do: "toml", design });
+    byId("toml").value = toml;
+    try { await navigator.clipboard.writeText(toml); say(`Copied. Save the text as ${name}.`); } catch {
+      byId("toml").closest("details").open = true;
+      byId("toml").select();
+      say("The browser did not allow copying. The text is selected: press Ctrl+C.");
+    }
+  }
+
+  async function openFile(file) {
+    if (!file) return;
+    const isText = /\.toml$/i.test(file.name), most = isText ? MAX_TEXT : MAX_IMAGE;
+    if (file.size > most) throw new Error(`${file.name} is too large: it has ${(file.size / 1e6).toFixed(1)} MB, and ${most / 1e6} MB are allowed.`);
+    say(`Reading ${file.name}…`);
+    try {
+      take(isText ? await ask({ do: "open", text: await file.text(), name: file.name }) : await ask(await packed(file)));
+      byId("start").value = "";
+    } catch (error) {
+      say("The file was not opened.");
+      throw error;
+    }
+  }
+
+  // A height map as bytes: a place for the id, the length of the name, the name, the content.
+  async function packed(file) {
+    const name = new TextEncoder().encode(file.name), message = new Uint8Array(8 + name.length + file.size);
+    new DataView(message.buffer).setUint32(4, name.length, true);
+    message.set(name, 8);
+    message.set(new Uint8Array(await file.arrayBuffer()), 8 + name.length);
+    return message;
+  }
+
+  function listen() {
+    byId("start").addEventListener("change", () => tried(async () => take(await ask({ do: "start", text: byId("start").value }))));
+    byId("open").addEventListener("change", () => tried(() => openFile(byId("open").files[0])));
+    for (const name of ["dragover", "dragleave", "drop"]) {
+      document.addEventListener(name, (event) => {
+        event.preventDefault();
+        document.body.classList.toggle("over", name === "dragover");
+        if (name === "drop") tried(() => openFile(event.dataTransfer.files[0]));
+      });
+    }
+    byId("name").addEventListener("input", () => setAt(["name"], byId("name").value));
+    byId("cut-along").addEventListener("change", () => setAt(["cut"], byId("cut-along").value));
+    for (const [id, by] of [["more", 1], ["fewer", -1]]) {
+      byId(id).addEventListener("click", () => tried(async () => {
+        take(await ask({ do: "waves", design, count: design.wave.length + by }));
+        say(`${design.wave.length} waves.`);
+      }));
+    }
+    for (const box of document.querySelectorAll("[name=shown]")) box.addEventListener("change", () => { shown = Number(box.value); draw(); });
+    byId("write").addEventListener("click", () => tried(write));
+    byId("copy").addEventListener("click", () => tried(copy));
+    byId("controls").addEventListener("submit", (event) => event.preventDefault());
+    new ResizeObserver(() => last && drawCut()).observe(byId("cut"));
+  }
+
+  async function begin() {
+    const answer = await ask({ do: "hello" });
+    byId("start").append(...answer.starts.map((name) => element("option", name)));
+    byId("start").value = answer.start;
+    byId("out").textContent = answer.out;
+    for (const [name, missing] of Object.entries(answer.formats)) {
+      const label = element("label"), box = element("input", "", { type: "checkbox", value: name, checked: !missing, disabled: Boolean(missing) });
+      label.append(box, ` ${name.toUpperCase()}${missing ? ` (${missing})` : ""}`);
+      byId("formats").append(label);
+    }
+    byId("fixed").append(...answer.fixed.map((control) => row(control)));
+    take(answer);
+  }
+
+  try { view = new BlockView(byId("block")); } catch (error) { byId("keys").textContent = error.message; }
+  socket = new WebSocket(Object.assign(new URL("socket", location.href), { protocol: "ws:" }));
+  socket.binaryType = "arraybuffer";
+  socket.addEventListener("message", (event) => receive(event.data));
+  socket.addEventListener("open", () => tried(async () => { listen(); await begin(); }));
+  socket.addEventListener("close", () => {
+    complain("The server has stopped. Start the command again to continue.");
+    for (const { refuse } of waiting.values()) refuse(new Error("The server has stopped. Start the command again to continue."));
+    waiting.clear();
+  });
+})();

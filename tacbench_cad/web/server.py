@@ -1,0 +1,188 @@
+"""The server of a page: on this machine only, and only for those who know the token in its address.
+
+A page in the browser must be safe from other users of the machine and from other pages in the same browser. Therefore:
+
+- The server listens on 127.0.0.1.
+- The address contains a random token. A request without it is refused.
+- The header Host must name this machine. A page of another site that points its own name to 127.0.0.1 (DNS rebinding)
+  sends its own name.
+- The header Origin, which the browser adds to the requests of a script, must be the address of this server.
+- A policy in every answer forbids the browser to load anything from another address.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable, Sequence
+from importlib import resources
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from tacbench_cad.util.errors import InputError
+
+HOST = "127.0.0.1"
+#: The largest message that a page may send, in bytes.
+MAX_MESSAGE = 64_000_000
+#: The media types of the files of a page.
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+#: The time in which connections are closed after Ctrl-C, in s.
+_CLOSING_S = 1
+
+
+class Guard:
+    """The part of the server that refuses requests from elsewhere.
+
+    Args:
+        app: The application, which gets only allowed requests.
+        token: The token, the first part of every path.
+        port: The port of the server.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+        self.app = app
+        self._token = token.encode()
+        self._hosts = tuple(f"{name}:{port}" for name in (HOST, "localhost"))
+        policy = (
+            f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' "
+            f"{' '.join(f'ws://{host}' for host in self._hosts)}; base-uri 'none'; form-action 'none'; "
+            "frame-ancestors 'none'"
+        )
+        self._headers = [
+            (b"content-security-policy", policy.encode()),
+            (b"x-content-type-options", b"nosniff"),
+            (b"referrer-policy", b"no-referrer"),
+            (b"cross-origin-resource-policy", b"same-origin"),
+            (b"cross-origin-opener-policy", b"same-origin"),
+            (b"cache-control", b"no-store"),
+        ]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass an allowed request on, and refuse all others."""
+        refusal = self._refusal(scope)
+        if refusal is None:
+            scope = {**scope, "root_path": f"/{self._token.decode()}"}
+            await self.app(scope, receive, self._with_headers(send))
+        elif scope["type"] == "http":
+            await PlainTextResponse(refusal, 403)(scope, receive, self._with_headers(send))
+        else:
+            await send({"type": "websocket.close", "code": 1008, "reason": refusal})
+
+    def _refusal(self, scope: Scope) -> str | None:
+        """Return why a request is not allowed, or None."""
+        if scope["type"] not in ("http", "websocket"):
+            return "This server has only pages and WebSockets."
+        headers: dict[bytes, list[str]] = {}
+        for name, value in scope["headers"]:
+            headers.setdefault(name, []).append(value.decode("latin-1"))
+        hosts = headers.get(b"host", [])
+        if len(hosts) != 1 or hosts[0] not in self._hosts:
+            return "The header Host must name this machine and the port of this server."
+        first = scope["path"].encode("utf-8", "surrogateescape").split(b"/")[1:2]
+        if not first or not secrets.compare_digest(first[0], self._token):
+            return "The address has no valid token. Use the whole address that the command printed."
+        origins = headers.get(b"origin", [])
+        needed = scope["type"] == "websocket"
+        if (needed or origins) and origins != [f"http://{hosts[0]}"]:
+            return "The request comes from a page of another server."
+        return None
+
+    def _with_headers(self, send: Send) -> Send:
+        """Return a function that adds the headers of security to an answer."""
+
+        async def answer(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message = {**message, "headers": [*message["headers"], *self._headers]}
+            await send(message)
+
+        return answer
+
+
+def file_routes(package: str, page: str, *others: str) -> list[BaseRoute]:
+    """Return the routes of the files of a page. No other file is served.
+
+    Args:
+        package: The Python package that contains the files.
+        page: The HTML file, which has the address of the folder.
+        others: The names of the other files.
+    """
+    folder = resources.files(package)
+
+    def route(path: str, name: str) -> Route:
+        kind = _TYPES[name[name.rindex(".") :]]
+
+        async def answer(_: Any) -> Response:
+            return Response((folder / name).read_bytes(), media_type=kind)
+
+        return Route(path, answer, methods=["GET"])
+
+    return [route("/", page), *(route(f"/{name}", name) for name in others)]
+
+
+def bound_socket(port: int) -> socket.socket:
+    """Return a socket that listens on this machine.
+
+    Args:
+        port: The port; 0 for a free one.
+
+    Raises:
+        InputError: The port cannot be used.
+    """
+    if not 0 <= port <= 65535:
+        raise InputError("port", port, "must be from 0 to 65535; 0 chooses a free port")
+    listener = socket.socket()
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((HOST, port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise InputError(
+            "port", port, f"cannot be used: {error.strerror}; choose another, or 0 for a free port"
+        ) from None
+    return listener
+
+
+def serve(
+    routes: Sequence[BaseRoute], *, port: int = 0, browser: bool = True, announce: Callable[[str], None] = print
+) -> None:
+    """Serve a page until Ctrl-C is pressed.
+
+    Args:
+        routes: The page: the result of :func:`file_routes`, and its WebSockets.
+        port: The port; 0 for a free one.
+        browser: Whether the page is opened in the browser.
+        announce: Receives the address of the page.
+
+    Raises:
+        InputError: The port cannot be used.
+    """
+    with bound_socket(port) as listener:
+        token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
+        address = f"http://{HOST}:{port}/{token}/"
+        settings = uvicorn.Config(
+            Guard(Starlette(routes=list(routes)), token, port),
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            lifespan="off",
+            ws="websockets-sansio",
+            ws_max_size=MAX_MESSAGE,
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=_CLOSING_S,
+        )
+        announce(address)
+        if browser:  # a browser without windows keeps the thread busy until it is closed
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        with contextlib.suppress(KeyboardInterrupt):
+            uvicorn.Server(settings).run(sockets=[listener])
