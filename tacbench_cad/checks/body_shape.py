@@ -78,8 +78,7 @@ def mesh_shape(mesh: Mesh) -> BodyShape:
     low, high = mesh.bounds_mm
     size = high - low
     normals = np.abs(mesh.doubled_normals)
-    length = np.linalg.norm(normals, axis=1)
-    wall = normals[:, 2] <= relief.WALL_FRACTION * length
+    wall = relief.walls(mesh, normals)
     height = (mesh.vertices[:, 2] - low[2])[mesh.faces]
     bottom = ~wall & (height.max(axis=1) <= PLANE_MM)
     top = ~wall & (height.min(axis=1) >= size[2] - PLANE_MM)

@@ -25,11 +25,13 @@ from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
 from tacbench_cad.formats.step import kernel_errors, with_kernel
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.spec.label import LABEL_DEPTH_MM
+from tacbench_cad.spec.label import LABEL_DEPTH_MM, MARGIN_MM
+from tacbench_cad.spec.outlines import MIN_SIDE_MM, MIN_WIDTH_MM, NAMED, Disc, Outline, RegularPolygon, Ring
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.text import decimal, mm
+from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -258,8 +260,7 @@ def _identity(shape: BodyShape, expected: Expectation) -> tuple[list[Check], flo
     checks = [
         _placement(shape, match),
         _size(shape, match),
-        *_corner(shape, match, expected),
-        *_sides(shape, match),
+        *_outline(shape, match, expected),
         _relief(shape, match, residual, expected, allowed),
     ]
     if shape.engraved:
@@ -352,6 +353,56 @@ def _size(shape: BodyShape, match: Match) -> Check:
         ]
         how = "differs in " + ", ".join(differences)
     return Check(name="size", ok=False, detail=f"{text} instead of {mm(*sides)} ({how})")
+
+
+def _outline(shape: BodyShape, match: Match, expected: Expectation) -> list[Check]:
+    """Check that the walls follow the outline of the expected block, or a known outline; else the key and the sides."""
+    claimed = None if expected.claimed is None else expected.claimed.outline
+    points = np.concatenate([shape.outline, shape.off_sides_mm])
+    x, y = match.placement.to_block(points, shape.size_mm)
+    if claimed is None:
+        if len(shape.cut_corners) < 2 or (known := _known_outline(x, y, match.placement.sides(shape.size_mm))) is None:
+            return [*_corner(shape, match, expected), *_sides(shape, match)]
+        return [Check(name="outline", ok=True, detail=str(known))]
+    distance = claimed.distance(x, y)
+    if shape.engraved:  # the rims of the pockets are points of the underside, too
+        rims = distance < SIDE_MM - MARGIN_MM
+        x, y, distance = x[~rims], y[~rims], distance[~rims]
+    off = np.abs(distance)
+    allowed = SIDE_MM if shape.is_solid else SIDE_MM + _allowed(match.candidate)
+    if not len(off) or off.max() <= allowed:
+        return [Check(name="outline", ok=True, detail=str(claimed))]
+    i = int(off.argmax())
+    where = f"at x {x[i]:.4g}, y {y[i]:.4g} mm, {off[i]:.3g} mm from the {claimed} (allowed {allowed:.2g} mm)"
+    return [Check(name="outline", ok=False, detail=f"a wall is {where}")]
+
+
+def _known_outline(x: Floats, y: Floats, size_mm: tuple[float, float]) -> Outline | None:
+    """Return the disc, ring or regular polygon on which points lie, or None. Points inside belong to a label."""
+    diameter = size_mm[0]
+    known: list[Outline] = []
+    if abs(size_mm[0] - size_mm[1]) <= SIDE_MM:
+        known.append(Disc(diameter_mm=diameter))
+        inner = 2.0 * float(np.hypot(x - diameter / 2.0, y - diameter / 2.0).min())
+        if MIN_SIDE_MM < inner < diameter - 2.0 * MIN_WIDTH_MM:
+            known.insert(0, Ring(outer_mm=diameter, inner_mm=inner))
+    for sides in NAMED.values():
+        width = RegularPolygon(sides=sides, diameter_mm=100.0).size_mm[0] / 100.0
+        known.append(RegularPolygon(sides=sides, diameter_mm=diameter / width))
+    limit = SIDE_MM + Tolerance().mm
+    for outline in known:
+        fits = all(abs(a - b) <= SIDE_MM for a, b in zip(outline.size_mm, size_mm, strict=True))
+        distance = outline.distance(x, y)
+        near_margin = np.abs(distance) <= limit
+        inside = distance < -limit
+        ring = len(outline.loops) > 1
+        if (
+            fits
+            and bool(np.all(near_margin if ring else near_margin | (distance < -MARGIN_MM + SIDE_MM)))
+            and (ring or not inside.all())
+        ):
+            return outline
+    return None
 
 
 def _corner(shape: BodyShape, match: Match, expected: Expectation) -> list[Check]:

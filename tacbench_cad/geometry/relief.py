@@ -40,14 +40,19 @@ class Distance:
 
 
 def upward(mesh: Mesh, normals: Floats) -> Bools:
-    """Return which triangles face upwards and are not walls, shape (m,). In a block, these form the textured top.
+    """Return which triangles face upwards and are not walls, shape (m,). In a block, these form the textured top."""
+    return np.asarray((normals[:, 2] > 0.0) & ~walls(mesh, normals))
+
+
+def walls(mesh: Mesh, normals: Floats) -> Bools:
+    """Return which triangles are walls, shape (m,).
 
     The float32 rounding of its corners can tilt a narrow triangle of a wall, for example of the key's wall. A triangle
     therefore counts as a wall if its area seen from above is not larger than the effect of this rounding.
     """
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     rounded = 4.0 * _FLOAT32 * np.abs(mesh.vertices).max(initial=0.0) * np.ptp(mesh.triangle_points, axis=1).max(axis=1)
-    return np.asarray(normals[:, 2] > WALL_FRACTION * length + rounded)
+    return np.asarray(np.abs(normals[:, 2]) <= WALL_FRACTION * length + rounded)
 
 
 def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
