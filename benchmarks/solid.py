@@ -156,13 +156,14 @@ def print_patches() -> None:
                 print(f"{block.name:<24}{'none: the grid aliases the formula':>40}")
                 continue
             relief = patches(block, 0.001)
+            spans = [len(axis.inner_knots(0)) + 1 for axis in (relief.x, relief.y)]
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "block.step"
                 write_shape(solid_block(block)[0], block.name, block.name, path)
                 size = path.stat().st_size / 1e6
             print(
-                f"{block.name:<24}{f'{relief.x.patches} x {relief.y.patches}':>10}{relief.x.basis.degree:>8}"
-                f"{f'{relief.x.basis.spans} x {relief.y.basis.spans}':>12}{relief.pole_count:>10}"
+                f"{block.name:<24}{f'{relief.x.patches} x {relief.y.patches}':>10}{relief.x.degree:>8}"
+                f"{f'{spans[0]} x {spans[1]}':>12}{relief.pole_count:>10}"
                 f"{relief.certificate.vertical_mm:>12.2g}{size:>10.2f}"
             )
 

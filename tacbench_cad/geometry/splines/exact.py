@@ -33,10 +33,12 @@ class PieceAxis:
     Args:
         lines: The ends of the patches in mm, ascending, shape (patches + 1,).
         pieces: The knots on each patch.
+        smooth: Whether the splines on neighbouring patches have the same slope at the joint.
     """
 
     lines: Floats
     pieces: tuple[SplineAxis, ...]
+    smooth: bool = False
 
     @property
     def patches(self) -> int:
@@ -84,14 +86,20 @@ class PieceAxis:
         return self.pieces[patch].greville
 
     def joined(self) -> tuple[tuple[Floats, list[int]], Bools]:
-        """Return the knots of the whole axis, the copies of each, and a mask of the poles that are not duplicates."""
+        """Return the knots of the whole axis, the copies of each, and a mask of the poles that are needed.
+
+        At a joint, one of two equal poles is removed. If the splines are smooth there, the other one is a mean of its
+        neighbours and is removed as well.
+        """
         keep = np.concatenate([np.arange(piece.count) > 0 for piece in self.pieces])
         keep[0] = True
+        if self.smooth:
+            keep[np.cumsum([piece.count for piece in self.pieces])[:-1] - 1] = False
         knots, times = [self.lines[:1]], [self.degree + 1]
         for patch in range(self.patches):
             at, copies = self.knots_of(patch)
             knots.append(at[1:])
-            times += [*copies[1:-1], self.degree]
+            times += [*copies[1:-1], self.degree - self.smooth]
         times[-1] = self.degree + 1
         return (np.concatenate(knots), times), keep
 

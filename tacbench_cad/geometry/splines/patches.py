@@ -12,6 +12,8 @@ from functools import cache, cached_property
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Certificate
+from tacbench_cad.geometry.splines.exact import PieceAxis
+from tacbench_cad.geometry.splines.fit import Fit, Task, fit_both, short_decimal
 from tacbench_cad.geometry.splines.kernelrule import area_error
 from tacbench_cad.geometry.splines.spline import Axis, basis
 from tacbench_cad.spec.block import Block
@@ -23,10 +25,9 @@ from tacbench_cad.util.types import Complexes, Floats
 MAX_POLES = 4_000_000
 #: The smallest allowed tolerance, in mm. It is ten times the tolerance of the kernel.
 FINEST_TOLERANCE_MM = 1e-6
-#: The polynomial degree of the splines, also along an axis without waves. Texture 4 of preset paper needs 136,000 poles
-#: with degree 5, and 110,000 poles with degree 7 or 9. But a higher degree makes later steps slower. With the degrees
-#: 5, 7 and 9, the kernel's volume takes 1.5, 2.0 and 3.0 s, a hole takes 2.7, 3.1 and 4.3 s, and a mesh of 20,000
-#: nodes by gmsh takes 20, 39 and 53 s.
+#: The polynomial degree of the splines, also along an axis without waves. Texture 4 of preset paper needs 90,000 poles
+#: with degree 5, and 83,000 poles with degree 7. But with degree 7 the kernel's volume takes 2.1 s instead of 1.5 s, and
+#: a mesh of 3,400 nodes by gmsh takes 6.0 s instead of 4.6 s.
 DEGREE = 5
 #: The smallest number of spans on a patch, also along an axis without waves. For both axes of a face, the kernel's
 #: default volume uses a number of points that is twice the number of spans along y times (degree + 1). With 5 spans,
@@ -37,11 +38,19 @@ MAX_SPANS = 64
 #: The largest number of the finest waves on a patch. With more waves, the kernel's area and volume are wrong. With
 #: fewer waves, the kernel is slow.
 WAVES_PER_PATCH = 6.5
+#: The number of waves on a patch with which the search begins. Gentle waves need no more patches than these.
+_WAVES_AT_FIRST = 1.25**2 * WAVES_PER_PATCH
 #: The allowed error of the kernel's area of the top, relative to the area of the block.
 AREA_ERROR = 5e-5
-#: The fraction of the tolerance that the splines aim for. With 0.5, there are 10 % more poles, and the ripple in the
-#: area is half as large.
+#: The fraction of the tolerance that the splines of exponentials aim for. With 0.5, there are 10 % more poles, and the
+#: ripple in the area is half as large.
 AIM = 0.5
+#: The poles of a separable surface are multiples of a power of ten, which is at most this fraction of the tolerance.
+_ROUNDING_OF_POLES = 1e-2
+#: The lines between patches are multiples of a power of ten, which is at most this fraction of the width of a patch.
+_ROUNDING_OF_LINES = 0.01
+#: The fraction of the planned spans that the fit of a separable surface usually needs.
+_SPANS_AT_FIRST = 0.8
 #: The largest number of waves for which an error message suggests another tolerance.
 _MAX_WAVES_PLANNED = 1500
 
@@ -57,14 +66,17 @@ class Patches:
         y: The axis along y.
         certificate: The proved bounds of the distance between the patches and the formula.
         key_patches: The number of patches along each side of the key's square; 0 without a key.
+        profiles_mm: If the surface is ``p(x) + q(y)``, the poles of p, including the datum, and of q, each with the
+            shape (patches, count); otherwise None.
     """
 
     surface: WaveSum
     datum_mm: float
-    x: Axis
-    y: Axis
+    x: Axis | PieceAxis
+    y: Axis | PieceAxis
     certificate: Certificate
     key_patches: int
+    profiles_mm: tuple[Floats, Floats] | None = None
 
     @property
     def pole_count(self) -> int:
@@ -72,18 +84,9 @@ class Patches:
         return self.x.pole_count * self.y.pole_count
 
     @cached_property
-    def profiles_mm(self) -> tuple[Floats, Floats] | None:
-        """The poles of p, including the datum, and of q, if the surface is ``p(x) + q(y)``; otherwise None.
-
-        The shape of each array is (patches, count).
-        """
-        if not self.surface.is_separable:
-            return None
-        p, q = self.surface.along_u, self.surface.along_v
-        return self.datum_mm + self.x.sines(p), self.y.sines(q)
-
-    @cached_property
     def _factors(self) -> tuple[Complexes, Complexes]:
+        assert isinstance(self.x, Axis)
+        assert isinstance(self.y, Axis)
         amplitude, f, g, phase = self.surface.table.T
         return self.x.poles(f) * (amplitude * np.exp(1j * phase)), self.y.poles(g)
 
@@ -107,13 +110,13 @@ class Patches:
         for number in np.unique(i * self.y.patches + j):
             a, b = divmod(int(number), self.y.patches)
             here = (i == a) & (j == b)
-            left = self.x.basis.values(self._unit(self.x, a, x[here]))
-            right = self.y.basis.values(self._unit(self.y, b, y[here]))
+            left = self.x.values(a, self._unit(self.x, a, x[here]))
+            right = self.y.values(b, self._unit(self.y, b, y[here]))
             z[here] = np.einsum("ki,ij,kj->k", left, self.heights_mm(a, b), right)
         return z
 
     @staticmethod
-    def _unit(axis: Axis, patch: int, at: Floats) -> Floats:
+    def _unit(axis: Axis | PieceAxis, patch: int, at: Floats) -> Floats:
         low, high = axis.lines[patch], axis.lines[patch + 1]
         return np.asarray(np.clip((at - low) / (high - low), 0.0, 1.0), dtype=np.float64)
 
@@ -139,8 +142,16 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
     plan = _plan(block, tolerance_mm)
     if plan.poles > MAX_POLES:
         raise InputError("step-tolerance", tolerance_mm, _too_many(block, tolerance_mm, plan.poles))
-    x, y = plan.axes(block)
-    bound = _bound(block.surface, x, y)
+    x: Axis | PieceAxis
+    y: Axis | PieceAxis
+    profiles = None
+    if block.surface.is_separable:
+        fits = _fits(block, plan, tolerance_mm)
+        x, y, profiles = fits[0].axis, fits[1].axis, (fits[0].poles_mm, fits[1].poles_mm)
+        bound = fits[0].error_mm + fits[1].error_mm
+    else:
+        x, y = plan.axes(block)
+        bound = _bound(block.surface, x, y)
     if not bound <= tolerance_mm:
         raise InputError("step-tolerance", tolerance_mm, f"is too fine; rounding alone may reach {bound:.1g} mm")
     return Patches(
@@ -150,6 +161,7 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
         y=y,
         certificate=Certificate(distance_mm=bound, vertical_mm=bound),
         key_patches=plan.key_patches,
+        profiles_mm=profiles,
     )
 
 
@@ -173,21 +185,48 @@ class _Plan:
         along = [(self.patches[i] + self.key_patches) * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
         return along[0] * along[1]
 
-    def axes(self, block: Block) -> tuple[Axis, Axis]:
-        """Return both axes. The key's square is at the end of x and at the beginning of y."""
+    def lines(self, block: Block, rounded: bool) -> tuple[Floats, Floats]:
+        """Return the ends of the patches. The key's square is at the end of x and at the beginning of y.
+
+        Args:
+            block: The block.
+            rounded: Whether to round the distances between the lines to few decimals.
+        """
         (x, y), key, square = block.size_mm, block.key_mm or 0.0, self.key_patches
-        steps = key * np.arange(square + 1) / max(square, 1)
-        along_x = np.concatenate([_steps(x - key, self.patches[0]), (x - key) + steps[1:]])
-        along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.patches[1])])
+        steps = _steps(key, max(square, 1), rounded) if square else np.zeros(1)
+        along_x = np.concatenate([_steps(x - key, self.patches[0], rounded), (x - key) + steps[1:]])
+        along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.patches[1], rounded)])
         along_x[-1], along_y[-1] = x, y
-        return (
-            Axis(along_x, basis(DEGREE, self.spans[0])),
-            Axis(along_y, basis(DEGREE, self.spans[1])),
-        )
+        return along_x, along_y
+
+    def axes(self, block: Block) -> tuple[Axis, Axis]:
+        """Return both axes with equal spans."""
+        along_x, along_y = self.lines(block, rounded=False)
+        return Axis(along_x, basis(DEGREE, self.spans[0])), Axis(along_y, basis(DEGREE, self.spans[1]))
 
 
-def _steps(length: float, count: int) -> Floats:
-    return np.asarray(length * np.arange(count + 1) / count, dtype=np.float64)
+def _steps(length: float, count: int, rounded: bool) -> Floats:
+    steps = length * np.arange(count + 1) / count
+    if rounded and count > 1:
+        unit = short_decimal(_ROUNDING_OF_LINES * length / count)
+        steps[1:-1] = np.round(steps[1:-1] / unit) * unit
+    return np.asarray(steps, dtype=np.float64)
+
+
+def _fits(block: Block, plan: _Plan, tolerance_mm: float) -> tuple[Fit, Fit]:
+    """Fit both halves of a separable surface; see :mod:`.fit`. The plan is for equal spans, which are more spans."""
+    assert isinstance(block.surface, WaveSum)
+    halves = ((block.surface.along_u, block.solid_datum_mm), (block.surface.along_v, 0.0))
+    unit = short_decimal(_ROUNDING_OF_POLES * tolerance_mm)
+    tasks = [
+        Task(half, offset, lines, DEGREE, unit)
+        for (half, offset), lines in zip(halves, plan.lines(block, rounded=True), strict=True)
+    ]
+    starts = [round(_SPANS_AT_FIRST * spans) for spans in plan.spans]
+    fits = fit_both((tasks[0], tasks[1]), tolerance_mm, (starts[0], starts[1]), MIN_SPANS, MAX_SPANS)
+    if fits is None:
+        raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
+    return fits
 
 
 def _plan(block: Block, tolerance_mm: float) -> _Plan:
@@ -232,14 +271,14 @@ def _patches(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
     """Return the numbers of patches along x and y outside of the key's square, and along each side of the square.
 
     The kernel's default area uses few points on a face (see :mod:`.kernelrule`). If the waves are steep, the area of a
-    patch with :data:`WAVES_PER_PATCH` waves is not accurate enough, so more patches are made.
+    patch with many waves is not accurate enough, so more patches are made.
 
     Args:
         block: The block.
         finest: The highest relevant frequencies along x and y, in radians per mm.
     """
     (x, y), key = block.size_mm, block.key_mm or 0.0
-    on_patch = WAVES_PER_PATCH
+    on_patch = _WAVES_AT_FIRST
 
     def count(length: float, axis: int) -> int:
         return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_patch) - 1e-9))
