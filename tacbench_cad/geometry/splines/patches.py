@@ -26,8 +26,8 @@ MAX_POLES = 4_000_000
 #: The smallest allowed tolerance, in mm. It is ten times the tolerance of the kernel.
 FINEST_TOLERANCE_MM = 1e-6
 #: The polynomial degree of the splines, also along an axis without waves. Texture 4 of preset paper needs 90,000 poles
-#: with degree 5, and 83,000 poles with degree 7. But with degree 7 the kernel's volume takes 2.1 s instead of 1.5 s, and
-#: a mesh of 3,400 nodes by gmsh takes 6.0 s instead of 4.6 s.
+#: with degree 5, and 83,000 with degree 7. But with degree 7 the kernel's volume takes 2.1 s instead of 1.5 s, and a
+#: mesh of 3,400 nodes by gmsh takes 6.0 s instead of 4.6 s.
 DEGREE = 5
 #: The smallest number of spans on a patch, also along an axis without waves. For both axes of a face, the kernel's
 #: default volume uses a number of points that is twice the number of spans along y times (degree + 1). With 5 spans,
