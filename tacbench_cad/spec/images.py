@@ -129,7 +129,9 @@ def _instrument(path: Path) -> HeightFile:
     from surfalize import Surface
 
     try:
-        surface = Surface.load(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            surface = Surface.load(path)
     except Exception as error:
         raise InputError("height map", str(path), f"cannot be read: {one_line(str(error))}") from None
     values = np.asarray(surface.data, dtype=np.float64)

@@ -6,11 +6,13 @@ import json
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampled import height_map
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.errors import InputError
@@ -22,6 +24,7 @@ HEX = Texture(
         tuple(Wave(amplitude=0.3, f=frequency, g=1.0 - frequency, phase=0.1) for frequency in (0.0, 0.25, 1.0 / 3.0))
     ),
 )
+MAP = Texture(name="map", surface=height_map(np.random.default_rng(0).normal(size=(31, 26)), height_mm=2.0))
 BLOCKS = {
     **{f"paper {number}": Block.of(number) for number in range(1, 7)},
     **{f"released {number}": Block.of(number, "released") for number in range(1, 7)},
@@ -30,6 +33,8 @@ BLOCKS = {
     "on a grid with its copy engraved": Block.of(2, sampling="grid", copy=7),
     "other sides": Block.of(3, size_mm=(25.0, 31.0), height_mm=8.0),
     "a user's own texture": Block.of(HEX),
+    "a texture with creases": Block.of("diamond"),
+    "a height map": Block.of(MAP, mm_per_unit=(1.0, 1.0, 1.0), size_mm=(24.0, 28.0)),
 }
 
 
