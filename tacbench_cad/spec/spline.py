@@ -260,6 +260,11 @@ class SplineSurface:
         return self.u.creases, self.v.creases
 
     @property
+    def breaks(self) -> tuple[Floats, Floats]:
+        """The different knots along u and along v. Between them, the surface is a polynomial."""
+        return self.u.breaks, self.v.breaks
+
+    @property
     def amplitude_sum(self) -> float:
         """The largest absolute value of a pole, which is an upper bound of ``|z|``."""
         return float(np.abs(self.poles).max())

@@ -40,6 +40,14 @@ class Surface(Protocol):
         ...
 
     @property
+    def breaks(self) -> tuple[Floats, Floats]:
+        """The positions along u and along v between which the bounds of cells are tightest: the knots of a spline.
+
+        They are empty for a surface without such lines.
+        """
+        ...
+
+    @property
     def is_flat(self) -> bool:
         """Whether all heights are equal."""
         ...

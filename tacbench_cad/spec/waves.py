@@ -151,6 +151,11 @@ class WaveSum:
         """The lines along which the slope changes suddenly. A sum of waves has none."""
         return np.zeros(0), np.zeros(0)
 
+    @property
+    def breaks(self) -> tuple[Floats, Floats]:
+        """The lines between which bounds are tightest. A sum of waves has none."""
+        return np.zeros(0), np.zeros(0)
+
     @cached_property
     def amplitude_sum(self) -> float:
         """The sum of the absolute amplitudes, which is an upper bound of ``|z|``."""

@@ -22,7 +22,7 @@ from tacbench_cad.geometry.meshing.relaxing import relax
 from tacbench_cad.geometry.meshing.sheet import Sheet
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
 #: The bend of an edge, in tolerances, above which it is split. 12 is the bend of the edges of an equilateral triangle
@@ -34,8 +34,8 @@ TRIANGLES_PER_IDEAL = 2.0
 RESERVE = 0.97
 #: The largest number of rounds of repairs. Each round divides the triangles without a proof. The first rounds also move
 #: vertices.
-MAX_ROUNDS = 60
-MAX_ADAPTED_ROUNDS = 8
+MAX_ROUNDS = 40
+MAX_ADAPTED_ROUNDS = 6
 #: Grid lines of the coarse grid are at least this far apart.
 NEAR_MM = 4.0 * MIN_HEIGHT_MM
 #: A mesh with more triangles than this gets fewer steps of adaptation.
@@ -75,7 +75,7 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
         tolerance: The tolerance in mm.
 
     Raises:
-        CheckFailedError: The distance of some triangles could not be proved.
+        InputError: The top would need too many triangles, or the distance of some triangles could not be proved.
     """
     x, y = (float(np.float32(side)) for side in block.size_mm)
     heights = Heights(block.surface, (x, y), tolerance)
@@ -191,13 +191,16 @@ def _proved(block: Block, net: Net, tolerance: float) -> NetTop:
             distance, vertical = net.proof.max(axis=1).tolist()
             sheet = _sheet(net, z, block.key_mm is not None)
             return NetTop(sheet, Certificate(distance_mm=distance, vertical_mm=vertical))
-        net.split_triangles(failed)
+        # the longest edge is the safe choice: the triangles become small in all directions
+        net.split_triangles(failed, by_length=attempt >= MAX_ADAPTED_ROUNDS)
         if attempt < MAX_ADAPTED_ROUNDS:
             net.flip(1, above=RESERVE)
             relax(net, 8, 1, above=RESERVE)
         else:
             _flattened(net, surface)
-    raise CheckFailedError(f"the distance of {int(failed.sum())} triangles of the top could not be proved")
+    raise InputError(
+        "tolerance", tolerance, f"cannot be proved for {int(failed.sum())} triangles of the top; use a larger tolerance"
+    )
 
 
 def _flattened(net: Net, surface: Surface) -> None:

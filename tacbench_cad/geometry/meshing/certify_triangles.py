@@ -33,18 +33,21 @@ class DerivativeBounds:
 
     Args:
         surface: The surface.
-        x: The borders of cells along x, ascending, shape (n,). Creases are among them.
+        x: The borders of cells along x, ascending, shape (n,). Creases are among them. A spline has its knots between
+            the first and the last border instead.
         y: The borders of cells along y.
     """
 
     def __init__(self, surface: Surface, x: Floats, y: Floats) -> None:
-        self._lines = (x, y)
+        self._lines = (_cells(x, surface.breaks[0]), _cells(y, surface.breaks[1]))
+        x, y = self._lines
         self._creases = surface.creases
         bounds = np.stack([surface.cell_bounds(x, y, order) for order in (*_SECOND, *_THIRD)], axis=-1)
         for axis, kinks in enumerate((self._kinks(surface, 0), self._kinks(surface, 1))):
             bounds.swapaxes(0, axis)[kinks, :, len(_SECOND) :] = np.inf
-        # level k has blocks of 2^k by 2^k cells; each entry covers its own block and the three blocks after it
-        self._levels = []
+        # level 0 has single cells; level k > 0 has blocks of 2^(k - 1) by 2^(k - 1) cells, and each of its entries
+        # covers its own block and the three blocks after it
+        self._levels = [bounds]
         while True:
             self._levels.append(_with_next(bounds))
             if max(bounds.shape[:2]) <= 1:
@@ -77,13 +80,13 @@ class DerivativeBounds:
             first.append(np.clip(np.searchsorted(lines, low[axis], "right") - 1, 0, len(lines) - 2))
             last.append(np.clip(np.searchsorted(lines, high[axis], "left") - 1, 0, len(lines) - 2))
         span = np.maximum(last[0] - first[0], last[1] - first[1])
-        level = np.ceil(np.log2(np.maximum(span, 1))).astype(np.int64)
+        level = np.where(span == 0, 0, np.ceil(np.log2(np.maximum(span, 1))).astype(np.int64) + 1)
+        level = np.minimum(level, len(self._levels) - 1)
+        shift = np.maximum(level - 1, 0)
         bounds = np.empty((len(span), 7))
         for k in np.unique(level):
             rows = np.flatnonzero(level == k)
-            table = self._levels[min(int(k), len(self._levels) - 1)]
-            shift = min(int(k), len(self._levels) - 1)
-            bounds[rows] = table[first[0][rows] >> shift, first[1][rows] >> shift]
+            bounds[rows] = self._levels[k][first[0][rows] >> shift[rows], first[1][rows] >> shift[rows]]
         for axis, creases in enumerate(self._creases):
             crossed = np.searchsorted(creases, high[axis], "left") > np.searchsorted(creases, low[axis], "right")
             bounds[crossed] = np.inf
@@ -198,6 +201,13 @@ def _largest_quadratic(values: Floats) -> Floats:
     s, t = (st * v - tt * u) / safe, (st * u - ss * v) / safe
     inside = (det != 0.0) & (s > 0.0) & (t > 0.0) & (s + t < 1.0)
     return np.asarray(np.maximum(largest, np.where(inside, np.abs(a + (u * s + v * t) / 2.0), 0.0)))
+
+
+def _cells(lines: Floats, breaks: Floats) -> Floats:
+    """Return the borders of cells: the breaks of a surface, if it has any, between the first and the last line."""
+    if len(breaks) == 0:
+        return lines
+    return np.concatenate([lines[:1], breaks[(breaks > lines[0]) & (breaks < lines[-1])], lines[-1:]])
 
 
 def _halved(values: Floats) -> Floats:

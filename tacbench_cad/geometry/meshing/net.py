@@ -127,7 +127,7 @@ class Net:
         """Check that triangles have positive areas and are not too narrow."""
         longest = np.zeros(len(a))
         for i, j in ((a, b), (b, c), (c, a)):
-            longest = np.maximum(longest, (self.x[i] - self.x[j]) ** 2 + (self.y[i] - self.y[j]) ** 2)
+            longest = np.maximum(longest, self._square_length(i, j))
         return self.turn(a, b, c) > np.maximum(MIN_SLOPE * longest, MIN_HEIGHT_MM * np.sqrt(longest))
 
     def _bend(self, a: Ints, b: Ints) -> Floats:
@@ -149,14 +149,23 @@ class Net:
         long = self._bend(a, b) > limit
         return self._split(a[long], b[long])
 
-    def split_triangles(self, which: Bools) -> int:
-        """Split that edge of each of these triangles on which the surface bends most."""
+    def split_triangles(self, which: Bools, by_length: bool = False) -> int:
+        """Split one edge of each of these triangles.
+
+        Args:
+            which: A mask of the triangles, shape (m,).
+            by_length: Split the longest edge; otherwise the edge on which the surface bends most.
+        """
         corners = self.faces[which].T
         pairs = [(corners[k], corners[(k + 1) % 3]) for k in range(3)]
-        longest = np.argmax([self._bend(*pair) for pair in pairs], axis=0)
+        size = self._square_length if by_length else self._bend
+        longest = np.argmax([size(*pair) for pair in pairs], axis=0)
         rows = np.arange(corners.shape[1])
         a, b = (np.stack([pair[k] for pair in pairs])[longest, rows] for k in (0, 1))
         return self._split(np.minimum(a, b), np.maximum(a, b))
+
+    def _square_length(self, a: Ints, b: Ints) -> Floats:
+        return np.asarray((self.x[a] - self.x[b]) ** 2 + (self.y[a] - self.y[b]) ** 2)
 
     def _edge_ends(self) -> tuple[Ints, Ints]:
         keys = np.unique(self._edge_keys(len(self.x)))
@@ -171,7 +180,7 @@ class Net:
         """Split edges (a < b) at their middles."""
         count = len(self.x)
         # an edge must stay long enough that its halves can form sound triangles
-        enough = (self.x[a] - self.x[b]) ** 2 + (self.y[a] - self.y[b]) ** 2 > (8.0 * MIN_HEIGHT_MM) ** 2
+        enough = self._square_length(a, b) > (8.0 * MIN_HEIGHT_MM) ** 2
         keys = np.unique((a * count + b)[enough])
         if len(keys) == 0:
             return 0
