@@ -1,7 +1,7 @@
 "use strict";
 // Draws a block in 3D from the heights of its top, with WebGL 2 and without a library.
 class BlockView {
-  static COARSE = 3;
+  static COARSE = 4;
 
   static FINE_AFTER_MS = 250;
 
@@ -137,7 +137,7 @@ class BlockView {
     this.draw();
   }
 
-  // The triangles between every line, or between every third line and the last.
+  // The triangles between every line, or between every fourth line and the last.
   #cells(step) {
     if (!this.cells.has(step)) {
       const gl = this.gl, lines = (n) => [...Array(Math.ceil((n - 1) / step)).keys()].map((i) => i * step).concat(n - 1);
@@ -177,7 +177,7 @@ class BlockView {
     if (!this.size) return;
     this.hold();
     if (step > 1) this.later = setTimeout(() => this.draw(1), BlockView.FINE_AFTER_MS);
-    const gl = this.gl, box = this.canvas.getBoundingClientRect(), dense = step > 1 ? 0.6 : this.dense * Math.min(1.5, devicePixelRatio);
+    const gl = this.gl, box = this.canvas.getBoundingClientRect(), dense = step > 1 ? 0.5 : this.dense * Math.min(1.5, devicePixelRatio);
     const [wide, high] = [Math.max(1, Math.round(box.width * dense)), Math.max(1, Math.round(box.height * dense))];
     if (this.canvas.width !== wide || this.canvas.height !== high) Object.assign(this.canvas, { width: wide, height: high });
     gl.viewport(0, 0, wide, high);
