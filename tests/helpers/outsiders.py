@@ -23,6 +23,9 @@ from tacbench_cad.spec.textures import Texture, plane_waves
 #: No single run of another program may take longer than this, in seconds.
 PATIENCE_S = 300.0
 
+#: The outlines of blocks that are not rectangles.
+OUTLINES = {"disc": "disc:30", "hexagon": "hexagon:30", "ring": "ring:30,12"}
+
 Run = Callable[[Sequence[str | Path]], str]
 Written = Callable[[str, str], Path]
 
@@ -66,11 +69,14 @@ def _net_block(name: str) -> Block:
 def _block(name: str) -> Part:
     """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6``, ``fine-4`` or ``keyed-4``.
 
-    ``net-weave`` has oblique waves, and ``net-map`` is a height map with a key and a label.
+    ``net-weave`` has oblique waves, and ``net-map`` is a height map with a key and a label. ``disc-2``, ``hexagon-2``
+    and ``ring-2`` have other outlines.
     """
     kind, number = name.split("-")
     if kind == "net":
         return block_part(_net_block(number))
+    if kind in OUTLINES:
+        return block_part(Block.of(number, outline=OUTLINES[kind], label=kind == "disc"))
     if kind in ("paper", "released"):
         return block_part(Block.of(number, kind))
     if kind == "grid":

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.real
 
 PARTS = [
     *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
-    *("grid-4", "grid-6", "keyed-4", "keyed-2", "net-weave", "net-map"),
+    *("grid-4", "grid-6", "keyed-4", "keyed-2", "net-weave", "net-map", "disc-2", "hexagon-4", "ring-2"),
     *("holder", "tray", "holder-released", "jig", "jig-all", "coupon"),
 ]
 REPAIRS = (

@@ -66,7 +66,21 @@ def examine(path: Path, mesh_size_mm: float = 0.0) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     "name",
-    ["paper-1", "paper-2", "paper-3", "paper-4", "paper-5", "paper-6", "released-2", "released-5", "keyed-4", "holder"],
+    [
+        "paper-1",
+        "paper-2",
+        "paper-3",
+        "paper-4",
+        "paper-5",
+        "paper-6",
+        "released-2",
+        "released-5",
+        "keyed-4",
+        "holder",
+        "disc-2",
+        "hexagon-2",
+        "ring-2",
+    ],
 )
 def test_step_is_one_closed_volume(written: Written, name: str) -> None:
     report = examine(written(name, "step"))

@@ -15,10 +15,10 @@ from helpers.outsiders import Run, Written, part_named
 pytestmark = pytest.mark.real
 
 BLOCKS = [f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)]
-OTHER_BLOCKS = ["grid-4", "keyed-4", "keyed-2", "net-weave", "net-map"]
+OTHER_BLOCKS = ["grid-4", "keyed-4", "keyed-2", "net-weave", "net-map", "disc-2", "hexagon-4", "ring-2"]
 FIXTURES = ["holder", "tray", "holder-released", "jig", "jig-all", "coupon"]
 #: A block with key and label, a height map, an aliased block of the released files, and the two fixtures.
-SLICED = ["keyed-2", "net-map", "released-6", "holder", "jig"]
+SLICED = ["keyed-2", "net-map", "ring-2", "released-6", "holder", "jig"]
 
 
 def _info(output: str) -> dict[str, str]:
