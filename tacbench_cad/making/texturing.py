@@ -35,8 +35,8 @@ def textured_mesh(
     within 0.005 mm. The rest of the mesh stays as it is.
 
     Args:
-        mesh: An STL or 3MF file, a :class:`~tacbench_cad.Mesh`, or an object with ``vertices`` and ``faces``, for
-            example of trimesh.
+        mesh: An STL or 3MF file, a :class:`~tacbench_cad.Mesh`, a ``Manifold`` of manifold3d, or an object with
+            ``vertices`` and ``faces``, for example of trimesh.
         at: A point on the region, in mm.
         texture: A texture, the number or name of one of the six, or a TOML file.
         scale: The millimetres for each unit of the mesh.
@@ -56,6 +56,9 @@ def textured_mesh(
         own = _read(Path(mesh))
     elif isinstance(mesh, Mesh):
         own = mesh
+    elif hasattr(mesh, "to_mesh64"):
+        raw = mesh.to_mesh64()
+        own = Mesh(np.array(raw.vert_properties)[:, :3], np.array(raw.tri_verts, dtype=np.int32))
     elif hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         own = Mesh(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int32))
     else:

@@ -47,7 +47,7 @@ def snapshot(
 
     Args:
         shape: A Workplane, Shape or Assembly of CadQuery; a Shape or BuildPart of build123d; a ``TopoDS_Shape`` of the
-            kernel; or several of these in a list.
+            kernel; several of these in a list; or a :class:`~tacbench_cad.Mesh`.
         path: The file; its name ends in ``.png``, ``.svg`` or ``.pdf``.
         camera: The direction of view.
         size_px: Width and height of the picture in pixels.
@@ -60,8 +60,8 @@ def snapshot(
     """
     if not tolerance_mm > 0.0:
         raise InputError("tolerance", tolerance_mm, "must be above 0 mm")
-    bodies = []
-    for piece, colour in _pieces(shape):
+    bodies = [Body(mesh=shape, colour=GREY)] if isinstance(shape, Mesh) else []
+    for piece, colour in [] if bodies else _pieces(shape):
         mesh = Mesh(*triangulate(piece, tolerance_mm, ANGLE_RAD_PER_MM * tolerance_mm))
         if len(mesh.faces):
             bodies.append(Body(mesh=mesh, colour=linear(colour)))

@@ -132,7 +132,7 @@ def require_closed(mesh: Mesh, name: str) -> Any:
             f"the mesh is not closed: {wrong} edges do not have exactly two triangles; repair the mesh first",
         )
     body = manifold3d.Manifold(
-        manifold3d.Mesh64(np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces, dtype=np.uint64))
+        manifold3d.Mesh64(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.uint64))
     )
     if body.status() != manifold3d.Error.NoError:
         raise InputError(name, None, f"manifold3d refuses the mesh ({body.status().name}); repair the mesh first")
