@@ -1,7 +1,7 @@
 """A strip with the six textures one after another, to slide a sensor or a finger over them.
 
-The strip is a mesh, as from any CAD program. Narrow grooves divide its upper side into six fields, so that each field is
-a flat region of its own. Each texture is named by a point in the middle of its field. Two holes take screws of 4 mm.
+The strip is a mesh, as from any CAD program. Narrow grooves divide its upper side into six fields, so that each field
+is a flat region of its own. Each texture is named by a point in the middle of its field. Two holes take screws of 4 mm.
 """
 
 from manifold3d import Manifold

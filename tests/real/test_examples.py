@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip("OCP")
 
+from tacbench_cad.checks.meshcheck import read_mesh
 from tacbench_cad.spec.block import Block
 
 ROOT = Path(__file__).parents[2]
@@ -23,6 +24,8 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 #: The examples that ``tacbench classify`` runs; their tests are in ``test_estimator_examples.py``.
 ESTIMATORS = ("convolutional", "frozen_backbone")
+#: The examples whose result is a mesh.
+MESHES = ("drum", "strip")
 #: Expressions in the names of each example: the closed form of the volume, and conditions that must be true. The
 #: example for CQGI hosts has its own test.
 EXPECTED: dict[str, dict[str, str]] = {
@@ -98,6 +101,20 @@ def test_cqgi_parameters_change_the_block(tmp_path: Path) -> None:
     assert answer["volume"] == pytest.approx(block.volume_mm3(block.solid_datum_mm), rel=2e-6)
 
 
+@pytest.mark.parametrize("name", MESHES)
+def test_an_example_writes_a_closed_mesh(name: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "examples" / f"{name}.py")]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert process.returncode == 0, process.stderr
+    mesh = read_mesh(tmp_path / f"{name}.stl")
+    body = mesh.as_manifold()
+    assert (body.status().name, len(body.decompose()), body.genus()) == ("NoError", 1, 1 if name == "drum" else 2)
+    low, high = mesh.bounds_mm
+    # The textures are 0.2 mm above the side at their lowest, and their highest point is 0.8 mm higher.
+    reach = {"drum": (42.0, 42.0, 24.0), "strip": (164.0, 20.0, 5.0)}[name]
+    assert (high - low).tolist() == pytest.approx(reach, abs=0.3 if name == "drum" else 0.05)
+
+
 def test_the_dome_in_mujoco_rests_at_the_height_of_the_formula(tmp_path: Path) -> None:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
     command = [sys.executable, str(ROOT / "examples" / "mujoco_press.py")]
@@ -113,7 +130,14 @@ def test_the_dome_in_mujoco_rests_at_the_height_of_the_formula(tmp_path: Path) -
 
 
 def test_every_example_has_a_description_and_is_listed() -> None:
-    assert {path.stem for path in EXAMPLES} == {*EXPECTED, *ESTIMATORS, "cqgi_block", "mujoco_press", "show_in_viewer"}
+    assert {path.stem for path in EXAMPLES} == {
+        *EXPECTED,
+        *ESTIMATORS,
+        *MESHES,
+        "cqgi_block",
+        "mujoco_press",
+        "show_in_viewer",
+    }
     readme = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\((\w+\.py)\)", readme)) == {path.name for path in EXAMPLES}
     for path in EXAMPLES:

@@ -1,0 +1,72 @@
+"""The command ``tacbench texture-part``: files of other programs, the written file, and messages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.shapes import box_mesh, mesh_part
+
+from tacbench_cad.checks.meshcheck import read_mesh
+from tacbench_cad.cli import main
+from tacbench_cad.formats.stl import write_stl
+from tacbench_cad.formats.threemf import write_3mf
+from tacbench_cad.making.texturing import textured_mesh
+from tacbench_cad.util.errors import InputError
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def pad(tmp_path: Path) -> Path:
+    """Return an STL file of a plate of 30 x 20 x 5 mm."""
+    write_stl(mesh_part(box_mesh((30.0, 20.0, 5.0))), tmp_path / "my pad (2).stl")
+    return tmp_path / "my pad (2).stl"
+
+
+def test_the_new_file_has_the_texture_and_the_coordinates_of_the_part(pad: Path, capsys: Capture) -> None:
+    before = read_mesh(pad)
+    assert main(["texture-part", str(pad), "--at", "15,10,5", "--texture", "2", "--depth", "0.5", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    after = read_mesh(Path(document["file"]))
+    assert Path(document["file"]).name == "my pad (2)_textured.stl"
+    assert (document["region"], document["size_mm"], document["bodies"]) == ("plane", [28.0, 18.0], 1)
+    assert document["evidence"] == "proved" and document["error_mm"] <= 0.0101
+    assert after.volume_mm3 == pytest.approx(document["expected_volume_mm3"], rel=1e-3)
+    assert after.bounds_mm[0].tolist() == before.bounds_mm[0].tolist()
+    assert after.bounds_mm[1][2] == pytest.approx(5.7, abs=0.01)
+
+
+def test_a_3mf_file_is_written_for_a_3mf_name(pad: Path, tmp_path: Path, capsys: Capture) -> None:
+    pytest.importorskip("lib3mf")
+    write_3mf(mesh_part(box_mesh((30.0, 20.0, 5.0))), tmp_path / "pad.3mf")
+    out = tmp_path / "new.3mf"
+    words = ["--texture", "3", "--sunk", "--tolerance", "0.05", "--out", str(out)]
+    assert main(["texture-part", str(tmp_path / "pad.3mf"), "--at", "15,10,5", *words]) == 0
+    assert "texture-3 on a plane, 28 x 18 mm" in capsys.readouterr().out
+    assert read_mesh(out).volume_mm3 < 30.0 * 20.0 * 5.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--at", "99,0,0", "--texture", "2"], "mm from the mesh; the nearest triangle is at"),
+        (["--at", "1,2", "--texture", "2"], "must be X,Y,Z"),
+        (["--at", "15,10,5", "--texture", "wood"], "texture = 'wood'"),
+        (["--at", "15,10,5", "--texture", "2", "--scale", "1000"], "is probably not the millimetre"),
+        (["--at", "15,10,5", "--texture", "2", "--out", "pad.step"], "must end in .stl or .3mf"),
+    ],
+)
+def test_bad_input_ends_in_one_line(pad: Path, words: list[str], message: str, capsys: Capture) -> None:
+    assert main(["texture-part", str(pad), *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    assert message in error
+
+
+def test_only_meshes_are_accepted(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="must be an STL or 3MF file"):
+        textured_mesh(tmp_path / "a.step", (0, 0, 0), 2)
+    with pytest.raises(InputError, match="or an object with vertices and faces"):
+        textured_mesh(3, (0, 0, 0), 2)
