@@ -56,7 +56,7 @@ mathjax_path = "tex-svg-full.js"
 #: The table of contents beside every page.
 CONTENTS = {
     "Begin": ("start", "gallery", "view", "questions"),
-    "Print": ("print-set", "block", "outlines", "holder", "jig", "coupon", "textures", "sources", "plates"),
+    "Print": ("print-set", "block", "outlines", "holder", "jig", "coupon", "textures", "design", "sources", "plates"),
     "Press": ("rig", "run", "runs", "own-data", "simulation", "simulation-model"),
     "Analyse": ("analysis", "networks", "numbers", "columns", "regions", "share"),
     "Script and extend": ("scripting", "cad", "any-mesh", "freecad", "extending", "simulators"),
