@@ -262,6 +262,7 @@ def pydelatin_peer(block: Block, start: Mesh, distance_mm: float) -> Callable[[f
         # pydelatin's error is vertical, so the search continues until the measured distance fits
         surface = Delatin(np.ascontiguousarray(height.T), max_error=distance_mm * factor / 10.0)
         column, row = surface.vertices[:, 0].astype(np.int64), surface.vertices[:, 1].astype(np.int64)
+        row = len(y) - 1 - row  # pydelatin counts rows from the other end
         points = np.column_stack([x[column], y[row], height[column, row]])
         faces = np.asarray(surface.triangles, dtype=np.int32).reshape(-1, 3)
         a, b, c = (points[faces[:, k], :2] for k in range(3))

@@ -36,6 +36,8 @@ RESERVE = 0.97
 #: vertices.
 MAX_ROUNDS = 40
 MAX_ADAPTED_ROUNDS = 6
+#: The largest number of rounds in which vertices are removed.
+MAX_COLLAPSES = 10
 #: Grid lines of the coarse grid are at least this far apart.
 NEAR_MM = 4.0 * MIN_HEIGHT_MM
 #: A mesh with more triangles than this gets fewer steps of adaptation.
@@ -92,10 +94,12 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
             net.flip(2)
             relax(net, 6, 2)
         net.flip(2, above=0.7)
-        for _ in range(3):
-            collapse(net, 0.9)
+        for _ in range(MAX_COLLAPSES):
+            removed = collapse(net, RESERVE)
             net.flip(1, above=0.8)
             relax(net, 8, 1, above=0.8)
+            if removed < 0.004 * len(net.x):
+                break
     else:
         relax(net, 4, 2)
         net.flip(1)
