@@ -112,7 +112,7 @@ def test_an_example_writes_a_closed_mesh(name: str, tmp_path: Path) -> None:
     low, high = mesh.bounds_mm
     # The textures are 0.2 mm above the side at their lowest, and their highest point is 0.8 mm higher.
     reach = {"drum": (42.0, 42.0, 24.0), "strip": (164.0, 20.0, 5.0)}[name]
-    assert (high - low).tolist() == pytest.approx(reach, abs=0.3 if name == "drum" else 0.05)
+    assert (high - low).tolist() == pytest.approx(reach, abs=0.6 if name == "drum" else 0.05)
 
 
 def test_the_dome_in_mujoco_rests_at_the_height_of_the_formula(tmp_path: Path) -> None:
