@@ -68,6 +68,17 @@ def test_a_picture_has_the_heights_of_the_block() -> None:
     assert 0.05 < np.abs(formula - printed).max() <= lost
 
 
+@pytest.mark.parametrize("outline", ["disc", "hexagon", "ring"])
+def test_a_block_of_another_outline_ends_there(outline: str, tmp_path: Path) -> None:
+    design = replace(start("texture 2"), outline=outline, shift=(0.2, 0.0))
+    block, (header, (formula, _, cut, _)) = design.block, unpacked(picture(design))
+    assert block.outline is not None and header["size"] == list(block.size_mm)
+    cell = block.size_mm[0] / header["lines"][0] * block.size_mm[1] / header["lines"][1]
+    assert np.count_nonzero(formula) * cell == pytest.approx(block.outline.area_mm2, rel=0.03)
+    assert (np.count_nonzero(cut) < CUT_POINTS - 20) == (outline == "ring")
+    assert opened(toml(design), "mine.toml").block.outline == block.outline
+
+
 def test_facts_are_those_of_the_block() -> None:
     rows = dict(facts(start("texture 4")))
     assert rows["relief"] == "4.71789 mm"

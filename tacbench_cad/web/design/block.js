@@ -40,9 +40,11 @@ class BlockView {
     in vec3 place; in vec3 normal; out vec4 colour;
     vec3 ramp(float t) { t = clamp(t, 0.0, 1.0) * 4.0; int i = min(int(t), 3); return mix(colours[i], colours[i + 1], t - float(i)); }
     void main() {
+      if (!wall && place.z < 1e-3) discard;  // outside of the outline
       vec3 n = normalize(normal);
       float light = 0.42 + 0.62 * max(0.0, dot(n, normalize(vec3(-0.45, -0.6, 1.0))));
-      vec3 base = wall ? vec3(0.62, 0.66, 0.70) : ramp((place.z - range.x) / (range.y - range.x));
+      bool side = wall || place.z < range.x - 0.01 * (range.y - range.x);
+      vec3 base = side ? vec3(0.62, 0.66, 0.70) : ramp((place.z - range.x) / (range.y - range.x));
       colour = vec4(base * light, 1.0);
       if (!wall && abs(dot(cut.xy, place.xy) - cut.z) < mark) colour.rgb = vec3(0.69, 0.29, 0.0);
     }`;

@@ -11,12 +11,13 @@ from typing import Any
 
 from tacbench_cad.spec.images import PICTURES
 from tacbench_cad.spec.later import EQUATIONS
+from tacbench_cad.spec.outlines import NAMED
 from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.textures import texture_of_document
 from tacbench_cad.util.door import parse_toml, read_text
 from tacbench_cad.util.errors import InputError, nearest, one_of
 from tacbench_cad.util.text import decimal
-from tacbench_cad.web.design.model import PERIOD, Design
+from tacbench_cad.web.design.model import PERIOD, RECTANGLE, Design
 
 _HALF_TURN = round(math.pi, 6)
 _WAVES = {"family": "equation1", "A1": 1.0, "A2": 0.0, "f1": 1.0, "f2": 1.0, "phase": math.pi / 2.0}
@@ -133,6 +134,7 @@ def design_of(document: Mapping[str, Any], name: str, folder: Path | None = None
         period_mm=(PERIOD * unit[0], PERIOD * unit[1]),
         unit_mm=unit[2],
         shift=origin,
+        outline=file.block.outline or RECTANGLE,
     )
 
 
@@ -173,12 +175,18 @@ def controls(design: Design) -> list[dict[str, Any]]:
                     _slider(["size_mm", i], f"Length along {axis} (mm)", 5.0, 100.0, 0.1, value)
                     for i, (axis, value) in enumerate(zip("xy", design.size_mm, strict=True))
                 ),
+                {"path": ["outline"], "label": "Outline", "words": _outlines(design), "value": design.outline},
                 _slider(["height_mm"], "Height (mm)", 2.0, 30.0, 0.1, design.height_mm),
                 _slider(["tolerance_mm"], "Tolerance (mm)", 0.001, 0.1, 0.001, design.tolerance_mm),
             ],
         )
     )
     return [{"title": title, "rows": rows} for title, rows in groups if rows]
+
+
+def _outlines(design: Design) -> list[str]:
+    """Return the words of the outlines, with that of the state if it has sizes."""
+    return list(dict.fromkeys((RECTANGLE, "disc", "ring", *NAMED, design.outline)))
 
 
 def _scale(design: Design) -> list[dict[str, Any]]:

@@ -20,6 +20,7 @@ import numpy as np
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.making.request import Request
 from tacbench_cad.spec.block import SIZE_RANGE_MM, Block
+from tacbench_cad.spec.outlines import Outline, outline_of
 from tacbench_cad.spec.presets import VALUES
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.spectrum import printable_heights, spectrum
@@ -36,6 +37,8 @@ PERIOD = 2.0 * math.pi
 #: The number of lines of the grid along the longer side, and the number of points of a cut.
 MAX_LINES, CUT_POINTS = 256, 801
 _PAPER = VALUES["paper"]
+#: The word for a block without another outline.
+RECTANGLE = "rectangle"
 
 Side = Annotated[float, Bounds(*SIZE_RANGE_MM)]
 Period = Annotated[float, Bounds(1e-3, 1e4)]
@@ -59,6 +62,7 @@ class Design(Checked):
         nozzle_mm: The diameter of the nozzle.
         cut: The direction of the cut: along x or along y.
         cut_at: The position of the cut, as a fraction of the side across it.
+        outline: The word of the outline, such as disc or hexagon, which is the largest one in the sides; or rectangle.
         folder: The folder of the files that the tables name. The server knows it, and the page does not.
     """
 
@@ -74,6 +78,7 @@ class Design(Checked):
     nozzle_mm: Annotated[float, Bounds(0.05, 10.0)] = 0.4
     cut: Literal["x", "y"] = "x"
     cut_at: Annotated[float, Bounds(0.0, 1.0)] = 0.5
+    outline: str = RECTANGLE
     folder: Path = field(default=Path(), metadata={"key": None})
 
     @property
@@ -87,6 +92,20 @@ class Design(Checked):
         return (x, y, z)
 
     @property
+    def shape(self) -> Outline | None:
+        """The outline; None for a rectangle.
+
+        Raises:
+            InputError: There is no such outline.
+        """
+        return None if self.outline == RECTANGLE else outline_of(self.outline, self.size_mm)
+
+    @property
+    def sides_mm(self) -> tuple[float, float]:
+        """The sides of the block, or of the box of its outline."""
+        return self.size_mm if self.shape is None else self.shape.size_mm
+
+    @property
     def block_table(self) -> BlockTable:
         """The settings of the block."""
         domain = None
@@ -96,7 +115,13 @@ class Design(Checked):
                 for start, side, unit in zip(self.shift, self.size_mm, self.mm_per_unit, strict=False)
             ]
             domain = ((self.shift[0], ends[0]), (self.shift[1], ends[1]))
-        return BlockTable(size_mm=self.size_mm, height_mm=self.height_mm, mm_per_unit=self.mm_per_unit, domain=domain)
+        return BlockTable(
+            size_mm=self.size_mm,
+            height_mm=self.height_mm,
+            mm_per_unit=self.mm_per_unit,
+            domain=domain,
+            outline=None if self.outline == RECTANGLE else self.outline,
+        )
 
     @property
     def formula(self) -> Texture:
@@ -164,36 +189,44 @@ def picture(design: Design) -> bytes:
         The length of a JSON text as 32-bit integer, the text filled with spaces to a multiple of 4 bytes, and 32-bit
         floats: the heights of both surfaces with x running fastest, then the heights of both along the cut.
     """
-    surface, (width, depth) = design.surface, design.size_mm
+    surface, (width, depth) = design.surface, design.sides_mm
     lines = [max(2, round(MAX_LINES * side / max(width, depth))) for side in (width, depth)]
     x, y = np.linspace(0.0, width, lines[0]), np.linspace(0.0, depth, lines[1])
     formula = surface.grid(x, y)
     printed = printable_heights(surface, x, y, design.nozzle_mm)
-    datum = design.height_mm - float(formula.max())
-    arrays = [formula.T, printed.T, *_cut(design, surface, printed)]
+    inside = np.ones(formula.shape, dtype=bool)
+    if design.shape is not None:
+        inside = design.shape.distance(x[:, None], y[None, :]) <= 0.0
+    datum = design.height_mm - float(formula[inside].max())
+    # Outside of the outline, the height is 0.
+    tops = [np.where(inside, heights + datum, 0.0).T for heights in (formula, printed)]
+    arrays = [*tops, *_cut(design, surface, printed, datum)]
     header = {
         "lines": lines,
         "points": CUT_POINTS,
-        "range": [float(formula.min()) + datum, design.height_mm],
+        "size": [width, depth],
+        "range": [float(formula[inside].min()) + datum, design.height_mm],
         "equation": design.formula.equation,
     }
     text = json.dumps(header, allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
-    return struct.pack("<I", len(text)) + text + b"".join((a + datum).astype("<f4").tobytes() for a in arrays)
+    return struct.pack("<I", len(text)) + text + b"".join(heights.astype("<f4").tobytes() for heights in arrays)
 
 
-def _cut(design: Design, surface: Surface, printed: Floats) -> tuple[Floats, Floats]:
-    """Return the heights of both surfaces along the cut, without the datum."""
+def _cut(design: Design, surface: Surface, printed: Floats, datum: float) -> list[Floats]:
+    """Return the heights of both surfaces along the cut."""
     along = 0 if design.cut == "x" else 1
-    points = np.linspace(0.0, design.size_mm[along], CUT_POINTS)
-    across = np.array([design.cut_at * design.size_mm[1 - along]])
+    points = np.linspace(0.0, design.sides_mm[along], CUT_POINTS)
+    across = np.array([design.cut_at * design.sides_mm[1 - along]])
     x, y = (points, across) if along == 0 else (across, points)
-    formula = surface.grid(x, y).ravel()
     if isinstance(surface, WaveSum):
-        return formula, printable_heights(surface, x, y, design.nozzle_mm).ravel()
-    rows = printed.T if along == 0 else printed
-    nearest = rows[round(design.cut_at * (len(rows) - 1))]
-    return formula, np.interp(points, np.linspace(0.0, points[-1], len(nearest)), nearest)
+        smoothed = printable_heights(surface, x, y, design.nozzle_mm).ravel()
+    else:
+        rows = printed.T if along == 0 else printed
+        nearest = rows[round(design.cut_at * (len(rows) - 1))]
+        smoothed = np.interp(points, np.linspace(0.0, points[-1], len(nearest)), nearest)
+    inside = design.shape is None or design.shape.distance(x, y) <= 0.0
+    return [np.where(inside, heights + datum, 0.0) for heights in (surface.grid(x, y).ravel(), smoothed)]
 
 
 def facts(design: Design) -> list[tuple[str, str]]:

@@ -74,12 +74,12 @@
     const count = header.lines[0] * header.lines[1], { points } = header;
     let at = 8 + length;
     const take = (size) => { const part = new Float32Array(data, at, size); at += 4 * size; return part; };
-    return { ...header, tops: [take(count), take(count)], cuts: [take(points), take(points)], size: design.size_mm, cut: cutLine() };
+    return { ...header, tops: [take(count), take(count)], cuts: [take(points), take(points)], cut: cutLine(header.size) };
   }
 
-  function cutLine() {
+  function cutLine(size) {
     const across = design.cut === "x" ? 1 : 0;
-    return [across === 0 ? 1 : 0, across, design.cut_at * design.size_mm[across]];
+    return [across === 0 ? 1 : 0, across, design.cut_at * size[across]];
   }
 
   function draw() {
