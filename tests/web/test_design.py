@@ -114,7 +114,8 @@ def test_every_number_of_a_state_has_a_control_with_its_value() -> None:
             for step in rest:
                 inner = inner[step]
             assert row["value"] == inner
-    with pytest.raises(InputError, match="also allowed"):
+    assert first_state("z13")[1] == "dunes"
+    with pytest.raises(InputError, match=r'did you mean "texture-4"\?; 1 to 6 and TOML files are also allowed'):
         first_state("texture-44")
 
 

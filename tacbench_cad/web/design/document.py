@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.spec.images import PICTURES
-from tacbench_cad.spec.later import EQUATIONS
+from tacbench_cad.spec.later import EQUATIONS, later_name
 from tacbench_cad.spec.outlines import NAMED
 from tacbench_cad.spec.presets import VALUES, with_table
-from tacbench_cad.spec.textures import texture_of_document
+from tacbench_cad.spec.textures import file_hint, texture_of_document
 from tacbench_cad.util.door import parse_toml, read_text
 from tacbench_cad.util.errors import InputError, nearest, one_of
 from tacbench_cad.util.text import decimal
@@ -92,12 +92,16 @@ def first_state(word: str) -> tuple[Design, str]:
         InputError: The word is not the number or the name of a texture, and not a readable texture file.
     """
     names = {key: name for name in STARTS for key in (name, name.replace(" ", "-"), name.removeprefix("texture "))}
-    if word.lower() in names:
-        return start(names[word.lower()]), names[word.lower()]
+    name = names.get(word.lower()) or later_name(word)
+    if name is not None:
+        return start(name), name
     path = Path(word)
     if path.suffix.lower() == ".toml" or path.exists():
         return opened(read_text(path, "texture", "toml"), word, path.parent), ""
-    raise InputError("texture", word, f"{nearest(word, names)}; TOML files are also allowed")
+    words = [name.replace(" ", "-") for name in STARTS]
+    raise InputError(
+        "texture", word, f"{file_hint(word) or nearest(word, words)}; 1 to 6 and TOML files are also allowed"
+    )
 
 
 def opened(text: str, name: str, folder: Path | None = None) -> Design:
