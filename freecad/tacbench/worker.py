@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from housing import Holder, Jig
-from tacbench_cad import Block, TacbenchError, as_part, catalogue, export, read_texture
+from tacbench_cad import Block, InputError, TacbenchError, as_part, catalogue, export, read_texture
 from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.later import EQUATIONS
@@ -53,6 +53,10 @@ def textured_of(request: dict[str, Any]) -> "TexturedSolid":
     settings = texturing(name if file is None else read_texture(Path(file)).texture, **options)
     shape, faces = read_brep(request["part"]), TopTools_IndexedMapOfShape()
     TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_FACE, faces)
+    if not 1 <= request["face"] <= faces.Extent():
+        raise InputError(
+            "Face", f"Face{request['face']}", f"the part has Face1 to Face{faces.Extent()}; choose one of them"
+        )
     return textured_solid(shape, TopoDS.Face_s(faces.FindKey(request["face"])), settings)
 
 

@@ -275,6 +275,8 @@ rough.Depth = 0.5
 sphere = document.addObject("Part::Sphere", "Sphere")
 rough.Face = sphere, ["Face1"]
 step()
+rough.Face = plate, ["Face99"]
+step()
 rough.Face = plate, [top]
 document.recompute()
 document.saveAs({str(saved)!r})
@@ -290,6 +292,7 @@ reply(steps)
     assert steps[0]["volume"] > steps[0]["plate"] + 100
     assert steps[2]["volume"] < steps[2]["plate"] - 10
     assert steps[3]["says"].startswith("depth_mm = 30.0: ")
+    assert steps[5]["says"] == "Face = 'Face99': the part has Face1 to Face7; choose one of them"
     assert steps[4]["says"] == "face: is spherical; only planes and cylinders can get a texture"
     kept = freecad(
         f"document = FreeCAD.open({str(saved)!r})\n"
