@@ -9,8 +9,8 @@ holder_paper_x1_key3_slots2 (77.2, 52.3)
 0.45
 
 ``print(holder)`` prints the dimension report. ``tacbench_cad.export(holder, "holder.step")`` writes a file. Numbers and
-reports need only the base installation. Shapes are built with build123d, which is imported when a shape is needed. For
-CAD scripts there are :mod:`housing.bd` (build123d parts with joints) and :mod:`housing.cq` (CadQuery).
+reports need only the base installation. Shapes are built with the Open CASCADE kernel, which is imported when a shape
+is needed. For CAD scripts there are :mod:`housing.bd` (build123d parts with joints) and :mod:`housing.cq` (CadQuery).
 """
 
 from lazy_loader import attach_stub

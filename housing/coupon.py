@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from housing.engraving import engraved
 from housing.fits import (
@@ -24,9 +24,12 @@ from housing.fits import (
 from housing.fixture import Fixture
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
-from housing.shapes import Rectangle, box, one_solid
+from housing.shapes import Rectangle, box, cut, fused, one_solid
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.text import mm
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Solid
 
 #: The clearances of the five pockets, in mm per side. They include the named fits.
 CLEARANCES_MM = (0.05, 0.10, 0.15, 0.20, 0.30)
@@ -160,13 +163,13 @@ class Coupon(Fixture):
         return x * y * z - pockets - numerals + stub + self.tab.area_mm2 * TAB_MM[1]
 
     @cached_property
-    def shape(self) -> Any:
-        """The build123d solid, in the orientation of the file."""
+    def _in_use(self) -> TopoDS_Solid:
+        """The Open CASCADE solid, in the orientation of the file."""
         x, y, z = self.plate_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         tools = [box(plan, (FLOOR_MM, z + 1.0)) for plan in self.pockets]
         bodies = [box(self.tab, self.tab_height_mm), box(self.stub, (0.0, STUB_MM[2]))]
-        return engraved(one_solid(plate.cut(*tools).fuse(*bodies), "coupon"), z, self.grooves, DEPTH_MM)
+        return engraved(one_solid(fused(cut(plate, tools), bodies), "coupon"), z, self.grooves, DEPTH_MM)
 
     def spec(self) -> dict[str, Any]:
         """Return all values that define the coupon, as plain JSON values."""

@@ -13,20 +13,20 @@ import numpy as np
 
 from housing.marks import Groove
 from housing.shapes import prism
+from tacbench_cad.geometry.kernel import box_mm, distinct, volume_mm3
 from tacbench_cad.spec.outlines import area_mm2, is_inside
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
-    from build123d import Face, Solid, Wire
-    from OCP.TopoDS import TopoDS_Face
+    from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
 
 
 #: The largest relative difference between the volumes by the kernel and in closed form; it allows for rounding.
 VOLUME_FRACTION = 1e-9
 
 
-def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: float) -> Solid:
+def engraved(solid: TopoDS_Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: float) -> TopoDS_Solid:
     """Engrave grooves into the upper face of a solid at a given height.
 
     Args:
@@ -38,34 +38,35 @@ def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: flo
     Raises:
         CheckFailedError: There is no such face or more than one, or the result is invalid or has a wrong volume.
     """
-    from build123d import Solid
     from OCP.BRep import BRep_Builder
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid
+    from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepLib import BRepLib
     from OCP.ShapeFix import ShapeFix_Shell
     from OCP.TopoDS import TopoDS_Shell
 
-    upper: list[Face] = []
-    others: list[Face] = []
-    for face in solid.faces():
+    upper: list[TopoDS_Face] = []
+    others: list[TopoDS_Face] = []
+    for face in distinct(solid, "FACE"):
         (upper if _is_upper(face, z_mm) else others).append(face)
     if len(upper) != 1:
         raise CheckFailedError(f"{len(upper)} faces are at the height of the engraving; there must be one")
     builder, shell = BRep_Builder(), TopoDS_Shell()
     builder.MakeShell(shell)
     for face in others:
-        builder.Add(shell, face.wrapped)
-    holes = list(upper[0].inner_wires())
-    islands: list[tuple[Floats, Wire]] = []
+        builder.Add(shell, face)
+    outer, holes = _wires(upper[0])
+    islands: list[tuple[Floats, TopoDS_Wire]] = []
     for groove in grooves:
-        for face in prism(groove.outer, groove.islands, (z_mm - depth_mm, z_mm)).faces():
+        for face in distinct(prism(groove.outer, groove.islands, (z_mm - depth_mm, z_mm)), "FACE"):
             if _is_upper(face, z_mm):
                 # The outlines of a groove are also the holes, or the outer outlines, of the faces around and in it.
-                holes.append(_reversed(face.outer_wire()))
-                islands += [(_loop_of(wire, groove), _reversed(wire)) for wire in face.inner_wires()]
+                around, inside = _wires(face)
+                holes.append(_reversed(around))
+                islands += [(_loop_of(wire, groove), _reversed(wire)) for wire in inside]
             else:
-                builder.Add(shell, face.wrapped)
-    for outline, inner in _level_faces(upper[0].outer_wire(), islands, holes):
+                builder.Add(shell, face)
+    for outline, inner in _level_faces(outer, islands, holes):
         builder.Add(shell, _level_face(z_mm, [outline, *inner]))
     shell.Closed(True)
     # The normals of the groove's faces point out of the prisms, not out of the solid. ShapeFix orients all faces by
@@ -74,41 +75,52 @@ def engraved(solid: Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: flo
     repair.FixFaceOrientation(shell)
     closed = BRepBuilderAPI_MakeSolid(repair.Shell()).Solid()
     BRepLib.OrientClosedSolid_s(closed)
-    result = Solid(closed)
-    expected = solid.volume - sum(groove.area_mm2 for groove in grooves) * depth_mm
-    if abs(result.volume - expected) > VOLUME_FRACTION * expected:
-        raise CheckFailedError(f"the engraved fixture has {result.volume:.6g} mm^3 instead of {expected:.6g} mm^3")
-    if not result.is_valid:
+    expected = volume_mm3(solid) - sum(groove.area_mm2 for groove in grooves) * depth_mm
+    volume = volume_mm3(closed)
+    if abs(volume - expected) > VOLUME_FRACTION * expected:
+        raise CheckFailedError(f"the engraved fixture has {volume:.6g} mm^3 instead of {expected:.6g} mm^3")
+    if not BRepCheck_Analyzer(closed).IsValid():
         raise CheckFailedError("the CAD kernel made an invalid solid of the engraved fixture")
-    return result
+    return closed
 
 
-def _is_upper(face: Face, z_mm: float) -> bool:
-    box = face.bounding_box()
-    return bool(abs(box.min.Z - z_mm) < 1e-6 and abs(box.max.Z - z_mm) < 1e-6)
+def _is_upper(face: TopoDS_Face, z_mm: float) -> bool:
+    low, high = box_mm(face)
+    return bool(abs(low[2] - z_mm) < 1e-6 and abs(high[2] - z_mm) < 1e-6)
 
 
-def _reversed(wire: Wire) -> Wire:
-    from build123d import Wire
+def _wires(face: TopoDS_Face) -> tuple[TopoDS_Wire, list[TopoDS_Wire]]:
+    """Return the outer wire of a face and its inner wires."""
+    from OCP.BRepTools import BRepTools
+
+    outer = BRepTools.OuterWire_s(face)
+    return outer, [wire for wire in distinct(face, "WIRE") if not wire.IsSame(outer)]
+
+
+def _reversed(wire: TopoDS_Wire) -> TopoDS_Wire:
     from OCP.TopoDS import TopoDS
 
-    return Wire(TopoDS.Wire_s(wire.wrapped.Reversed()))
+    return TopoDS.Wire_s(wire.Reversed())
 
 
-def _first_point(wire: Wire) -> Floats:
-    vertex = wire.vertices()[0]
-    return np.array([vertex.X, vertex.Y])
+def _first_point(wire: TopoDS_Wire) -> Floats:
+    from OCP.BRep import BRep_Tool
+
+    point = BRep_Tool.Pnt_s(distinct(wire, "VERTEX")[0])
+    return np.array([point.X(), point.Y()])
 
 
-def _loop_of(wire: Wire, groove: Groove) -> Floats:
+def _loop_of(wire: TopoDS_Wire, groove: Groove) -> Floats:
     """Return the outline of the island that a wire was made from."""
     point = _first_point(wire)
     return min(groove.islands, key=lambda loop: float(np.linalg.norm(loop - point, axis=1).min()))
 
 
-def _level_faces(outline: Wire, islands: list[tuple[Floats, Wire]], holes: list[Wire]) -> list[tuple[Wire, list[Wire]]]:
+def _level_faces(
+    outline: TopoDS_Wire, islands: list[tuple[Floats, TopoDS_Wire]], holes: list[TopoDS_Wire]
+) -> list[tuple[TopoDS_Wire, list[TopoDS_Wire]]]:
     """Return the outer face and the islands with their holes. A hole belongs to the smallest island around it."""
-    faces: list[tuple[Wire, list[Wire]]] = [(outline, []), *((wire, []) for _, wire in islands)]
+    faces: list[tuple[TopoDS_Wire, list[TopoDS_Wire]]] = [(outline, []), *((wire, []) for _, wire in islands)]
     sizes = [abs(area_mm2(loop)) for loop, _ in islands]
     for hole in holes:
         point = _first_point(hole)
@@ -119,12 +131,12 @@ def _level_faces(outline: Wire, islands: list[tuple[Floats, Wire]], holes: list[
     return faces
 
 
-def _level_face(z_mm: float, wires: list[Wire]) -> TopoDS_Face:
+def _level_face(z_mm: float, wires: list[TopoDS_Wire]) -> TopoDS_Face:
     """Make a horizontal face from an outer wire (counter-clockwise) and inner wires (clockwise), with their edges."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.gp import gp_Dir, gp_Pln, gp_Pnt
 
-    face = BRepBuilderAPI_MakeFace(gp_Pln(gp_Pnt(0.0, 0.0, z_mm), gp_Dir(0.0, 0.0, 1.0)), wires[0].wrapped, True)
+    face = BRepBuilderAPI_MakeFace(gp_Pln(gp_Pnt(0.0, 0.0, z_mm), gp_Dir(0.0, 0.0, 1.0)), wires[0], True)
     for wire in wires[1:]:
-        face.Add(wire.wrapped)
+        face.Add(wire)
     return face.Face()

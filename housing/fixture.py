@@ -106,12 +106,19 @@ class Fixture(ABC):
 
     @property
     @abstractmethod
+    def _in_use(self) -> TopoDS_Solid:
+        """The Open CASCADE solid in its place of use, in the holder frame. A coupon has the orientation of its file."""
+
+    @property
     def shape(self) -> Any:
         """The build123d solid in its place of use, in the holder frame. A coupon has the orientation of its file."""
+        from build123d import Solid
+
+        return Solid(self._in_use)
 
     def solid_in_use(self) -> TopoDS_Solid:
         """Return the Open CASCADE solid of :attr:`shape`."""
-        return self.shape.wrapped
+        return self._in_use
 
     def solid(self) -> TopoDS_Solid:
         """Return the Open CASCADE solid in the orientation of the file.

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,12 +27,15 @@ from housing.fits import (
 from housing.fixture import CHORD_MM, Fixture
 from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
-from housing.shapes import Bore, Rectangle, box, cylinder, one_solid, prism
+from housing.shapes import Bore, Rectangle, box, cut, cylinder, one_solid, prism
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.outlines import Circle, Loop
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Floats
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Solid
 
 #: The height from the holder's top to the block's highest point, in mm. It is the same as in the authors' holder.
 RIM_MM = 1.18
@@ -433,14 +436,14 @@ class Holder(Fixture):
         return np.array([(-cx, -cy), *corner, (x + cx, y + cy), (-cx, y + cy)])
 
     @cached_property
-    def shape(self) -> Any:
-        """The build123d solid, in the holder frame."""
+    def _in_use(self) -> TopoDS_Solid:
+        """The Open CASCADE solid, in the holder frame."""
         x, y, z = self.size_mm
         floor = self.layout.floor_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
         tools = [pocket_tool(self, place, 0.0, (floor, z + 1.0)) for place in self.block_placements()]
         tools += [bore.solid((0.0, depth)) for bore, depth in self.drilled]
-        return one_solid(plate.cut(*tools), "holder")
+        return one_solid(cut(plate, tools), "holder")
 
     def spec(self) -> dict[str, Any]:
         """Return all values that define the holder, and notes for the user, as plain JSON values."""

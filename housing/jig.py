@@ -41,7 +41,8 @@ from housing.marks import (
     outside_mm2,
 )
 from housing.seat import AIR_MM, LIP_MM, RECESS_MM, ROOF_MM, Seat
-from housing.shapes import Bore, box, one_solid, prism
+from housing.shapes import Bore, box, cut, one_solid, prism
+from tacbench_cad.geometry.kernel import location
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.errors import InputError, one_of
@@ -328,14 +329,15 @@ class Jig(Fixture):
 
     def solid(self) -> TopoDS_Solid:
         """Return the Open CASCADE solid in the orientation of the file, with the marked face on the bed."""
-        from build123d import Axis, Pos
+        from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+        from OCP.TopoDS import TopoDS
 
-        (x0, _), (_, y1), top = self.seat.outer.low, self.seat.outer.high, self.seat.roof_mm[1]
-        return (Pos(-x0, y1, top) * self.shape.rotate(Axis.X, 180.0)).wrapped
+        to_print = location(np.asarray(np.linalg.inv(self.from_print), dtype=np.float64)).Transformation()
+        return TopoDS.Solid_s(BRepBuilderAPI_Transform(self._in_use, to_print, True).Shape())
 
     @cached_property
-    def shape(self) -> Any:
-        """The build123d solid in its place of use on the holder, in the holder frame."""
+    def _in_use(self) -> TopoDS_Solid:
+        """The Open CASCADE solid in its place of use on the holder, in the holder frame."""
         seat, (ceiling, top) = self.seat, self.seat.roof_mm
         plate = prism(seat.outline(), [], (seat.bottom_mm, top))
         tools = [box(seat.inner, (seat.bottom_mm - 1.0, seat.rest_mm))]
@@ -345,7 +347,7 @@ class Jig(Fixture):
         else:
             tools += [box(recess, over) for recess in seat.recesses]
         tools += [bore.solid((ceiling, top)) for bore in self.bores]
-        return engraved(one_solid(plate.cut(*tools), "jig"), top, self._grooves_in_holder, DEPTH_MM)
+        return engraved(one_solid(cut(plate, tools), "jig"), top, self._grooves_in_holder, DEPTH_MM)
 
     def spec(self) -> dict[str, Any]:
         """Return all values that define the jig, and notes for the user, as plain JSON values."""

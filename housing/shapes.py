@@ -1,6 +1,7 @@
-"""The build123d solids that the fixtures consist of, and their volumes in closed form.
+"""The Open CASCADE solids that the fixtures consist of, and their volumes in closed form.
 
-build123d is imported inside the functions, because numbers and reports do not need it.
+The kernel is imported inside the functions, because numbers and reports do not need it. build123d could make the same
+solids, but importing it takes several times as long as importing the kernel.
 """
 
 from __future__ import annotations
@@ -8,15 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tacbench_cad.geometry.kernel import distinct
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
-    from build123d import Shape, Solid
+    from OCP.gp import gp_Ax2
+    from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,57 +114,109 @@ class Bore:
         """
         return 0.75 * math.pi * self.widest_mm * deflection_mm * depth_mm
 
-    def solid(self, z_mm: tuple[float, float]) -> Shape:
+    def solid(self, z_mm: tuple[float, float]) -> TopoDS_Shape:
         """Return the tool that cuts the hole through a plate between two heights."""
-        from build123d import Align, Cone, Cylinder, Pos
+        from OCP.BRepPrimAPI import BRepPrimAPI_MakeCone
 
         bottom, top = z_mm
-        align = (Align.CENTER, Align.CENTER, Align.MIN)
+        radius = self.diameter_mm / 2.0
         # The tool extends beyond the faces of the plate, so that no face of the tool coincides with them.
-        below = Cylinder(self.diameter_mm / 2.0, top - bottom + 2.0, align=align)
-        tool = Pos(*self.at_mm, bottom - 1.0) * below
+        below = cylinder(self.at_mm, radius, (bottom - 1.0, top + 1.0))
         if self.lead_in_mm is None:
-            return tool
+            return below
         reach = 0.5
+        start, height = top - self.cone_mm, self.cone_mm + reach
         wide = self.lead_in_mm / 2.0 + reach
-        cone = Cone(self.diameter_mm / 2.0, wide, self.cone_mm + reach, align=align)
-        return tool + Pos(*self.at_mm, top - self.cone_mm) * cone
+        return fused(below, [BRepPrimAPI_MakeCone(_upwards(self.at_mm, start), radius, wide, height).Solid()])
 
 
-def box(plan: Rectangle, z_mm: tuple[float, float]) -> Shape:
+def box(plan: Rectangle, z_mm: tuple[float, float]) -> TopoDS_Shape:
     """Return a box over a rectangle, between two heights."""
-    from build123d import Align, Box, Pos
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    from OCP.gp import gp_Pnt
 
-    x, y = plan.size_mm
-    return Pos(*plan.low, z_mm[0]) * Box(x, y, z_mm[1] - z_mm[0], align=(Align.MIN, Align.MIN, Align.MIN))
+    return BRepPrimAPI_MakeBox(gp_Pnt(*plan.low, z_mm[0]), gp_Pnt(*plan.high, z_mm[1])).Solid()
 
 
-def cylinder(at_mm: tuple[float, float], radius_mm: float, z_mm: tuple[float, float]) -> Shape:
+def cylinder(at_mm: tuple[float, float], radius_mm: float, z_mm: tuple[float, float]) -> TopoDS_Shape:
     """Return an upright cylinder between two heights."""
-    from build123d import Align, Cylinder, Pos
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeCylinder
 
-    align = (Align.CENTER, Align.CENTER, Align.MIN)
-    return Pos(*at_mm, z_mm[0]) * Cylinder(radius_mm, z_mm[1] - z_mm[0], align=align)
+    return BRepPrimAPI_MakeCylinder(_upwards(at_mm, z_mm[0]), radius_mm, z_mm[1] - z_mm[0]).Solid()
 
 
-def prism(outer: Floats, holes: Sequence[Floats], z_mm: tuple[float, float]) -> Shape:
+def _upwards(at_mm: tuple[float, float], z_mm: float) -> gp_Ax2:
+    """Return the axes at a point, with the main direction upwards."""
+    from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+
+    return gp_Ax2(gp_Pnt(*at_mm, z_mm), gp_Dir(0.0, 0.0, 1.0))
+
+
+def prism(outer: Floats, holes: Sequence[Floats], z_mm: tuple[float, float]) -> TopoDS_Shape:
     """Return an upright prism over an outline with holes, between two heights."""
-    from build123d import Face, Solid, Vector, Wire
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakePolygon
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt, gp_Vec
+    from OCP.ShapeFix import ShapeFix_Face
+    from OCP.TopoDS import TopoDS_Wire
 
-    def wire(points: Floats) -> Wire:
-        return Wire.make_polygon([(float(x), float(y), z_mm[0]) for x, y in points], close=True)
+    def wire(points: Floats) -> TopoDS_Wire:
+        polygon = BRepBuilderAPI_MakePolygon()
+        for x, y in points.tolist():
+            polygon.Add(gp_Pnt(x, y, z_mm[0]))
+        polygon.Close()
+        return polygon.Wire()
 
-    face = Face(wire(outer), [wire(hole) for hole in holes])
-    return Solid.extrude(face, Vector(0.0, 0.0, z_mm[1] - z_mm[0]))
+    plane = gp_Pln(gp_Pnt(0.0, 0.0, z_mm[0]), gp_Dir(0.0, 0.0, 1.0))
+    face = BRepBuilderAPI_MakeFace(plane, wire(outer), True)
+    for hole in holes:
+        face.Add(wire(hole))
+    repair = ShapeFix_Face(face.Face())
+    repair.FixOrientation()
+    return BRepPrimAPI_MakePrism(repair.Face(), gp_Vec(0.0, 0.0, z_mm[1] - z_mm[0])).Shape()
 
 
-def one_solid(shape: Shape, what: str) -> Solid:
+def cut(body: TopoDS_Shape, tools: Sequence[TopoDS_Shape]) -> TopoDS_Shape:
+    """Subtract tools from a body."""
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
+
+    return _combined(BRepAlgoAPI_Cut(), body, tools)
+
+
+def fused(body: TopoDS_Shape, others: Sequence[TopoDS_Shape]) -> TopoDS_Shape:
+    """Join other bodies to a body, and merge faces that lie in the same surface."""
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Fuse
+    from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
+
+    unify = ShapeUpgrade_UnifySameDomain(_combined(BRepAlgoAPI_Fuse(), body, others), True, True, True)
+    unify.AllowInternalEdges(False)
+    unify.Build()
+    return unify.Shape()
+
+
+def _combined(operation: Any, body: TopoDS_Shape, others: Sequence[TopoDS_Shape]) -> TopoDS_Shape:
+    from OCP.TopTools import TopTools_ListOfShape
+
+    arguments, tools = TopTools_ListOfShape(), TopTools_ListOfShape()
+    arguments.Append(body)
+    for other in others:
+        tools.Append(other)
+    operation.SetArguments(arguments)
+    operation.SetTools(tools)
+    operation.SetRunParallel(True)
+    operation.Build()
+    return operation.Shape()
+
+
+def one_solid(shape: TopoDS_Shape, what: str) -> TopoDS_Solid:
     """Return the only solid of a shape.
 
     Raises:
         CheckFailedError: The kernel made no solid, more than one, or an invalid one.
     """
-    solids = shape.solids()
-    if len(solids) != 1 or not solids[0].is_valid:
+    from OCP.BRepCheck import BRepCheck_Analyzer
+
+    solids = distinct(shape, "SOLID")
+    if len(solids) != 1 or not BRepCheck_Analyzer(solids[0]).IsValid():
         raise CheckFailedError(f"the CAD kernel made {len(solids)} solids of the {what} instead of one valid solid")
     return solids[0]

@@ -36,8 +36,10 @@ def compact(text: bytes) -> bytes:
     bodies = {number: _without_spaces(body) for number, body in _ENTITY.findall(_POINT.sub(b"", text[begin:end]))}
     for kinds in _VALUES:
         first: dict[bytes, bytes] = {}
-        for number in [number for number, body in bodies.items() if body.startswith(kinds)]:
-            bodies[number] = _renamed(bodies[number], same)
+        numbers = [number for number, body in bodies.items() if body.startswith(kinds)]
+        renamed = _renamed(b"\n".join(bodies[number] for number in numbers), same).split(b"\n")
+        bodies.update(zip(numbers, renamed, strict=False))
+        for number in numbers:
             original = first.setdefault(bodies[number], number)
             if original is not number:
                 same[number] = original

@@ -11,7 +11,7 @@ from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.part import Part
 
 #: The modules that fixtures need.
-FIXTURE_MODULES = ("OCP", "build123d")
+FIXTURE_MODULES = ("OCP",)
 
 
 def file_name(part: Part, format_name: str) -> str:

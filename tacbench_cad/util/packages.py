@@ -43,7 +43,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="rich-click", module="rich_click", extra=None, use="the commands"),
     Package(distribution="rich", module="rich", extra=None, use="tables and progress"),
     Package(distribution="cadquery", module="cadquery", extra="cad", use="the CadQuery plugin"),
-    Package(distribution="build123d", module="build123d", extra="cad", use="holder, jig, coupon; the build123d plugin"),
+    Package(distribution="build123d", module="build123d", extra="cad", use="the build123d plugin"),
     Package(
         distribution="cadquery-ocp", module="OCP", extra="cad", use="the Open CASCADE kernel: STEP files, fixtures"
     ),

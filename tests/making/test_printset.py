@@ -145,10 +145,9 @@ def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
     assert plan(replace(LIGHT, key_mm=0.5, parts=None, fit="press")).sources
 
 
-@pytest.mark.parametrize("extra", ["build123d", "OCP"])
-def test_without_the_cad_extra_only_meshes_of_blocks_are_planned(extra: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_kernel_only_meshes_of_blocks_are_planned(monkeypatch: pytest.MonkeyPatch) -> None:
     reason = 'needs cadquery-ocp, not installed: run pip install "tacbench-cad[cad]"'
-    monkeypatch.setattr(request, "why_missing", lambda *modules: reason if extra in modules else None)
+    monkeypatch.setattr(request, "why_missing", lambda *modules: reason if "OCP" in modules else None)
     step = request.FORMATS["step"]
     monkeypatch.setitem(request.FORMATS, "step", replace(step, why_missing=lambda: reason))
     work = plan(Request(textures=("1",)))
