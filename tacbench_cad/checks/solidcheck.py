@@ -9,6 +9,7 @@ import numpy as np
 
 from tacbench_cad.checks.report import Check
 from tacbench_cad.geometry import kernel
+from tacbench_cad.geometry.kernel import genus as genus
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -63,20 +64,6 @@ def solid_checks(shape: TopoDS_Shape) -> list[Check]:
     return [*checks, Check(name="closed", ok=closed, detail="closed" if closed else number_open)]
 
 
-def genus(shape: TopoDS_Shape) -> int:
-    """Count the through holes of a closed solid.
-
-    The Euler-Poincare formula gives them: ``V - E + F - (wires - F) = 2 (shells - genus)``. Edges without length (the
-    tip of a cone) are not counted, and a seam is counted once.
-    """
-    from OCP.BRep import BRep_Tool
-
-    edges = sum(not BRep_Tool.Degenerated_s(edge) for edge in kernel.distinct(shape, "EDGE"))
-    faces = count(shape, "FACE")
-    euler = count(shape, "VERTEX") - edges + 2 * faces - count(shape, "WIRE")
-    return count(shape, "SHELL") - euler // 2
-
-
 def measure(shape: TopoDS_Shape) -> Measured:
     """Return the kernel's default volume and bounding box, which CadQuery and build123d also show."""
     low, high = kernel.box_mm(shape)
@@ -105,6 +92,15 @@ def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
         if vertical > WALL_FRACTION:
             chosen.append(face)
     return chosen
+
+
+def spline_faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
+    """Return the faces that are B-spline surfaces."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_SurfaceType
+
+    kind = GeomAbs_SurfaceType.GeomAbs_BSplineSurface
+    return [face for face in kernel.distinct(shape, "FACE") if BRepAdaptor_Surface(face, False).GetType() == kind]
 
 
 def _bounds(face: TopoDS_Face) -> tuple[float, float, float, float]:

@@ -19,7 +19,7 @@ from tacbench_cad.checks.match import GRID_MM, Facets
 from tacbench_cad.checks.report import Check, Report, volume_check
 from tacbench_cad.formats import format_of
 from tacbench_cad.geometry import relief
-from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.mesh import ExpectedGeometry, MeasuredRelief, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
@@ -84,6 +84,9 @@ def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
     if expected.certificate is not None:
         relief_checks, deviation = _mesh_relief(part, mesh, expected)
         checks += relief_checks
+    if expected.relief is not None:
+        deviation, number = expected.relief.of_mesh(mesh)
+        checks.append(_face_relief(expected.relief, deviation, number))
     if full:
         checks += meshcheck.full_checks(mesh)
     return Report.of_mesh(path, mesh, checks, deviation, mesh.volume_mm3)
@@ -173,6 +176,14 @@ def _relief(part: Part, expected: ExpectedGeometry, points: Floats, rounding_mm:
     return Check(name="relief", ok=ok, detail=f"{measured}; {bound} {allowed:.3g} mm"), distance.largest_mm
 
 
+def _face_relief(expected: MeasuredRelief, deviation_mm: float, points: int) -> Check:
+    """Check the distance of a file from the formula on the textured faces of a part that is not a block."""
+    if not points:
+        return Check(name="relief", ok=False, detail="no point is on a textured face")
+    detail = f"{deviation_mm:.3g} mm from the formula at most, {points} points; allowed {expected.allowed_mm:.3g} mm"
+    return Check(name="relief", ok=deviation_mm <= expected.allowed_mm, detail=detail)
+
+
 def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.checks.survey import survey
@@ -195,6 +206,9 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     if expected.certificate is not None:
         check, deviation = _relief(part, expected, result.points, rounding_mm=1e-6)
         checks.append(check)
+    if expected.relief is not None:
+        deviation, number = expected.relief.of_points(solidcheck.points_on(solidcheck.spline_faces(shape)))
+        checks.append(_face_relief(expected.relief, deviation, number))
     if full:
         checks += _kernel_defaults(part, expected, solidcheck.measure(shape))
     return Report(

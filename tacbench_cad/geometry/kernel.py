@@ -55,6 +55,20 @@ def location(matrix: Floats) -> TopLoc_Location:
     return TopLoc_Location(place)
 
 
+def genus(shape: TopoDS_Shape) -> int:
+    """Count the through holes of a closed solid.
+
+    The Euler-Poincare formula gives them: ``V - E + F - (wires - F) = 2 (shells - genus)``. Edges without length (the
+    tip of a cone) are not counted, and a seam is counted once.
+    """
+    from OCP.BRep import BRep_Tool
+
+    edges = sum(not BRep_Tool.Degenerated_s(edge) for edge in distinct(shape, "EDGE"))
+    faces = len(distinct(shape, "FACE"))
+    euler = len(distinct(shape, "VERTEX")) - edges + 2 * faces - len(distinct(shape, "WIRE"))
+    return len(distinct(shape, "SHELL")) - euler // 2
+
+
 def volume_mm3(shape: TopoDS_Shape) -> float:
     """Return the volume by the kernel's default method. It is negative if the solid is inside out."""
     from OCP.BRepGProp import BRepGProp

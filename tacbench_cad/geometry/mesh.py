@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -136,6 +136,23 @@ class Certificate:
         )
 
 
+class MeasuredRelief(Protocol):
+    """The textured faces of a part that is not a block. They measure the distance of a file from the formula."""
+
+    @property
+    def allowed_mm(self) -> float:
+        """The largest allowed distance from the formula."""
+        ...
+
+    def of_mesh(self, mesh: Mesh) -> tuple[float, int]:
+        """Return the largest distance of a mesh from the formula in mm, and the number of its points."""
+        ...
+
+    def of_points(self, points: Floats) -> tuple[float, int]:
+        """Return the same for points, shape (n, 3). Points that are not on a textured face do not count."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class ExpectedGeometry:
     """The expected contents of a file with the mesh or the solid of a part.
@@ -147,6 +164,7 @@ class ExpectedGeometry:
             a round side lie inside it.
         certificate: The proved bounds for the top of a block; None for other parts.
         datum_mm: The z of the formula's zero; None for parts that are not blocks.
+        relief: The textured faces of a part that is not a block; None for other parts.
     """
 
     volume_mm3: float
@@ -154,3 +172,4 @@ class ExpectedGeometry:
     size_slack_mm: float = 0.0
     certificate: Certificate | None = None
     datum_mm: float | None = None
+    relief: MeasuredRelief | None = None

@@ -53,8 +53,8 @@ def tessellate(shape: TopoDS_Shape, deflection_mm: float = DEFLECTION_MM) -> Mes
         raise InputError("deflection", deflection_mm, "must be a positive number of mm")
     _require_simple(shape)
     nodes, triangles = triangulate(shape, deflection_mm, ANGLE_RAD)
-    vertices, triangles = _weld(nodes, triangles)
-    _require_closed(vertices, triangles)
+    vertices, triangles = weld(nodes, triangles)
+    require_closed(vertices, triangles)
     return Mesh(vertices=vertices, faces=triangles)
 
 
@@ -154,7 +154,7 @@ def _require_simple(shape: TopoDS_Shape) -> float:
     return kernel.area_mm2(curved)
 
 
-def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
+def weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
     """Merge nodes at the same position, round them to float32, and drop triangles without area.
 
     Such triangles occur where a cone or a seam has two nodes at the same position.
@@ -183,7 +183,7 @@ def _weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
     return vertices, np.ascontiguousarray(welded[np.lexsort(welded.T[::-1])])
 
 
-def _require_closed(vertices: Floats, triangles: Indices) -> None:
+def require_closed(vertices: Floats, triangles: Indices) -> None:
     if np.any(np.linalg.norm(Mesh(vertices, triangles).doubled_normals, axis=1) == 0.0):
         raise CheckFailedError("the mesh of the solid has a triangle without area")
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)

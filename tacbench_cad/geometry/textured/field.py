@@ -61,6 +61,7 @@ class Height:
         surface: The formula along s and t, in mm.
         start_mm: The height to which the texture fades, and its end that is nearer to the face.
         zero_mm: The value of the formula at ``start_mm``.
+        far_mm: The value of the formula at the other end.
         factor: The factor of the formula.
         fade: How the texture ends.
         size_mm: The extents of the region along s and t.
@@ -69,9 +70,16 @@ class Height:
     surface: Surface
     start_mm: float
     zero_mm: float
+    far_mm: float
     factor: float
     fade: Fade
     size_mm: tuple[float, float]
+
+    @property
+    def range_mm(self) -> tuple[float, float]:
+        """The lowest and the highest point of the texture above the face, in mm."""
+        far = self.start_mm + self.factor * (self.far_mm - self.zero_mm)
+        return min(self.start_mm, far), max(self.start_mm, far)
 
     def grid(self, s: Floats, t: Floats) -> Floats:
         """Return the heights on a grid, shape (n, m), in mm."""

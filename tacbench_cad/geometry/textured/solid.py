@@ -45,6 +45,7 @@ class TexturedSolid:
         solid: The solid of the kernel, in the coordinates of the part.
         texturing: The settings.
         volume_mm3: The volume of the part before, plus the integral of the formula.
+        added_mm3: The integral of the formula; negative for a sunk texture.
         error_mm: The bound of the distance between the textured faces and the formula.
         is_proved: Whether this bound is proved. With a fade along an outline that is not a rectangle, it is measured.
         mm_per_unit: The millimetres per unit of u and v. Around a cylinder, u is changed so that the texture closes.
@@ -55,6 +56,7 @@ class TexturedSolid:
     solid: TopoDS_Solid
     texturing: Texturing
     volume_mm3: float
+    added_mm3: float
     error_mm: float
     is_proved: bool
     mm_per_unit: tuple[float, float]
@@ -99,7 +101,8 @@ def textured_solid(shape: TopoDS_Shape, face: TopoDS_Face, texturing: Texturing)
     return TexturedSolid(
         solid=result,
         texturing=texturing,
-        volume_mm3=kernel.volume_mm3(solid) + sum(volume for _, _, volume in added),
+        volume_mm3=kernel.volume_mm3(solid) + (more := sum(volume for _, _, volume in added)),
+        added_mm3=more,
         error_mm=max(patches.error_mm + height.own_error_mm for _, patches, height in described),
         is_proved=all(patches.is_proved and height.surface.evidence == "proved" for _, patches, height in described),
         mm_per_unit=mm_per_unit,
@@ -140,6 +143,7 @@ def _height(region: Region, texturing: Texturing) -> tuple[Height, tuple[float, 
             surface=surface,
             start_mm=start,
             zero_mm=zero,
+            far_mm=extremes.low if texturing.sunk else extremes.high,
             factor=factor,
             fade=_fade(region, texturing.fade_mm),
             size_mm=region.size_mm,

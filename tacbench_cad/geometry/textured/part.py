@@ -1,0 +1,198 @@
+"""A part of a user with textures on its faces, which can be exported and checked like a block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tacbench_cad.geometry import kernel
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.solids import ROUND_DECIMALS, require_closed, rounding_mm3, weld
+from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.geometry.triangulation import triangulate
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.util.errors import CheckFailedError, InputError, require_between
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape
+
+    from tacbench_cad.geometry.textured.relief import FaceRelief
+    from tacbench_cad.util.types import Floats
+
+#: The default largest distance of the mesh from the formula, in mm.
+MESH_TOLERANCE_MM = 0.01
+#: The fractions of the tolerance that the kernel's mesher is given, until the measured distance is small enough.
+_DEFLECTIONS = (0.9, 0.6, 0.4, 0.25, 0.12, 0.06)
+#: The largest angle between neighbouring chords, in radians.
+_ANGLE_RAD = 0.5
+#: The fraction by which the kernel's volume of a solid with free curves or surfaces may be wrong.
+_FREE_FRACTION = 2e-3
+#: The distance that rounding of coordinates adds, in mm.
+_ROUNDING_MM = 1e-5
+
+
+def textured_part(
+    part: Any,
+    face: Any,
+    texture: Texture | str | int,
+    *,
+    name: str,
+    kind: str = "part",
+    title: str = "",
+    mesh_tolerance_mm: float = MESH_TOLERANCE_MM,
+    spec: Mapping[str, Any] | None = None,
+    **settings: Any,
+) -> Part:
+    """Put a texture on one or more faces of a part, for export to STEP, STL and 3MF.
+
+    The faces of the STEP file are within ``tolerance_mm`` of the formula. The mesh is made by the CAD kernel, and its
+    distance from the formula is measured at nine points of each triangle of the texture. Both are measured again when a
+    file is checked. In the files, the lower corner of the bounding box is at the origin.
+
+    Args:
+        part: A part of CadQuery, build123d or Open CASCADE with one solid, in mm.
+        face: A planar or cylindrical face of the part, or several faces.
+        texture: A texture, or the number or name of one of the six.
+        name: The name of the part in its files.
+        kind: The kind of part, a word of your own.
+        title: A description for people, in one line.
+        mesh_tolerance_mm: The largest distance of the mesh from the formula.
+        spec: The input values of the part, as plain JSON values, for the manifest.
+        **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`: ``depth_mm``,
+            ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.
+
+    Raises:
+        InputError: A face is neither planar nor cylindrical, or a setting is not allowed for it.
+    """
+    require_between("mesh_tolerance_mm", mesh_tolerance_mm, 1e-4, 10.0, " mm")
+    faces = [_wrapped(one, "face") for one in _several(face)]
+    if not faces:
+        raise InputError("face", None, "must be a face of the part; select at least one")
+    made = _Made(_wrapped(part, "part"), faces, texturing(texture, **settings), mesh_tolerance_mm)
+    return Part(
+        name=name,
+        kind=kind,
+        title=title or name,
+        size_mm=made.size_mm,
+        genus=kernel.genus(made.solid),
+        make_mesh=made.mesh,
+        make_solid=made.shape,
+        spec={**(spec or {}), "texture": made.texturing.texture.name, **settings},
+        mesh_needs_cad=True,
+    )
+
+
+def _several(face: Any) -> Sequence[Any]:
+    if hasattr(face, "vals"):
+        return list(face.vals())
+    return list(face) if isinstance(face, (list, tuple)) else [face]
+
+
+def _wrapped(thing: Any, name: str) -> TopoDS_Shape:
+    shape = thing.val() if hasattr(thing, "val") else thing
+    shape = getattr(shape, "wrapped", shape)
+    if shape is None or not hasattr(shape, "ShapeType"):
+        raise InputError(name, thing, f"must be a {name} of CadQuery, build123d or Open CASCADE")
+    return shape
+
+
+class _Made:
+    """The solid and the mesh of a textured part."""
+
+    def __init__(self, shape: TopoDS_Shape, faces: Sequence[Any], texturing: Any, mesh_tolerance_mm: float) -> None:
+        from tacbench_cad.geometry.textured.solid import textured_solid
+
+        self.texturing, self._mesh_tolerance_mm = texturing, mesh_tolerance_mm
+        before, volume = shape, kernel.volume_mm3(shape)
+        self._results = []
+        for face in faces:
+            result = textured_solid(before, face, texturing)
+            volume += result.added_mm3
+            before = result.solid
+            self._results.append(result)
+        low, high = kernel.box_mm(before)
+        to_origin = np.eye(4)
+        to_origin[:3, 3] = -low
+        self._shift_mm = -low
+        self.solid = before.Moved(kernel.location(to_origin))
+        x, y, z = np.round(high - low, ROUND_DECIMALS - 3).tolist()
+        self.size_mm: tuple[float, float, float] = (x, y, z)
+        self._volume_mm3 = volume
+
+    def _relief(self, allowed_mm: float) -> FaceRelief:
+        from tacbench_cad.geometry.textured.relief import FaceRelief
+
+        regions = [(region, height) for result in self._results for region, _, height in result.regions]
+        return FaceRelief(regions, self._shift_mm, allowed_mm)
+
+    @cached_property
+    def _slack_mm3(self) -> float:
+        """The error of the kernel's volume: large only if a face of the part is a free surface."""
+        return _FREE_FRACTION * self._volume_mm3 if _has_free_edges(self.solid) else 0.0
+
+    def shape(self) -> tuple[TopoDS_Shape, ExpectedGeometry]:
+        """Return the solid and its expected geometry."""
+        error = max(result.error_mm for result in self._results)
+        return self.solid, ExpectedGeometry(
+            volume_mm3=self._volume_mm3,
+            volume_slack_mm3=self._slack_mm3 + error * kernel.area_mm2(r.face for r in self._regions()),
+            relief=self._relief(error + _ROUNDING_MM),
+        )
+
+    def _regions(self) -> list[Any]:
+        return [region for result in self._results for region, _, _ in result.regions]
+
+    def mesh(self) -> tuple[Mesh, ExpectedGeometry]:
+        """Return the mesh and its expected geometry.
+
+        Raises:
+            CheckFailedError: The kernel does not reach the tolerance.
+        """
+        relief = self._relief(self._mesh_tolerance_mm)
+        curved = kernel.area_mm2(face for face in kernel.each(self.solid, "FACE") if not _is_plane(face))
+        for fraction in _DEFLECTIONS:
+            deflection = fraction * self._mesh_tolerance_mm
+            vertices, triangles = weld(*triangulate(self.solid, deflection, _ANGLE_RAD))
+            require_closed(vertices, triangles)
+            mesh = Mesh(vertices=vertices, faces=triangles)
+            found, _ = relief.of_mesh(mesh)
+            if found <= self._mesh_tolerance_mm:
+                slack = curved * self._mesh_tolerance_mm + self._slack_mm3 + rounding_mm3(self.size_mm)
+                expected = ExpectedGeometry(
+                    volume_mm3=self._volume_mm3,
+                    volume_slack_mm3=slack,
+                    size_slack_mm=self._mesh_tolerance_mm,
+                    relief=relief,
+                )
+                return mesh, expected
+        raise CheckFailedError(
+            f"the mesh is {found:.3g} mm from the formula instead of {self._mesh_tolerance_mm:g} mm; choose a larger "
+            "mesh_tolerance_mm"
+        )
+
+
+def _is_plane(face: Any) -> bool:
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_SurfaceType
+
+    return bool(BRepAdaptor_Surface(face, False).GetType() == GeomAbs_SurfaceType.GeomAbs_Plane)
+
+
+def _has_free_edges(shape: TopoDS_Shape) -> bool:
+    """Return whether a wall or a plane is bounded by a free curve, as below an ellipse or a spline."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_SurfaceType as Kind
+
+    simple = (
+        Kind.GeomAbs_Plane,
+        Kind.GeomAbs_Cylinder,
+        Kind.GeomAbs_Cone,
+        Kind.GeomAbs_Sphere,
+        Kind.GeomAbs_Torus,
+        Kind.GeomAbs_BSplineSurface,
+    )
+    return any(BRepAdaptor_Surface(face, False).GetType() not in simple for face in kernel.each(shape, "FACE"))
