@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
-from tacbench_cad.geometry.solids import ROUND_DECIMALS, require_closed, rounding_mm3, weld
+from tacbench_cad.geometry.solids import ANGLE_RAD, ROUND_DECIMALS, require_closed, rounding_mm3, weld
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.spec.textures import Texture
@@ -21,13 +21,15 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
     from tacbench_cad.geometry.textured.relief import FaceRelief
-    from tacbench_cad.util.types import Floats
+    from tacbench_cad.util.types import Floats, Indices
 
 #: The default largest distance of the mesh from the formula, in mm.
 MESH_TOLERANCE_MM = 0.01
 #: The fractions of the tolerance that the kernel's mesher is given, until the measured distance is small enough.
 _DEFLECTIONS = (0.9, 0.6, 0.4, 0.25, 0.12, 0.06)
-#: The largest angle between neighbouring chords, in radians.
+#: The largest slope of a texture that the kernel's mesher is given.
+_MAX_SLOPE = 1.5
+#: The largest angle between neighbouring chords of the kernel's mesh of a texture, in radians.
 _ANGLE_RAD = 0.5
 #: The fraction by which the kernel's volume of a solid with free curves or surfaces may be wrong.
 _FREE_FRACTION = 2e-3
@@ -49,9 +51,10 @@ def textured_part(
 ) -> Part:
     """Put a texture on one or more faces of a part, for export to STEP, STL and 3MF.
 
-    The faces of the STEP file are within ``tolerance_mm`` of the formula. The mesh is made by the CAD kernel, and its
-    distance from the formula is measured at nine points of each triangle of the texture. Both are measured again when a
-    file is checked. In the files, the lower corner of the bounding box is at the origin.
+    The faces of the STEP file are within ``tolerance_mm`` of the formula. On a plane without a fade, the mesh of the
+    texture is made from the formula; on a cylinder and with a fade, the CAD kernel makes it. The distance of each mesh
+    from the formula is measured at nine points of each triangle of the texture, and again when a file is checked. In
+    the files, the lower corner of the bounding box is at the origin.
 
     Args:
         part: A part of CadQuery, build123d or Open CASCADE with one solid, in mm.
@@ -107,6 +110,7 @@ class _Made:
         from tacbench_cad.geometry.textured.solid import textured_solid
 
         self.texturing, self._mesh_tolerance_mm = texturing, mesh_tolerance_mm
+        self._before = shape
         before, volume = shape, kernel.volume_mm3(shape)
         self._results = []
         for face in faces:
@@ -152,11 +156,16 @@ class _Made:
         Raises:
             CheckFailedError: The kernel does not reach the tolerance.
         """
+        from tacbench_cad.geometry.textured.facets import is_simple
+
         relief = self._relief(self._mesh_tolerance_mm)
+        simple = all(is_simple(region, height) for region, height in relief.regions)
+        if not simple:
+            self._require_gentle()
         curved = kernel.area_mm2(face for face in kernel.each(self.solid, "FACE") if not _is_plane(face))
         for fraction in _DEFLECTIONS:
             deflection = fraction * self._mesh_tolerance_mm
-            vertices, triangles = weld(*triangulate(self.solid, deflection, _ANGLE_RAD))
+            vertices, triangles = weld(*(self._combined(deflection) if simple else self._meshed(deflection)))
             require_closed(vertices, triangles)
             mesh = Mesh(vertices=vertices, faces=triangles)
             found, _ = relief.of_mesh(mesh)
@@ -173,6 +182,36 @@ class _Made:
             f"the mesh is {found:.3g} mm from the formula instead of {self._mesh_tolerance_mm:g} mm; choose a larger "
             "mesh_tolerance_mm"
         )
+
+
+    def _meshed(self, deflection_mm: float) -> tuple[Floats, Indices]:
+        return triangulate(self.solid, deflection_mm, _ANGLE_RAD)
+
+    def _combined(self, deflection_mm: float) -> tuple[Floats, Indices]:
+        """Return the mesh of the part without its textures, with the meshes of the formula on it."""
+        from tacbench_cad.geometry.textured.facets import combined
+
+        part = weld(*triangulate(self._before, deflection_mm, ANGLE_RAD))
+        textures = [
+            (region, height, self.texturing, result.mm_per_unit)
+            for result in self._results
+            for region, _, height in result.regions
+        ]
+        vertices, triangles = combined(*part, textures, deflection_mm)
+        return vertices + self._shift_mm, triangles
+
+    def _require_gentle(self) -> None:
+        """Check that the kernel's mesher can mesh the texture. On steep textures it takes many minutes."""
+        for result in self._results:
+            for _, _, height in result.regions:
+                slope = abs(height.factor) * max(height.surface.bound(1, 0), height.surface.bound(0, 1))
+                if slope > _MAX_SLOPE:
+                    raise InputError(
+                        "texture",
+                        self.texturing.texture.name,
+                        f"has slopes of up to {slope:.3g}, but a mesh with a fade or on a cylinder allows {_MAX_SLOPE:g}"
+                        "; choose a smaller depth_mm, or write a STEP file",
+                    )
 
 
 def _is_plane(face: Any) -> bool:
