@@ -59,7 +59,7 @@ CONTENTS = {
     "Print": ("print-set", "block", "outlines", "holder", "jig", "coupon", "textures", "design", "sources", "plates"),
     "Press": ("rig", "run", "runs", "own-data", "simulation", "simulation-model"),
     "Analyse": ("analysis", "networks", "numbers", "columns", "regions", "share"),
-    "Script and extend": ("scripting", "cad", "any-mesh", "freecad", "extending", "simulators"),
+    "Script and extend": ("scripting", "cad", "any-part", "any-mesh", "freecad", "extending", "simulators"),
     "Background": ("paper", "accuracy", "measured"),
     "Reference": ("commands", "api/index"),
 }

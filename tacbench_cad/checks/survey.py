@@ -39,12 +39,13 @@ class Survey:
     exact: bool
 
 
-def survey(shape: TopoDS_Shape, outlined: bool = False) -> Survey:
+def survey(shape: TopoDS_Shape, outlined: bool = False, points: bool = True) -> Survey:
     """Measure a solid.
 
     Args:
         shape: The solid, in mm.
         outlined: Whether it is expected to be a block whose outline is not a rectangle.
+        points: Whether the points of its top are needed. They are slow for faces that are cut off.
     """
     if outlined and (result := _survey_outlined(shape)) is not None:
         return result
@@ -57,8 +58,8 @@ def survey(shape: TopoDS_Shape, outlined: bool = False) -> Survey:
             continue
         patch = spline_face(face, bases) if solidcheck.is_rectangle(face) else None
         if patch is None:
-            points = solidcheck.points_on(solidcheck.curved(shape))
-            return Survey(measured=solidcheck.measure(shape), points=points, exact=False)
+            on_top = solidcheck.points_on(solidcheck.curved(shape)) if points else np.empty((0, 3))
+            return Survey(measured=solidcheck.measure(shape), points=on_top, exact=False)
         patches.append(patch)
     volume = sum(_cone(face) for face in planes) + sum(patch.volume_mm3 for patch in patches)
     return Survey(measured=_measured(shape, volume, patches), points=_points(patches), exact=True)

@@ -40,6 +40,8 @@ SOLID_ROUNDING_FRACTION = 1e-9
 SOLID_BOX_MM = 1e-3
 #: The relative rounding of a float32 value.
 _FLOAT32 = 2.0**-23
+#: The number of points on the textured faces of a part that is not a block.
+FACE_POINTS = 20_000
 
 
 def verify(part: Part, path: Path, full: bool = False) -> Report:
@@ -191,7 +193,8 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
 
     shape = read_step(path)
     _, expected = part.solid
-    result = survey(shape, outlined=part.block is not None and part.block.outline is not None)
+    outlined = part.block is not None and part.block.outline is not None
+    result = survey(shape, outlined=outlined, points=expected.certificate is not None)
     measured = result.measured
     fraction = SOLID_ROUNDING_FRACTION if result.exact else SOLID_VOLUME_FRACTION
     allowed_mm3 = fraction * expected.volume_mm3 + expected.volume_slack_mm3
@@ -207,7 +210,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
         check, deviation = _relief(part, expected, result.points, rounding_mm=1e-6)
         checks.append(check)
     if expected.relief is not None:
-        deviation, number = expected.relief.of_points(solidcheck.points_on(solidcheck.spline_faces(shape)))
+        deviation, number = expected.relief.of_points(solidcheck.points_on(solidcheck.spline_faces(shape), FACE_POINTS))
         checks.append(_face_relief(expected.relief, deviation, number))
     if full:
         checks += _kernel_defaults(part, expected, solidcheck.measure(shape))

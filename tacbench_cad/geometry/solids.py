@@ -184,6 +184,11 @@ def weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
 
 
 def require_closed(vertices: Floats, triangles: Indices) -> None:
+    """Check that a mesh is closed and has no triangle without area.
+
+    Raises:
+        CheckFailedError: It is not.
+    """
     if np.any(np.linalg.norm(Mesh(vertices, triangles).doubled_normals, axis=1) == 0.0):
         raise CheckFailedError("the mesh of the solid has a triangle without area")
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)

@@ -126,12 +126,11 @@ def _on_grid(region: Region, height: Height, lines: tuple[Floats, Floats], other
     n, m = heights.shape
     levels = (heights, np.full((n, m), other_mm))
     points = np.concatenate([region.frame.point(s[:, None], t[None, :], level).reshape(-1, 3) for level in levels])
-    i, j = np.meshgrid(np.arange(n if region.is_closed else n - 1), np.arange(m - 1), indexing="ij")
-    i, j = i.ravel(), j.ravel()
-    a, b = i * m + j, (i + 1) % n * m + j
+    ring = np.arange(n if region.is_closed else n - 1)
+    a = np.add.outer(ring * m, np.arange(m - 1)).ravel()
+    b = (a + m) % (n * m)
     quads = [np.stack([a, b, b + 1, a + 1], axis=1)]
     quads.append(quads[0][:, ::-1] + n * m)
-    ring = np.arange(n if region.is_closed else n - 1)
     sides = [(ring * m, (ring + 1) % n * m), ((ring + 1) % n * m + m - 1, ring * m + m - 1)]
     if not region.is_closed:
         row = np.arange(m - 1)

@@ -183,7 +183,6 @@ class _Made:
             "mesh_tolerance_mm"
         )
 
-
     def _meshed(self, deflection_mm: float) -> tuple[Floats, Indices]:
         return triangulate(self.solid, deflection_mm, _ANGLE_RAD)
 
@@ -209,8 +208,8 @@ class _Made:
                     raise InputError(
                         "texture",
                         self.texturing.texture.name,
-                        f"has slopes of up to {slope:.3g}, but a mesh with a fade or on a cylinder allows {_MAX_SLOPE:g}"
-                        "; choose a smaller depth_mm, or write a STEP file",
+                        f"has slopes of up to {slope:.3g}, but the mesh of this fade or of oblique waves on a cylinder "
+                        f"allows {_MAX_SLOPE:g}; choose a smaller depth_mm, or write a STEP file",
                     )
 
 
