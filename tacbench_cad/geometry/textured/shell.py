@@ -21,10 +21,13 @@ from tacbench_cad.geometry.splines.topology import TOLERANCE_MM, Topology, plane
 from tacbench_cad.geometry.textured.field import PatchGrid
 from tacbench_cad.geometry.textured.region import OutlineEdge, Region, vertices_of
 from tacbench_cad.geometry.textured.trim import Arrangement, Cell, Piece
+from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
 #: The intended distance between an edge and its curve on a patch, in mm.
 EDGE_MM = 2e-7
+#: The largest distance between the end of an edge and its corner, in mm.
+MAX_GAP_MM = 1e-3
 #: The degree of the curves of edges.
 _DEGREE = 5
 #: The largest number of poles of the curve of an edge.
@@ -73,9 +76,10 @@ class TextureFaces:
     def _vertex(self, node: int) -> TopoDS_Vertex:
         if node not in self._vertices:
             s, t = self._arrangement.nodes[node]
-            cell = self._arrangement.cell_at(s, t)
-            i = min(max(cell[0], 0), self._patches.s.patches - 1)
-            j = min(max(cell[1], 0), self._patches.t.patches - 1)
+            i, j = (
+                min(max(int(np.searchsorted(axis.lines, at)) - 1, 0), axis.patches - 1)
+                for axis, at in ((self._patches.s, s), (self._patches.t, t))
+            )
             point = self._patches.points(i, j, np.array([s]), np.array([t]))[0]
             self._vertices[node] = self._top.vertex(tuple(point.tolist()))
         return self._vertices[node]
@@ -138,7 +142,9 @@ class TextureFaces:
         self._loosen(edge, error)
         for vertex, parameter in zip(ends, (piece.low, piece.high), strict=True):
             point, end = BRep_Tool.Pnt_s(vertex), curve.Value(parameter)
-            if (gap := point.Distance(end)) > 0.5 * TOLERANCE_MM:
+            if (gap := point.Distance(end)) > MAX_GAP_MM:
+                raise CheckFailedError("an edge of the texture does not end at its corner; choose another margin_mm")
+            if gap > 0.5 * TOLERANCE_MM:
                 self._builder.UpdateVertex(vertex, 2.0 * gap)
         self._edges[piece.key] = edge
 

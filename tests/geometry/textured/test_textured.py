@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("cadquery")
 
 import cadquery as cq
+from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepTools import BRepTools
@@ -89,6 +90,7 @@ CASES: dict[str, tuple[cq.Workplane, str, Any, dict[str, Any]]] = {
     "oblique waves": (PLATE, ">Z", WEAVE, {"depth_mm": 0.5}),
     "side face": (cq.Workplane().box(20, 20, 20), "<X", 2, {"up": "+Z"}),
     "drum": (DRUM, "%Cylinder", 2, {}),
+    "drum with many patches": (DRUM, "%Cylinder", 5, {}),
     "tilted drum": (TILTED, "%Cylinder", 2, {"fade_mm": 2.0}),
     "drum, sunk": (DRUM, "%Cylinder", 2, {"sunk": True}),
     "bore": (TUBE, "bore", 2, {}),
@@ -100,6 +102,7 @@ CASES: dict[str, tuple[cq.Workplane, str, Any, dict[str, Any]]] = {
 def test_one_valid_solid_near_the_formula(name: str) -> None:
     part, face, texture, settings = CASES[name]
     result = textured(part, face, texture, **settings)
+    assert max(BRep_Tool.Tolerance_s(vertex) for vertex in kernel.distinct(result.solid, "VERTEX")) < 1e-3
     assert all(check.ok for check in solid_checks(result.solid))
     assert result.error_mm <= settings.get("tolerance_mm", 0.001)
     assert result.is_proved == (name != "fade around holes")
