@@ -53,7 +53,15 @@ def height_over(
         )
     factor = texturing.depth_mm / (extremes.high - extremes.low)
     start, zero = (-texturing.base_mm, extremes.high) if texturing.sunk else (texturing.base_mm, extremes.low)
-    height = Height(surface=surface, start_mm=start, zero_mm=zero, factor=factor, fade=fade, size_mm=size_mm)
+    height = Height(
+        surface=surface,
+        start_mm=start,
+        zero_mm=zero,
+        far_mm=extremes.low if texturing.sunk else extremes.high,
+        factor=factor,
+        fade=fade,
+        size_mm=size_mm,
+    )
     return height, unit, periods
 
 
