@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,25 +15,17 @@ from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.textured.amount import added_volume_mm3
 from tacbench_cad.geometry.textured.field import ExactField, Fade, Height, PatchGrid, SampledField
 from tacbench_cad.geometry.textured.frame import frame_of
+from tacbench_cad.geometry.textured.height import FLOOR_MM, height_over, require_fade
 from tacbench_cad.geometry.textured.region import Region, distances, divide, inside, thickened
 from tacbench_cad.geometry.textured.shell import TextureFaces
 from tacbench_cad.geometry.texturing import Texturing
-from tacbench_cad.spec.presets import VALUES
-from tacbench_cad.spec.spline import SplineSurface
-from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
-#: The material that must remain below a sunk texture, in mm.
-FLOOR_MM = 0.4
 #: The fraction of the texture's volume by which the kernel's volume may differ from the integral of the formula.
 VOLUME_FRACTION = 2e-3
 #: The accuracy for the kernel's adaptive volume. The result is usually far better than this.
 _ACCURACY = 1e-2
-#: The largest fraction by which frequencies may differ from multiples of a common one.
-_COMMON = 1e-6
-#: The largest multiple of the common frequency that the lowest frequency may have.
-_MAX_MULTIPLE = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +76,8 @@ def textured_solid(shape: TopoDS_Shape, face: TopoDS_Face, texturing: Texturing)
     rims, regions = divide(own, frame, texturing.margin_mm)
     faces, described, added = list(rims), [], []
     for region in regions:
-        height, mm_per_unit, periods = _height(region, texturing)
+        fade = _fade(region, texturing.fade_mm)
+        height, mm_per_unit, periods = height_over(region.size_mm, region.is_closed, texturing, fade)
         _require_room(solid, region, texturing)
         exact = not height.fade.length_mm or height.fade.sides is not None
         field = (ExactField if exact and isinstance(height.surface, WaveSum) else SampledField)(
@@ -122,70 +114,10 @@ def _owner(shape: TopoDS_Shape, face: TopoDS_Face) -> tuple[TopoDS_Solid, TopoDS
     raise InputError("face", None, "is not a face of the part; choose one of the part's own faces")
 
 
-def _height(region: Region, texturing: Texturing) -> tuple[Height, tuple[float, float], int | None]:
-    """Return the height of the texture above a region, the millimetres per unit, and the periods around a cylinder."""
-    formula = texturing.texture.surface
-    unit = texturing.mm_per_unit or VALUES["paper"].mm_per_unit[:2]
-    periods = None
-    if region.is_closed:
-        unit, periods = _closing(formula, unit, region.size_mm[0])
-    s, t = region.size_mm
-    surface = formula.mapped(unit, 1.0, (0.0, 0.0)).over((0.0, s), (0.0, t))
-    extremes = surface.extremes((0.0, s), (0.0, t))
-    if extremes.high - extremes.low < 1e-9:
-        raise InputError(
-            "texture", texturing.texture.name, "is flat over this face; choose another texture or direction"
-        )
-    factor = texturing.depth_mm / (extremes.high - extremes.low)
-    start, zero = (-texturing.base_mm, extremes.high) if texturing.sunk else (texturing.base_mm, extremes.low)
-    return (
-        Height(
-            surface=surface,
-            start_mm=start,
-            zero_mm=zero,
-            far_mm=extremes.low if texturing.sunk else extremes.high,
-            factor=factor,
-            fade=_fade(region, texturing.fade_mm),
-            size_mm=region.size_mm,
-        ),
-        unit,
-        periods,
-    )
-
-
-def _closing(surface: Surface, unit: tuple[float, float], around_mm: float) -> tuple[tuple[float, float], int | None]:
-    """Return the millimetres per unit with which a texture closes around a cylinder, and its number of periods."""
-    period = _period(surface)
-    if period is None:
-        return unit, None
-    periods = max(1, round(around_mm / (unit[0] * period)))
-    return (around_mm / (period * periods), unit[1]), periods
-
-
-def _period(surface: Surface) -> float | None:
-    """Return the period of a texture along u, in units; None if it does not depend on u."""
-    if isinstance(surface, SplineSurface) and surface.u.repeats:
-        low, high = surface.u.ends
-        return high - low
-    if isinstance(surface, WaveSum):
-        frequencies = np.unique(np.abs(surface.table[surface.table[:, 0] != 0.0, 1]))
-        frequencies = frequencies[frequencies > 0.0]
-        if len(frequencies) == 0:
-            return None
-        for divisor in range(1, _MAX_MULTIPLE + 1):
-            common = float(frequencies[0]) / divisor
-            multiples = frequencies / common
-            if np.all(np.abs(multiples - np.round(multiples)) < _COMMON * multiples):
-                return 2.0 * math.pi / common
-    raise InputError("texture", None, "has no period along x, so it cannot close around a cylinder")
-
-
 def _fade(region: Region, length_mm: float) -> Fade:
     if not length_mm:
         return Fade(length_mm=0.0)
-    shorter = region.size_mm[1] if region.is_closed else min(region.size_mm)
-    if 2.0 * length_mm > shorter:
-        raise InputError("fade_mm", length_mm, f"must be at most {shorter / 2.0:.4g} mm, half of the textured region")
+    require_fade(length_mm, region.size_mm, region.is_closed)
     if region.is_rectangle:
         return Fade(length_mm=length_mm, sides=(not region.is_closed, True))
     return Fade(length_mm=length_mm, distances=partial(distances, region, length_mm), inside=partial(inside, region))
