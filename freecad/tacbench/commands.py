@@ -14,8 +14,8 @@ from freecad.tacbench.shapes import WorkerError
 from freecad.tacbench.views import ICONS
 
 
-def selected(kind: type | tuple[type, ...]) -> Any:
-    """Return the selected object of a kind or of one of several kinds, or None."""
+def selected(kind: type[objects.Parametric]) -> Any:
+    """Return the selected object of a kind, or None."""
     chosen = [obj for obj in FreeCADGui.Selection.getSelection() if isinstance(getattr(obj, "Proxy", None), kind)]
     return chosen[0] if len(chosen) == 1 else None
 
@@ -75,7 +75,7 @@ def write_file(document: Any, obj: Any) -> None:
     """Ask for a file and write the object into it."""
     formats = "STEP (*.step);;STL (*.stl);;3MF (*.3mf)"
     path, _ = QtGui.QFileDialog.getSaveFileName(
-        FreeCADGui.getMainWindow(), "Export", f"{obj.PartName or obj.Label}.step", formats
+        FreeCADGui.getMainWindow(), "Export", f"{getattr(obj, 'PartName', '') or obj.Label}.step", formats
     )
     if path:
         FreeCAD.Console.PrintMessage(objects.export_object(obj, path) + "\n")
@@ -108,8 +108,8 @@ COMMANDS = {
     "Tacbench_Export": Command(
         "Export",
         "Export and check",
-        "Write the selected object to a STEP, STL or 3MF file with a proved error, and check the file",
-        lambda: selected((objects.TextureBlock, objects.Holder, objects.Jig)),
+        "Write the selected object to a STEP, STL or 3MF file with a stated error, and check the file",
+        lambda: selected(objects.Parametric),
         write_file,
     ),
 }

@@ -54,7 +54,7 @@ class Parametric:
         """Make the shape. FreeCAD calls this method when a property has changed."""
         shape, facts = shapes.shape_of(self.request(obj))
         obj.Shape = shape
-        if "PartName" in obj.PropertiesList:
+        if "name" in facts:
             obj.PartName = facts["name"]
         obj.FormulaVolume = facts["volume_mm3"]
         self.finish(obj, facts)
@@ -340,21 +340,17 @@ def make_textured_face(document: Any, part: Any, face: str, **properties: Any) -
 def export_object(obj: Any, path: str) -> str:
     """Write an object to a STEP, STL or 3MF file, and check the file.
 
-    The mesh of an STL or 3MF file is made from the formula, so its error is proved. FreeCAD's own export meshes the
-    surface, which is slower and has no proved error.
+    The mesh of a block is made from the formula, and its error is proved. For a part with a
+    textured face, the error of the mesh is measured. FreeCAD's own export states no error.
 
     Args:
-        obj: A texture block, a holder or a jig.
+        obj: A texture block, a holder, a jig, or a part with a textured face.
         path: The file. Its ending determines the format.
 
     Returns:
         The report of the checks.
 
     Raises:
-        WorkerError: The object is of another kind, or the file cannot be written.
+        WorkerError: The file cannot be written, or it does not pass the checks. Then it does not exist.
     """
-    if isinstance(obj.Proxy, TexturedFace):
-        raise shapes.WorkerError(
-            f"{obj.Label}: a part with a textured face is exported by FreeCAD's own File > Export."
-        )
     return shapes.ask({**obj.Proxy.request(obj), "action": "export", "file": str(path)})["report"]

@@ -9,16 +9,13 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from housing import Holder, Jig
-from tacbench_cad import Block, InputError, TacbenchError, as_part, catalogue, export, read_texture
+from tacbench_cad import Block, InputError, TacbenchError, as_part, catalogue, export, read_texture, textured_part
 from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.later import EQUATIONS
-
-if TYPE_CHECKING:
-    from tacbench_cad.geometry.textured.solid import TexturedSolid
 
 
 def block_of(options: dict[str, Any]) -> Block:
@@ -39,25 +36,41 @@ def block_of(options: dict[str, Any]) -> Block:
     return Block.of(texture, **options, table=table)
 
 
-def textured_of(request: dict[str, Any]) -> "TexturedSolid":
-    """Return the part of a request with a texture on one of its faces. FreeCAD counts faces from 1."""
+def face_of(request: dict[str, Any]) -> tuple[Any, Any]:
+    """Return the shape and the face of a request. FreeCAD counts faces from 1."""
     from OCP.TopAbs import TopAbs_ShapeEnum
     from OCP.TopExp import TopExp
     from OCP.TopoDS import TopoDS
     from OCP.TopTools import TopTools_IndexedMapOfShape
 
-    from tacbench_cad.geometry.textured.solid import textured_solid
-
-    options = request["texturing"]
-    file, name = options.pop("file"), options.pop("texture")
-    settings = texturing(name if file is None else read_texture(Path(file)).texture, **options)
     shape, faces = read_brep(request["part"]), TopTools_IndexedMapOfShape()
     TopExp.MapShapes_s(shape, TopAbs_ShapeEnum.TopAbs_FACE, faces)
     if not 1 <= request["face"] <= faces.Extent():
         raise InputError(
             "Face", f"Face{request['face']}", f"the part has Face1 to Face{faces.Extent()}; choose one of them"
         )
-    return textured_solid(shape, TopoDS.Face_s(faces.FindKey(request["face"])), settings)
+    return shape, TopoDS.Face_s(faces.FindKey(request["face"]))
+
+
+def answer_for_face(request: dict[str, Any]) -> dict[str, Any]:
+    """Put a texture on a face, and write the shape or export it."""
+    from tacbench_cad.geometry.textured.solid import textured_solid
+
+    options = request["texturing"]
+    file, texture = options.pop("file"), options.pop("texture")
+    if file is not None:
+        texture = read_texture(Path(file)).texture
+    shape, face = face_of(request)
+    if request["action"] == "export":
+        part = textured_part(shape, face, texture, name=Path(request["file"]).stem, **options)
+        return {"report": str(export(part, request["file"]))}
+    textured = textured_solid(shape, face, texturing(texture, **options))
+    write_brep(textured.solid, request["brep"])
+    return {
+        "volume_mm3": textured.volume_mm3,
+        "error_mm": textured.error_mm,
+        "evidence": "proved" if textured.is_proved else "measured",
+    }
 
 
 def part_of(request: dict[str, Any]) -> Block | Holder | Jig:
@@ -76,19 +89,10 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
         names = [*(texture.name for texture in catalogue()), *EQUATIONS]
         return {"textures": names, "rgb": {kind: rgb_of(kind) for kind in kinds}}
     if "texturing" in request:
-        textured = textured_of(request)
-        write_brep(textured.solid, request["brep"])
-        return {
-            "name": "",
-            "volume_mm3": textured.volume_mm3,
-            "error_mm": textured.error_mm,
-            "evidence": "proved" if textured.is_proved else "measured",
-            "mm_per_unit": textured.mm_per_unit,
-        }
+        return answer_for_face(request)
     part = part_of(request)
     if request["action"] == "export":
-        report = export(part, request["file"])
-        return {"report": str(report)}
+        return {"report": str(export(part, request["file"]))}
     if not isinstance(part, Block):
         write_brep(part.solid_in_use(), request["brep"])
         slots = [place.matrix.ravel().tolist() for place in part.holder.block_placements()]

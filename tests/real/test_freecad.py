@@ -295,12 +295,24 @@ reply(steps)
     assert steps[5]["says"] == "Face = 'Face99': the part has Face1 to Face7; choose one of them"
     assert steps[4]["says"] == "face: is spherical; only planes and cylinders can get a texture"
     kept = freecad(
-        f"document = FreeCAD.open({str(saved)!r})\n"
-        "rough = document.TexturedFace\nrough.Fade = 2\ndocument.recompute()\n"
-        "reply([rough.getStatusString(), rough.Shape.Volume, rough.FormulaVolume.Value])"
+        f"""
+from freecad.tacbench import export_object
+document = FreeCAD.open({str(saved)!r})
+rough = document.TexturedFace
+rough.Depth = 0.8
+document.recompute()
+reports = [export_object(rough, {str(tmp_path / "plate")!r} + ending) for ending in (".stl", ".step")]
+part = Part.read({str(tmp_path / "plate.step")!r})
+half = part.common(Part.makeBox(20, 100, 100))
+reply([rough.getStatusString(), rough.Shape.Volume, rough.FormulaVolume.Value, reports, part.Volume, half.isValid()])
+"""
     )
     assert kept[0] == "Valid"
     assert kept[1] == pytest.approx(kept[2], rel=1e-5)
+    assert [report.partition("\n")[0] for report in kept[3]] == ["plate.stl: passed", "plate.step: passed"]
+    assert read_stl(tmp_path / "plate.stl").volume_mm3 == pytest.approx(kept[2], rel=1e-3)
+    assert kept[4] == pytest.approx(kept[2], rel=1e-5)
+    assert kept[5]
 
 
 def test_the_macro_writes_files_that_are_ours(freecad: Script, home: Path) -> None:
