@@ -178,7 +178,7 @@ class _System:
 
 
 def fit_both(
-    tasks: tuple[Task, Task], limit_mm: float, starts: tuple[int, int], fewest: int, most: int
+    tasks: tuple[Task, Task], limit_mm: float, starts: tuple[int, int], fewest: tuple[int, int], most: int
 ) -> tuple[Fit, Fit] | None:
     """Fit the functions of both axes with few spans, so that the sum of their errors is within a limit.
 
@@ -186,14 +186,14 @@ def fit_both(
         tasks: The functions along x and y.
         limit_mm: The limit.
         starts: The numbers of spans on each patch with which the search begins.
-        fewest: The smallest number of spans on each patch.
+        fewest: The smallest numbers of spans on each patch.
         most: The largest number of spans on each patch.
 
     Returns:
         The fits, or None if the largest number of spans is not enough.
     """
     fits: tuple[dict[int, Fit], dict[int, Fit]] = ({}, {})
-    spans = [min(max(start, fewest), most) for start in starts]
+    spans = [min(max(start, least), most) for start, least in zip(starts, fewest, strict=True)]
 
     def error(axis: int, number: int) -> float:
         if number not in fits[axis]:
@@ -201,7 +201,7 @@ def fit_both(
         return fits[axis][number].error_mm
 
     for axis in (0, 1):
-        while spans[axis] > fewest and error(axis, spans[axis]) <= limit_mm * _LARGEST_FRACTION:
+        while spans[axis] > fewest[axis] and error(axis, spans[axis]) <= limit_mm * _LARGEST_FRACTION:
             spans[axis] -= 1
     while True:
         errors = [error(axis, spans[axis]) for axis in (0, 1)]

@@ -49,6 +49,8 @@ AIM = 0.5
 _ROUNDING_OF_POLES = 1e-2
 #: The lines between patches are multiples of a power of ten, which is at most this fraction of the width of a patch.
 _ROUNDING_OF_LINES = 0.01
+#: The number of planned poles up to which a separable surface has equal spans as well, because its file is small.
+_MAX_POLES_OF_SMALL_FILES = 10_000
 #: The fraction of the planned spans that the fit of a separable surface usually needs.
 _SPANS_AT_FIRST = 0.8
 #: The largest number of waves for which an error message suggests another tolerance.
@@ -145,13 +147,16 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
     x: Axis | PieceAxis
     y: Axis | PieceAxis
     profiles = None
-    if block.surface.is_separable:
+    if block.surface.is_separable and plan.poles > _MAX_POLES_OF_SMALL_FILES:
         fits = _fits(block, plan, tolerance_mm)
         x, y, profiles = fits[0].axis, fits[1].axis, (fits[0].poles_mm, fits[1].poles_mm)
         bound = fits[0].error_mm + fits[1].error_mm
     else:
         x, y = plan.axes(block)
         bound = _bound(block.surface, x, y)
+        if block.surface.is_separable:
+            p, q = block.surface.along_u, block.surface.along_v
+            profiles = (block.solid_datum_mm + x.sines(p), y.sines(q))
     if not bound <= tolerance_mm:
         raise InputError("step-tolerance", tolerance_mm, f"is too fine; rounding alone may reach {bound:.1g} mm")
     return Patches(
@@ -222,8 +227,8 @@ def _fits(block: Block, plan: _Plan, tolerance_mm: float) -> tuple[Fit, Fit]:
         Task(half, offset, lines, DEGREE, unit)
         for (half, offset), lines in zip(halves, plan.lines(block, rounded=True), strict=True)
     ]
-    starts = [round(_SPANS_AT_FIRST * spans) for spans in plan.spans]
-    fits = fit_both((tasks[0], tasks[1]), tolerance_mm, (starts[0], starts[1]), MIN_SPANS, MAX_SPANS)
+    starts = (round(_SPANS_AT_FIRST * plan.spans[0]), round(_SPANS_AT_FIRST * plan.spans[1]))
+    fits = fit_both((tasks[0], tasks[1]), tolerance_mm, starts, (MIN_SPANS, MIN_SPANS), MAX_SPANS)
     if fits is None:
         raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
     return fits

@@ -66,12 +66,12 @@ def test_the_error_is_smaller_than_with_equal_spans() -> None:
 def test_both_axes_stay_within_the_limit_with_few_spans() -> None:
     rng = np.random.default_rng(5)
     tasks = (task(rng, 3, 8.0), task(rng, 3, 12.0))
-    first, second = fit_both(tasks, 1e-3, (9, 9), 5, 64) or pytest.fail("no fit")
+    first, second = fit_both(tasks, 1e-3, (9, 9), (5, 5), 64) or pytest.fail("no fit")
     assert first.error_mm + second.error_mm <= 1e-3
     spans = [len(fit.axis.pieces[0].breaks) - 1 for fit in (first, second)]
     fewer = [one.fit(max(count - 2, 1)).error_mm for one, count in zip(tasks, spans, strict=True)]
     assert sum(fewer) > 1e-3
-    assert fit_both(tasks, 1e-9, (5, 5), 5, 6) is None
+    assert fit_both(tasks, 1e-9, (5, 5), (5, 5), 6) is None
 
 
 def test_a_constant_function_is_exact() -> None:
