@@ -28,6 +28,10 @@ _ORDERS = 12
 _SPANS = 40
 _HALF_SINE_ERROR = 5.0 / 384.0 * (math.pi / _SPANS) ** 4
 
+#: The number of spans of a period with oblique creases. With twice as many, the error is half as large, but the proof
+#: of a mesh takes more than ten times as long.
+_EVEN_SPANS = 128
+
 #: The names and the equations, in the order of the authors' numbers from z6.
 EQUATIONS = {
     "ripple": "sin(u + v) + 0.5 cos(2u - 2v)",
@@ -174,19 +178,19 @@ def _rock() -> Surface:
     def rock(u: Floats, v: Floats) -> Floats:
         return np.asarray(np.maximum(np.sin(u), np.cos(v)) + 0.5 * np.minimum(np.sin(2.0 * u), np.cos(2.0 * v)))
 
-    return _on_even_lines(rock, 256)
+    return _on_even_lines(rock)
 
 
 def _chevron() -> Surface:
     def chevron(u: Floats, v: Floats) -> Floats:
         return np.asarray(np.arccos(np.cos(u + np.arcsin(np.sin(v)))))
 
-    return _on_even_lines(chevron, 512)
+    return _on_even_lines(chevron)
 
 
-def _on_even_lines(function: Callable[[Floats, Floats], Floats], count: int) -> SplineSurface:
+def _on_even_lines(function: Callable[[Floats, Floats], Floats]) -> SplineSurface:
     """Return a spline on even lines. Creases at 45 degrees then run through the crossings of the lines."""
-    lines = np.linspace(0.0, 2.0 * math.pi, count + 1)
+    lines = np.linspace(0.0, 2.0 * math.pi, _EVEN_SPANS + 1)
     heights = function(lines[:, None], lines[None, :])
     return measured_error(function, spline_through(lines, lines, heights, repeats=(True, True)))
 

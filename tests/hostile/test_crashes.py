@@ -37,11 +37,13 @@ def step_text(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def _without(text: str, entity: str) -> str:
-    return re.sub(rf"(?m)^#\d+ = {entity}\([^;]*;\n", "", text, count=1)
+    assert entity in text
+    return re.sub(rf"(?m)^#\d+ ?= ?{entity}\([^;]*;\n", "", text, count=1)
 
 
 def _self_referencing(text: str, entity: str) -> str:
-    return re.sub(rf"(?m)^#(\d+) = {entity}\(([^;#]*)#\d+", rf"#\1 = {entity}(\2#\1", text, count=1)
+    assert entity in text
+    return re.sub(rf"(?m)^#(\d+) ?= ?{entity}\(([^;#]*)#\d+", rf"#\1={entity}(\2#\1", text, count=1)
 
 
 CRASHING = {

@@ -4,7 +4,8 @@ Every cell is divided into ``s`` by ``s`` parts. On a part, the deviation ``e = 
 at the four corners plus its possible change between the corners. A part on a diagonal is divided along the diagonal, so
 ``e`` is smooth on each right triangle. On a triangle with legs ``a, b``, it differs from its linear interpolation by at
 most ``(a^2 M_uu + 2 a b M_uv + b^2 M_vv) / 8``. Here ``M`` bounds the second derivatives of f. It follows from their
-values at the corners of the cell and a remainder from the fourth derivatives.
+values at the corners of the cell and a remainder from the fourth derivatives. Across creases, the first derivatives
+give the bound ``(a M_u + b M_v) / 2``.
 """
 
 from __future__ import annotations
@@ -53,7 +54,10 @@ class Cells:
         a, b = np.diff(x)[:, None], np.diff(y)[None, :]
         uu, uv, vv = (surface.cell_bounds(x, y, order) for order in ((2, 0), (1, 1), (0, 2)))
         parts = self._parts
-        self._between = self._spread((uu * a**2 + 2.0 * uv * a * b + vv * b**2) / (8.0 * parts**2))
+        bent = (uu * a**2 + 2.0 * uv * a * b + vv * b**2) / (8.0 * parts**2)
+        # the slopes are bounded across creases as well, where the second derivatives are not
+        sloped = (surface.cell_bounds(x, y, (1, 0)) * a + surface.cell_bounds(x, y, (0, 1)) * b) / (2.0 * parts)
+        self._between = self._spread(np.minimum(bent, sloped))
         steep = np.zeros_like(self._between)
         for order, change in (((1, 0), uu * a + uv * b), ((0, 1), uv * a + vv * b)):
             slope = np.abs(surface.grid(fine_x, fine_y, order))

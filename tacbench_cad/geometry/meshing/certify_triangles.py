@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.spec.surface import Surface
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
 #: The largest value of ``sum |L_i(x)| t_i(x)^3 / 6`` on a triangle, 0.033929, rounded up. Here ``t_i`` is the length of
@@ -24,6 +25,8 @@ REST = 0.03394
 MAX_DIVISIONS = 6
 #: The number of triangles that are evaluated together.
 CHUNK = 20_000
+#: The largest number of triangles and parts of triangles that are bounded for one mesh. It takes some minutes.
+MAX_PARTS = 30_000_000
 _SECOND = ((2, 0), (1, 1), (0, 2))
 _THIRD = ((3, 0), (2, 1), (1, 2), (0, 3))
 
@@ -39,6 +42,8 @@ class DerivativeBounds:
     """
 
     def __init__(self, surface: Surface, x: Floats, y: Floats) -> None:
+        #: The number of boxes that have been bounded so far.
+        self.used = 0
         self._lines = (_cells(x, surface.breaks[0]), _cells(y, surface.breaks[1]))
         x, y = self._lines
         self._creases = surface.creases
@@ -73,6 +78,7 @@ class DerivativeBounds:
         Returns:
             The bounds, shape (7, m). They are infinite if a crease runs through the inside of a box.
         """
+        self.used += low.shape[1]
         first, last = [], []
         for axis in range(2):
             lines = self._lines[axis]
@@ -108,6 +114,9 @@ def prove(
     Returns:
         The bounds of ``|fit - f| / sqrt(1 + |gradient|^2)`` and of ``|fit - f|``, shape (2, m). The first one is
         infinite if it could not be proved to be at most the limit.
+
+    Raises:
+        InputError: The proofs of the mesh have more than :data:`MAX_PARTS` parts.
     """
     proof = np.empty((2, len(points)))
     for start in range(0, len(points), CHUNK):
@@ -130,6 +139,10 @@ def _prove(
         limit: The allowed distance.
         divisions: How many times a triangle is divided at most.
     """
+    if bounds.used + corners.shape[2] > MAX_PARTS:
+        raise InputError(
+            "tolerance", None, "the surface is too rough for a proof; use a larger tolerance, or a sample grid"
+        )
     middles = (corners + corners[:, [1, 2, 0]]) / 2.0
     deviation = np.concatenate([deviation, middles[2] - surface(*middles[:2])])
     low, high = corners[:2].min(axis=1), corners[:2].max(axis=1)

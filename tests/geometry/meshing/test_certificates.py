@@ -55,6 +55,15 @@ def test_never_below_the_sampled_truth_in_full(seed: int) -> None:
     check(seed)
 
 
+@pytest.mark.parametrize("name", ["diamond", "ridges", "chevron"])
+def test_sample_grids_across_creases_have_a_finite_bound_that_holds(name: str) -> None:
+    block = Block.of(name, sampling=SampleGrid(nx=95, ny=101))
+    mesh, certificate = mesh_block(block)
+    distance, vertical = deviations(block, mesh, 10)
+    assert distance <= certificate.distance_mm < 3.0 * vertical
+    assert vertical <= certificate.vertical_mm
+
+
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
 def test_tight_within_a_tolerance(number: int) -> None:
     block = Block.of(number, sampling=Tolerance(mm=0.02))

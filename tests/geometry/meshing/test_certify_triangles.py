@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tacbench_cad.geometry.meshing import certify_triangles
 from tacbench_cad.geometry.meshing.certify_triangles import REST, DerivativeBounds, prove
 from tacbench_cad.geometry.meshing.net import lattice
 from tacbench_cad.spec.sampled import sampled, spline_through
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
 SIDES = (10.0, 8.0)
@@ -92,3 +94,10 @@ def test_the_constant_of_the_rest() -> None:
     length = np.abs(nodes[:, None] - weights[None]).sum(axis=2) / 2.0
     largest = float((np.abs(lagrange) * length**3).sum(axis=0).max()) / 6.0
     assert 0.999 * REST < largest < REST
+
+
+def test_a_proof_with_too_many_parts_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(certify_triangles, "MAX_PARTS", 100)
+    surface = rough()
+    with pytest.raises(InputError, match="too rough for a proof; use a larger tolerance"):
+        prove(surface, bounds_of(surface), triangles(surface, 150, 1.5, 7), 0.004)
