@@ -15,12 +15,18 @@ import pytest
 
 joblib = pytest.importorskip("joblib")
 
-from helpers.outsiders import free_port
 
 from tacbench_cad.lab import parallel
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
+
+
+def free_port() -> int:
+    # The scheduler imports this file, and cannot import the helpers of the tests.
+    from helpers import outsiders
+
+    return outsiders.free_port()
 
 
 def square_and_process(number: int) -> tuple[int, int]:

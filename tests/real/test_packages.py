@@ -313,7 +313,7 @@ IN_BASE = (
     ("make --texture 1 --formats stl,3mf --parts blocks --out made", "texture-1_paper_x1.3mf"),
     (
         "make --texture 1 --out all",
-        "left out: holder, jig: needs cadquery-ocp, build123d, not installed: run pip install",
+        "left out: holder, jig: needs cadquery-ocp, not installed: run pip install",
     ),
     ("check-part made/texture-1_paper_x1.stl", "all checks passed"),
     ("check-part made/texture-1_paper_x1.3mf", "all checks passed"),

@@ -67,7 +67,7 @@ def type_and_run(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: py
     work = tmp_path / "work"
     (work / "runs" / "texture-1").mkdir(parents=True)
     (work / "runs" / "texture-1" / "run.json").touch()
-    (work / "hexagons.toml").touch()
+    (work / "mesh-like.toml").touch()
     options, setup = SHELLS[shell]
     child, terminal = pty.fork()
     if child == 0:
@@ -106,7 +106,7 @@ def type_and_run(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: py
 def test_a_typed_line_is_completed(type_and_run: Type) -> None:
     assert type_and_run(f"tacbench simul{TAB}") == ["simulate"]
     assert type_and_run(f"tacbench make --pres{TAB}rel{TAB}") == ["make", "--preset", "released"]
-    assert type_and_run(f"tacbench make --texture 1,hex{TAB}") == ["make", "--texture", "1,hexagons.toml"]
+    assert type_and_run(f"tacbench make --texture 1,mesh{TAB}") == ["make", "--texture", "1,mesh-like.toml"]
     assert type_and_run(f"tacbench plate --printer bamb{TAB}") == ["plate", "--printer", "bambu-p1p"]
     assert type_and_run(f"tacbench variance ru{TAB}") == ["variance", "runs"]
     assert type_and_run(f"tacbench classify runs --hold-out copy,prin{TAB}") == [
