@@ -34,7 +34,8 @@ class Request:
         preset: ``paper`` or ``released``.
         scale: The factor for sides, height, mm per unit and press grid.
         size_mm: The sides x, y of a block.
-        outline: The outline of a block: an object or a word, see :meth:`tacbench_cad.Block.of`; None for a rectangle.
+        outline: The outline of a block: an object or a word, see :meth:`tacbench_cad.spec.block.Block.of`; None for a
+            rectangle.
         height_mm: The height of a block's highest point.
         mm_per_unit: The number of mm per unit of u, v and height.
         sampling: The tolerance or the grid of the meshes in STL and 3MF files; ``"grid"`` for the preset's own grid.

@@ -360,7 +360,7 @@ def test_base(environment: Environment) -> None:
         assert f'pip install "tacbench-cad[{needed}]"' in environment.refusal(line.format(out="refused")), line
     assert list(environment.folder.glob("refused*")) == [], "a refused command has written a file"
     missing = environment.missing_modules()
-    assert extras_of(set(missing.values())) <= {"cad", "analysis"}
+    assert extras_of(set(missing.values())) <= {"cad", "analysis", "web"}
     assert {"tacbench_cad.cq", "tacbench_cad.bd", "housing.bd"} <= set(missing), "the plug-ins need these packages"
     light = ("tacbench_cad.lab.", "tacbench_cad.cli.", "tacbench_cad.making.", "tacbench_cad.slicing.")
     assert [name for name in missing if name.startswith(light)] == ["tacbench_cad.lab.analysis.classification.network"]

@@ -15,7 +15,7 @@ from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The number of triangles that are evaluated together. Their arrays fit into the processor's cache.
 CHUNK = 1500
-#: A triangle must be higher than this fraction of its longest side, and higher than :data:`MIN_HEIGHT_MM`.
+#: A triangle must be higher than this fraction of its longest side, and higher than ``MIN_HEIGHT_MM``.
 MIN_SLOPE = 1e-3
 MIN_HEIGHT_MM = 2e-4
 

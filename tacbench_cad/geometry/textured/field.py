@@ -2,8 +2,9 @@
 
 A wave along a face is a product of two exponentials, one along s and one along t. The same is true after it fades out
 by half a period of a cosine, and after it is wound around a cylinder: a point of the cross-section is
-``(R + h) exp(i s / R)``, again a sum of exponentials. So the proof of :mod:`..splines.spline` holds for all of them.
-A fade along any other outline is not such a sum. It is interpolated on a grid, and its error is measured.
+``(R + h) exp(i s / R)``, again a sum of exponentials. So the proof of :mod:`tacbench_cad.geometry.splines.spline`
+holds for all of them. A fade along any other outline is not such a sum. It is interpolated on a
+grid, and its error is measured.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class DesignPage:
         out: The folder of the files. The page cannot choose another.
         uploads: A folder for the height maps that the user drops on the page.
         first: The state at the beginning.
-        name: The name of that state in :data:`STARTS`; empty for a file.
+        name: The name of that state in :data:`tacbench_cad.web.design.document.STARTS`; empty for a file.
     """
 
     def __init__(self, out: Path, uploads: Path, first: Design, name: str = "") -> None:
