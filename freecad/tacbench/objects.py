@@ -10,13 +10,14 @@ from typing import Any
 import FreeCAD
 
 from freecad.tacbench import shapes
+from freecad.tacbench.stateless import Stateless
 
 LENGTH, NUMBER, TEXT = "App::PropertyLength", "App::PropertyFloat", "App::PropertyString"
 UPS = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
 CHOICE, WHOLE, SWITCH = "App::PropertyEnumeration", "App::PropertyIntegerConstraint", "App::PropertyBool"
 
 
-class Parametric:
+class Parametric(Stateless):
     """What the three kinds of objects share. A subclass lists its properties and makes its request.
 
     Attributes:
@@ -61,19 +62,6 @@ class Parametric:
 
     def finish(self, obj: Any, facts: dict[str, Any]) -> None:
         """Set what else follows from the facts."""
-
-    # The objects have no state beside their properties. FreeCAD 0.20 calls the first two, and 0.21 the others.
-    def __getstate__(self) -> None:
-        return None
-
-    def __setstate__(self, state: Any) -> None:
-        pass
-
-    def dumps(self) -> None:
-        """Return the state that a document stores: none."""
-
-    def loads(self, state: Any) -> None:
-        """Restore the state from a document."""
 
 
 def number(length: Any) -> float:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from freecad.tacbench.stateless import Stateless
+
 ICONS = Path(__file__).with_name("icons")
 #: FreeCAD's display meshes: the largest angle between neighbouring triangles, in degrees. Its default of 28.5 makes so
 #: many triangles on a texture with fine waves that the window waits for minutes.
 DISPLAY_ANGLE_DEG = 85.0
 
 
-class View:
+class View(Stateless):
     """The view provider of all objects."""
 
     def __init__(self, view: Any) -> None:
@@ -30,16 +32,3 @@ class View:
         """Return the objects that the tree shows below this one: the part of a textured face."""
         face = getattr(self._object, "Face", None)
         return [face[0]] if face else []
-
-    # A document stores no state of the view. FreeCAD 0.20 calls the first two, and 0.21 the others.
-    def __getstate__(self) -> None:
-        return None
-
-    def __setstate__(self, state: Any) -> None:
-        pass
-
-    def dumps(self) -> None:
-        """Return the state that a document stores: none."""
-
-    def loads(self, state: Any) -> None:
-        """Restore the state from a document."""

@@ -24,6 +24,7 @@ from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, neare
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
 from tacbench_cad.formats.step import kernel_errors, with_kernel
+from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, MARGIN_MM
 from tacbench_cad.spec.outlines import MIN_SIDE_MM, MIN_WIDTH_MM, NAMED, Disc, Outline, RegularPolygon, Ring
@@ -235,7 +236,7 @@ def _solid_body(name: str, solid: TopoDS_Shape, measured: Measured) -> _Body:
 
     single = solidcheck.count(solid, "SOLID") == 1
     volume = measured.volume_mm3
-    holes = f", {solidcheck.genus(solid)} through holes" if single else ""
+    holes = f", {kernel.genus(solid)} through holes" if single else ""
     detail = f"{volume:.6g} mm^3{holes}" + ("" if volume > 0.0 else ": inside out or empty")
     checks = [*solidcheck.solid_checks(solid), Check(name="volume", ok=volume > 0.0, detail=detail)]
     return _Body(

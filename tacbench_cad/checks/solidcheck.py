@@ -9,7 +9,6 @@ import numpy as np
 
 from tacbench_cad.checks.report import Check
 from tacbench_cad.geometry import kernel
-from tacbench_cad.geometry.kernel import genus as genus
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -96,11 +95,7 @@ def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
 
 def spline_faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:
     """Return the faces that are B-spline surfaces."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.GeomAbs import GeomAbs_SurfaceType
-
-    kind = GeomAbs_SurfaceType.GeomAbs_BSplineSurface
-    return [face for face in kernel.distinct(shape, "FACE") if BRepAdaptor_Surface(face, False).GetType() == kind]
+    return [face for face in kernel.distinct(shape, "FACE") if kernel.surface_kind(face) == "BSplineSurface"]
 
 
 def _bounds(face: TopoDS_Face) -> tuple[float, float, float, float]:

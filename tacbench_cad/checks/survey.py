@@ -53,7 +53,7 @@ def survey(shape: TopoDS_Shape, outlined: bool = False, points: bool = True) -> 
     bases: dict[Any, Any] = {}
     planes, patches = [], []
     for face in faces:
-        if _is_plane(face):
+        if kernel.surface_kind(face) == "Plane":
             planes.append(face)
             continue
         patch = spline_face(face, bases) if solidcheck.is_rectangle(face) else None
@@ -132,13 +132,6 @@ def _points(patches: list[SplineFace]) -> Floats:
         return np.empty((0, 3))
     side = solidcheck.lattice_side(len(tops))
     return np.concatenate([patch.lattice(side) for patch in tops])
-
-
-def _is_plane(face: TopoDS_Face) -> bool:
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.GeomAbs import GeomAbs_SurfaceType
-
-    return bool(BRepAdaptor_Surface(face, False).GetType() == GeomAbs_SurfaceType.GeomAbs_Plane)
 
 
 def _cone(face: TopoDS_Face) -> float:

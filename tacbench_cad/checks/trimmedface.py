@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from tacbench_cad.checks.splineface import SplineFace
+from tacbench_cad.spec.spline import greville
 from tacbench_cad.util.types import Bools, Floats
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ class TrimmedFace:
         """Whether the parameters u and v of the patch are x and y, so that its z is a function of them."""
         for axis in (0, 1):
             degree, knots = self.patch.degrees[axis], self.patch.knots[axis]
-            places = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
+            places = greville(knots, degree)
             across = places[:, None] if axis == 0 else places[None, :]
             if np.abs(self.patch.poles[:, :, axis] - across).max() > _SAME_MM:
                 return False
@@ -63,14 +64,14 @@ class TrimmedFace:
         inner = np.clip(u, knots[degree], knots[-degree - 1])
         rising = BSpline(knots, np.eye(self.patch.poles.shape[0]), degree).antiderivative()
         along_u = rising(inner) - rising(low)
-        along_v = self._basis_v(v)
+        along_v = self._basis(1, v)
         heights = np.einsum("ki,ij,kj->k", along_u, self.patch.poles[:, :, 2], along_v)
         return self.patch.sign * float(weight @ heights)
 
-    def _basis_v(self, v: Floats) -> Floats:
-        knots, degree = self.patch.knots[1], self.patch.degrees[1]
-        at = np.clip(v, knots[degree], knots[-degree - 1])
-        return np.asarray(BSpline(knots, np.eye(self.patch.poles.shape[1]), degree)(at))
+    def _basis(self, axis: int, at: Floats) -> Floats:
+        knots, degree = self.patch.knots[axis], self.patch.degrees[axis]
+        inner = np.clip(at, knots[degree], knots[-degree - 1])
+        return np.asarray(BSpline(knots, np.eye(self.patch.poles.shape[axis]), degree)(inner))
 
     def inside(self, u: Floats, v: Floats) -> Bools:
         """Return which points of a grid (n,) by (m,) are inside of the border, by the even-odd rule, shape (n, m)."""
@@ -93,13 +94,8 @@ class TrimmedFace:
 
     @cached_property
     def _border_points(self) -> Floats:
-        points = np.concatenate(self.loops)
-        u, v = points.T
-        knots, degree = self.patch.knots[0], self.patch.degrees[0]
-        along_u = BSpline(knots, np.eye(self.patch.poles.shape[0]), degree)(
-            np.clip(u, knots[degree], knots[-degree - 1])
-        )
-        return np.asarray(np.einsum("ki,ijc,kj->kc", along_u, self.patch.poles, self._basis_v(v)))
+        u, v = np.concatenate(self.loops).T
+        return np.asarray(np.einsum("ki,ijc,kj->kc", self._basis(0, u), self.patch.poles, self._basis(1, v)))
 
     def highest_mm(self, side: int) -> float:
         """Return the height of the highest point, from ever smaller squares around the highest of some points."""

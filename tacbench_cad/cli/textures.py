@@ -94,7 +94,6 @@ def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:
     from tacbench_cad.spec.spectrum import spectrum
 
     waves, unit = spectrum(block), block.mm_per_unit[2]
-    ridges = waves.wavelength_mm / 2.0
     return {
         "texture": block.texture.name,
         "equation": block.texture.equation,
@@ -105,7 +104,7 @@ def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:
         "size_mm": [*block.size_mm, block.height_mm],
         "finest_ridge_mm": waves.finest_ridge_mm,
         "waves": waves.waves,
-        "waves_printable": None if waves.waves is None else int((ridges >= nozzle_mm).sum()),
+        "waves_printable": waves.printable_waves(nozzle_mm),
         "printable_fraction": waves.printable(nozzle_mm),
         "spectrum": [{"from_mm": low, "to_mm": high, "fraction": fraction} for low, high, fraction in waves.bands()],
     }

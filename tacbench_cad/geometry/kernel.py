@@ -7,11 +7,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS_Shape
+
+
+def shape_of(thing: Any, name: str) -> TopoDS_Shape:
+    """Return the kernel's shape of an object of CadQuery or build123d, or the shape itself.
+
+    Args:
+        thing: The object.
+        name: What the object should be, for the error message.
+
+    Raises:
+        InputError: The object has no shape.
+    """
+    shape = thing.val() if hasattr(thing, "val") else thing
+    shape = getattr(shape, "wrapped", shape)
+    if shape is None or not hasattr(shape, "ShapeType"):
+        raise InputError(name, thing, f"must be a {name} of CadQuery, build123d or Open CASCADE")
+    return shape
 
 
 def each(shape: TopoDS_Shape, kind: str, outside_of: str = "SHAPE") -> Iterator[Any]:
@@ -67,6 +85,13 @@ def genus(shape: TopoDS_Shape) -> int:
     faces = len(distinct(shape, "FACE"))
     euler = len(distinct(shape, "VERTEX")) - edges + 2 * faces - len(distinct(shape, "WIRE"))
     return len(distinct(shape, "SHELL")) - euler // 2
+
+
+def surface_kind(face: TopoDS_Shape) -> str:
+    """Return the kind of a face's surface: ``Plane``, ``Cylinder``, ``BSplineSurface`` and so on."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    return str(BRepAdaptor_Surface(face, False).GetType()).rpartition("_")[2]
 
 
 def volume_mm3(shape: TopoDS_Shape) -> float:

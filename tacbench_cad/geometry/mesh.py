@@ -92,6 +92,14 @@ class Mesh:
         return manifold3d.Manifold(manifold3d.Mesh(self.vertices.astype(np.float32), triangles))
 
 
+def manifold_of(vertices: Floats, faces: Indices) -> Any:
+    """Return vertices and triangles as a ``manifold3d.Manifold`` in double precision."""
+    import manifold3d
+
+    points = np.ascontiguousarray(vertices, dtype=np.float64)
+    return manifold3d.Manifold(manifold3d.Mesh64(points, np.ascontiguousarray(faces, dtype=np.uint64)))
+
+
 def cross(a: Floats, b: Floats) -> Floats:
     """Return the cross products of the rows of two arrays. This is several times faster than numpy.cross.
 

@@ -85,10 +85,7 @@ class SimpleSolid:
         Raises:
             InputError: The object is not a solid, or a face is of another kind.
         """
-        shape = solid.val() if hasattr(solid, "val") else solid
-        shape = getattr(shape, "wrapped", shape)
-        if shape is None or not hasattr(shape, "ShapeType"):
-            raise InputError("solid", solid, "must be a solid of CadQuery, build123d or Open CASCADE")
+        shape = kernel.shape_of(solid, "solid")
         round_mm2 = _require_simple(shape)
         low, high = kernel.box_mm(shape)
         x, y, z = np.round(high - low, ROUND_DECIMALS - 3).tolist()

@@ -18,12 +18,10 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.textured.on_mesh import TexturedMesh, texture_on_mesh
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.making.choice import textures_of
+from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, require_between
 from tacbench_cad.util.files import replacing
-
-#: The default largest distance of the mesh from the formula, in mm.
-TOLERANCE_MM = 0.01
 
 
 def textured_mesh(

@@ -218,7 +218,7 @@ def _too_fine(function: Function, error: float, reached: float) -> InputError:
 def _spline(
     call: Callable[[Floats, Floats], Floats], segments: Sequence[Sequence[Floats]], repeats: tuple[bool, bool]
 ) -> SplineSurface:
-    lines = [np.concatenate([parts[0], *(part[1:] for part in parts[1:])]) for parts in segments]
+    lines = [_lines(parts) for parts in segments]
     poles = np.asarray(call(lines[0][:, None], lines[1][None, :]))
     axes = []
     for which, parts in enumerate(segments):
@@ -257,9 +257,14 @@ def _vectorised(function: Function) -> Callable[[Floats, Floats], Floats]:
     return call
 
 
+def _lines(parts: Sequence[Floats]) -> Floats:
+    """Return the samples of neighbouring segments, each once."""
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+
+
 def _dense(parts: Sequence[Floats], between: Floats) -> Floats:
     """Return the samples, and the given fractions of each interval between them."""
-    lines = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
+    lines = _lines(parts)
     inner = lines[:-1, None] + np.diff(lines)[:, None] * np.append(0.0, between)
     return np.append(inner.ravel(), lines[-1])
 

@@ -11,7 +11,7 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
-from tacbench_cad.util.types import Floats
+from tacbench_cad.util.types import Bools, Floats
 
 #: The largest number of samples along a side for the Fourier transform of a spline surface.
 _MAX_SAMPLES = 1024
@@ -45,8 +45,14 @@ class Spectrum:
 
     def printable(self, nozzle_mm: float) -> float:
         """Return the fraction of the variance that belongs to waves whose ridges are as wide as the nozzle or wider."""
-        wide = self.wavelength_mm >= 2.0 * nozzle_mm
-        return float(self.variance_mm2[wide].sum() / self.variance_mm2.sum())
+        return float(self.variance_mm2[self._is_printable(nozzle_mm)].sum() / self.variance_mm2.sum())
+
+    def printable_waves(self, nozzle_mm: float) -> int | None:
+        """Return the number of such waves; None if the surface is not a sum of waves."""
+        return None if self.waves is None else int(self._is_printable(nozzle_mm).sum())
+
+    def _is_printable(self, nozzle_mm: float) -> Bools:
+        return np.asarray(self.wavelength_mm >= 2.0 * nozzle_mm)
 
     def bands(self) -> list[tuple[float, float, float]]:
         """Return the fraction of the variance in each octave of wavelengths: lower and upper end in mm, fraction."""

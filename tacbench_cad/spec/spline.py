@@ -32,6 +32,12 @@ _POINTS_AT_A_TIME = 8192
 _SAME = 1e-12
 
 
+def greville(knots: Floats, degree: int) -> Floats:
+    """Return the Greville abscissae of knots. With these poles, the spline is the function ``t``."""
+    windows = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
+    return np.asarray(windows.mean(axis=1), dtype=np.float64)
+
+
 @dataclass(frozen=True, eq=False)
 class SplineAxis:
     """The knots of a spline along one axis.
@@ -71,8 +77,7 @@ class SplineAxis:
     @cached_property
     def greville(self) -> Floats:
         """The Greville abscissae, shape (count,). With these poles, the spline is the function ``t``."""
-        windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree)
-        return np.asarray(np.clip(windows.mean(axis=1), *self.ends), dtype=np.float64)
+        return np.asarray(np.clip(greville(self.knots, self.degree), *self.ends), dtype=np.float64)
 
     def inside(self, t: Floats) -> Floats:
         """Move coordinates into the domain: by whole periods, or to the nearest end."""

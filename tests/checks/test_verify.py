@@ -307,17 +307,17 @@ def test_through_holes_of_solids_are_counted() -> None:
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder
     from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 
-    from tacbench_cad.checks import solidcheck
+    from tacbench_cad.geometry import kernel
 
     shape = BRepPrimAPI_MakeBox(30.0, 10.0, 5.0).Shape()
-    assert solidcheck.genus(shape) == 0
+    assert kernel.genus(shape) == 0
     for holes, x in enumerate((5.0, 15.0, 25.0), start=1):
         axis = gp_Ax2(gp_Pnt(x, 5.0, -1.0), gp_Dir(0.0, 0.0, 1.0))
         shape = BRepAlgoAPI_Cut(shape, BRepPrimAPI_MakeCylinder(axis, 2.0, 7.0).Shape()).Shape()
-        assert solidcheck.genus(shape) == holes
+        assert kernel.genus(shape) == holes
     dent = gp_Ax2(gp_Pnt(10.0, 5.0, 6.0), gp_Dir(0.0, 0.0, -1.0))
     shape = BRepAlgoAPI_Cut(shape, BRepPrimAPI_MakeCone(dent, 1.5, 0.0, 3.0).Shape()).Shape()
-    assert solidcheck.genus(shape) == 3
+    assert kernel.genus(shape) == 3
 
 
 def test_full_adds_the_kernels_default_volume_and_box(tmp_path: Path) -> None:

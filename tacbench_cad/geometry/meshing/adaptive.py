@@ -138,7 +138,6 @@ def _start(block: Block, heights: Heights, tolerance: float, ideal: float) -> Ne
         x, y = np.append(x, corner + square[1:]), np.append(square, y[1:])
         x[-1] = sides[0]
     n, m = len(x), len(y)
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     i, j = (part.ravel() for part in np.meshgrid(np.arange(n - 1), np.arange(m - 1), indexing="ij"))
     # the number of cells by which a cell lies beyond the cut
     beyond = np.where((i >= n - 1 - inner) & (j < inner), i - (n - 1 - inner) - j, -1)

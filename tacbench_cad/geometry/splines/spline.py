@@ -20,6 +20,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.spec.spline import greville
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Bools, Complexes, Floats
 
@@ -64,8 +65,7 @@ class Basis:
     @cached_property
     def greville(self) -> Floats:
         """The Greville abscissae, shape (count,). With these poles, the spline is the function ``t``."""
-        windows = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], self.degree)
-        return np.asarray(windows.mean(axis=1), dtype=np.float64)
+        return greville(self.knots, self.degree)
 
     def local(self, t: Floats) -> tuple[NDArray[np.intp], Floats]:
         """Compute the ``degree + 1`` nonzero functions at ``t`` in [0, 1], by the recursion of Cox and de Boor.

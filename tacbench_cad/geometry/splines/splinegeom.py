@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface
 from OCP.GeomFill import GeomFill_BSplineCurves, GeomFill_FillingStyle
-from OCP.gp import gp_Pnt, gp_Vec
-from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array2OfPnt
-from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
+from OCP.gp import gp_Vec
 
+from tacbench_cad.geometry.splines import kernelsplines
 from tacbench_cad.geometry.splines.exact import SplinePatches
 from tacbench_cad.geometry.splines.patches import Patches
+from tacbench_cad.spec.spline import greville
 from tacbench_cad.util.types import Floats
 
 
@@ -44,11 +43,11 @@ class SplineGeometry:
             axis, y = self._relief.x, float(self._relief.y.lines[j])
             if self._relief.profiles_mm is None:
                 poles = _points(axis.abscissae_mm(i), y, self._row_along_x(i, j))
-                self._made_x[i, j] = _curve(poles, *axis.knots_of(i), axis.degree)
+                self._made_x[i, j] = kernelsplines.curve(poles, axis.knots_of(i), axis.degree)
             else:
                 if i not in self._profiles_x:
                     poles = _points(axis.abscissae_mm(i), 0.0, self._relief.profiles_mm[0][i])
-                    self._profiles_x[i] = _curve(poles, *axis.knots_of(i), axis.degree)
+                    self._profiles_x[i] = kernelsplines.curve(poles, axis.knots_of(i), axis.degree)
                 rise = _at_line(self._relief.profiles_mm[1], j)
                 self._made_x[i, j] = self._profiles_x[i].Translated(gp_Vec(0.0, y, rise))
         return self._made_x[i, j]
@@ -59,11 +58,11 @@ class SplineGeometry:
             axis, x = self._relief.y, float(self._relief.x.lines[i])
             if self._relief.profiles_mm is None:
                 poles = _points(x, axis.abscissae_mm(j), self._column_along_y(i, j))
-                self._made_y[i, j] = _curve(poles, *axis.knots_of(j), axis.degree)
+                self._made_y[i, j] = kernelsplines.curve(poles, axis.knots_of(j), axis.degree)
             else:
                 if j not in self._profiles_y:
                     poles = _points(0.0, axis.abscissae_mm(j), self._relief.profiles_mm[1][j])
-                    self._profiles_y[j] = _curve(poles, *axis.knots_of(j), axis.degree)
+                    self._profiles_y[j] = kernelsplines.curve(poles, axis.knots_of(j), axis.degree)
                 rise = _at_line(self._relief.profiles_mm[0], i)
                 self._made_y[i, j] = self._profiles_y[j].Translated(gp_Vec(x, 0.0, rise))
         return self._made_y[i, j]
@@ -77,8 +76,8 @@ class SplineGeometry:
         if self._relief.profiles_mm is not None:
             return _coons(self.curve_x(i, j), self.curve_y(i + 1, j), self.curve_x(i, j + 1), self.curve_y(i, j))
         x, y = self._relief.x, self._relief.y
-        poles = (x.abscissae_mm(i), y.abscissae_mm(j), self._relief.heights_mm(i, j))
-        return _surface(*poles, x.knots_of(i), y.knots_of(j), (x.degree, y.degree))
+        poles = _grid(x.abscissae_mm(i), y.abscissae_mm(j), self._relief.heights_mm(i, j))
+        return kernelsplines.surface(poles, (x.knots_of(i), y.knots_of(j)), (x.degree, y.degree))
 
     def curve_diagonal(self, i: int, j: int) -> Geom_BSplineCurve:
         """Return the curve over the diagonal of the square patch (i, j). Its parameter is ``sqrt(2) y`` in mm.
@@ -98,22 +97,20 @@ class SplineGeometry:
                 breaks[place] = max(breaks.get(place, 1), degree - own + times)
         repeated = np.repeat(sorted(breaks), [breaks[place] for place in sorted(breaks)])
         knots = np.concatenate([np.zeros(degree + 1), repeated, np.ones(degree + 1)])
-        greville = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
-        greville = np.clip(greville, 0.0, 1.0)
-        heights = np.einsum("ki,ij,kj->k", x.values(i, greville), self._relief.heights_mm(i, j), y.values(j, greville))
-        z = np.linalg.solve(BSpline.design_matrix(greville, knots, degree).toarray(), heights)
+        t = np.clip(greville(knots, degree), 0.0, 1.0)
+        heights = np.einsum("ki,ij,kj->k", x.values(i, t), self._relief.heights_mm(i, j), y.values(j, t))
+        z = np.linalg.solve(BSpline.design_matrix(t, knots, degree).toarray(), heights)
         z[0], z[-1] = heights[0], heights[-1]
         lines_x, lines_y = self._relief.x.lines, self._relief.y.lines
         poles = _points(
-            lines_x[i] + (lines_x[i + 1] - lines_x[i]) * greville,
-            lines_y[j] + (lines_y[j + 1] - lines_y[j]) * greville,
-            z,
+            lines_x[i] + (lines_x[i + 1] - lines_x[i]) * t, lines_y[j] + (lines_y[j + 1] - lines_y[j]) * t, z
         )
         places = np.array([0.0, *sorted(breaks), 1.0])
         ends = math.sqrt(2.0) * lines_y[j : j + 2]
         along = ends[0] + (ends[1] - ends[0]) * places
         along[-1] = ends[1]
-        return _curve(poles, along, [degree + 1, *(breaks[place] for place in sorted(breaks)), degree + 1], degree)
+        copies = [degree + 1, *(breaks[place] for place in sorted(breaks)), degree + 1]
+        return kernelsplines.curve(poles, (along, copies), degree)
 
     def whole_surface(self) -> Geom_BSplineSurface:
         """Return all patches as one surface that is C1 at the joints. Its parameters are x and y in mm."""
@@ -126,10 +123,10 @@ class SplineGeometry:
         if self._relief.profiles_mm is None:
             rows = [np.hstack([self._relief.heights_mm(i, j) for j in range(y.patches)]) for i in range(x.patches)]
             heights = np.vstack(rows)[np.ix_(keep_x, keep_y)]
-            return _surface(at_x, at_y, heights, knots_x, knots_y, degrees)
+            return kernelsplines.surface(_grid(at_x, at_y, heights), (knots_x, knots_y), degrees)
         a, b = (profile.ravel()[keep] for profile, keep in zip(self._relief.profiles_mm, (keep_x, keep_y), strict=True))
-        sides_x = [_curve(_points(at_x, at_y[j], a + b[j]), *knots_x, degrees[0]) for j in (0, -1)]
-        sides_y = [_curve(_points(at_x[i], at_y, a[i] + b), *knots_y, degrees[1]) for i in (0, -1)]
+        sides_x = [kernelsplines.curve(_points(at_x, at_y[j], a + b[j]), knots_x, degrees[0]) for j in (0, -1)]
+        sides_y = [kernelsplines.curve(_points(at_x[i], at_y, a[i] + b), knots_y, degrees[1]) for i in (0, -1)]
         return _coons(sides_x[0], sides_y[1], sides_x[1], sides_y[0])
 
     def _row_along_x(self, i: int, j: int) -> Floats:
@@ -151,32 +148,9 @@ def _points(x: Floats | float, y: Floats | float, z: Floats) -> Floats:
     return np.column_stack(np.broadcast_arrays(x, y, z))
 
 
-def _curve(poles: Floats, knots: Floats, times: Sequence[int], degree: int) -> Geom_BSplineCurve:
-    """Make a curve from poles, shape (n, 3)."""
-    points = TColgp_Array1OfPnt(1, len(poles))
-    for i, pole in enumerate(poles.tolist(), start=1):
-        points.SetValue(i, gp_Pnt(*pole))
-    return Geom_BSplineCurve(points, _reals(knots), _integers(times), degree, False)
-
-
-def _surface(
-    x: Floats,
-    y: Floats,
-    z: Floats,
-    knots_x: tuple[Floats, Sequence[int]],
-    knots_y: tuple[Floats, Sequence[int]],
-    degrees: tuple[int, int],
-) -> Geom_BSplineSurface:
-    """Make a surface from its poles: positions x, shape (n,), positions y, shape (m,), and heights z, shape (n, m)."""
-    points = TColgp_Array2OfPnt(1, len(x), 1, len(y))
-    across = y.tolist()
-    for i, (at, row) in enumerate(zip(x.tolist(), z.tolist(), strict=True), start=1):
-        for j, height in enumerate(row, start=1):
-            points.SetValue(i, j, gp_Pnt(at, across[j - 1], height))
-    (at_x, times_x), (at_y, times_y) = knots_x, knots_y
-    return Geom_BSplineSurface(
-        points, _reals(at_x), _reals(at_y), _integers(times_x), _integers(times_y), *degrees, False, False
-    )
+def _grid(x: Floats, y: Floats, z: Floats) -> Floats:
+    """Return the poles of a surface from positions x, shape (n,), and y, shape (m,), and heights z, shape (n, m)."""
+    return np.stack(np.broadcast_arrays(x[:, None], y[None, :], z), axis=-1)
 
 
 def _coons(
@@ -184,17 +158,3 @@ def _coons(
 ) -> Geom_BSplineSurface:
     """Make the bilinearly blended patch of four boundary curves."""
     return GeomFill_BSplineCurves(low, right, high, left, GeomFill_FillingStyle.GeomFill_StretchStyle).Surface()
-
-
-def _reals(values: Floats) -> TColStd_Array1OfReal:
-    array = TColStd_Array1OfReal(1, len(values))
-    for i, value in enumerate(values.tolist(), start=1):
-        array.SetValue(i, value)
-    return array
-
-
-def _integers(values: Sequence[int]) -> TColStd_Array1OfInteger:
-    array = TColStd_Array1OfInteger(1, len(values))
-    for i, value in enumerate(values, start=1):
-        array.SetValue(i, value)
-    return array

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from tacbench_cad.geometry.textured.field import TAU, Height
+from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.frame import Frame
 from tacbench_cad.util.types import Floats
 
@@ -92,7 +92,7 @@ def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
         for edge in loop:
             length = float(np.linalg.norm(np.diff(edge.samples, axis=0), axis=1).sum())
             finest = max(max(height.surface.highest_frequency), 1e-9)
-            steps = max(1 if edge.kind == "line" else 16, math.ceil(length * finest / TAU * _PER_WAVE))
+            steps = max(1 if edge.kind == "line" else 16, math.ceil(length * finest / math.tau * _PER_WAVE))
             steps = max(steps, math.ceil(4.0 * length / height.fade.length_mm)) if height.fade.length_mm else steps
             at, weight = _rule(np.linspace(edge.first, edge.last, steps + 1))
             points = edge.at(at)
@@ -118,7 +118,7 @@ def _along_s(height: Height, points: Floats) -> Floats:
 
 def _breaks(height: Height, axis: int, low: float, high: float) -> Floats:
     finest = max(height.surface.highest_frequency[axis], 1e-9)
-    count = max(4, math.ceil(abs(high - low) * finest / TAU * _PER_WAVE))
+    count = max(4, math.ceil(abs(high - low) * finest / math.tau * _PER_WAVE))
     breaks = np.linspace(low, high, count + 1)
     fade = height.fade
     if fade.length_mm and fade.sides is not None and fade.sides[axis]:

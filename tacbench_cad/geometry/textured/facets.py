@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tacbench_cad.geometry.block_mesh import mesh_block
+from tacbench_cad.geometry.mesh import manifold_of
 from tacbench_cad.geometry.meshing.top import Top, textured_top
 from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.region import OutlineEdge, Region
@@ -56,7 +57,7 @@ def combined(
     Returns:
         The vertices and the triangles.
     """
-    whole = _manifold(vertices, faces)
+    whole = manifold_of(vertices, faces)
     for region, height, texturing, mm_per_unit in textures:
         low, high = height.range_mm
         on_grid = region.frame.radius_mm is not None or height.fade.length_mm > 0.0
@@ -76,7 +77,7 @@ def combined(
             continue
         mesh, _ = mesh_block(block)
         s, t, z = mesh.vertices.T
-        texture = _manifold(region.frame.point(s, t, z - block.height_mm + high), mesh.faces)
+        texture = manifold_of(region.frame.point(s, t, z - block.height_mm + high), mesh.faces)
         if texturing.sunk:
             whole -= _prism(region, low - _BLOCK_BASE_MM / 2.0, _OVERLAP_MM, tolerance_mm) - texture
         else:
@@ -84,13 +85,6 @@ def combined(
     result = whole.simplify(_SIMPLIFY_MM).to_mesh64()
     points = np.asarray(result.vert_properties, dtype=np.float64)[:, :3]
     return points, np.asarray(result.tri_verts, dtype=np.int32)
-
-
-def _manifold(vertices: Any, faces: Indices) -> manifold3d.Manifold:
-    import manifold3d
-
-    points = np.ascontiguousarray(vertices, dtype=np.float64)
-    return manifold3d.Manifold(manifold3d.Mesh64(points, np.ascontiguousarray(faces, dtype=np.uint64)))
 
 
 def _lines(region: Region, height: Height, block: Block, tolerance_mm: float) -> tuple[Floats, Floats]:
@@ -139,7 +133,7 @@ def _on_grid(region: Region, height: Height, lines: tuple[Floats, Floats], other
     all_quads = np.concatenate(quads)
     if other_mm > 0.0:  # the texture is the lower side
         all_quads = all_quads[:, ::-1]
-    return _manifold(points, np.concatenate([all_quads[:, [0, 1, 2]], all_quads[:, [0, 2, 3]]]))
+    return manifold_of(points, np.concatenate([all_quads[:, [0, 1, 2]], all_quads[:, [0, 2, 3]]]))
 
 
 def _prism(region: Region, low_mm: float, high_mm: float, tolerance_mm: float) -> manifold3d.Manifold:

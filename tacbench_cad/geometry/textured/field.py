@@ -19,6 +19,7 @@ import numpy as np
 from tacbench_cad.geometry.splines.patches import AIM, DEGREE, MAX_SPANS, MIN_SPANS, WAVES_PER_PATCH, spans_needed
 from tacbench_cad.geometry.splines.spline import Axis, basis
 from tacbench_cad.geometry.textured.frame import Frame
+from tacbench_cad.spec.spline import greville
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
@@ -226,8 +227,9 @@ class ExactField:
     def __init__(self, height: Height, frame: Frame, closed: bool) -> None:
         self._height, self._frame, self._closed = height, frame, closed
 
+    @cached_property
     def _waves(self) -> _Waves:
-        """Return the height, without ``start_mm``, as exponentials of which the real part counts."""
+        """The height, without ``start_mm``, as exponentials of which the real part counts."""
         height = self._height
         assert isinstance(height.surface, WaveSum)
         amplitude, f, g, phase = height.surface.table.T
@@ -238,7 +240,7 @@ class ExactField:
 
     def _zone(self, zones: tuple[int, int]) -> _Waves:
         """Return the exponentials in a zone of the fade: at the beginning (-1), in the middle (0), at the end (1)."""
-        height, waves = self._height, self._waves()
+        height, waves = self._height, self._waves
         for axis, zone in enumerate(zones):
             if zone:
                 turn = np.pi / height.fade.length_mm
@@ -339,7 +341,12 @@ class SampledField:
         counts, size = patch_counts(self._height), self._height.size_mm
         closed = (self._closed, False)
         finest = [
-            min(size[k], TAU / max(_finest(self._height)[k], 1e-9), self._height.fade.length_mm or 1e9) for k in (0, 1)
+            min(
+                size[k],
+                math.tau / max(self._height.surface.highest_frequency[k], 1e-9),
+                self._height.fade.length_mm or 1e9,
+            )
+            for k in (0, 1)
         ]
         lines = [lines_along(size[k], max(counts[k], 3 if closed[k] else 1), avoid[k], closed[k]) for k in (0, 1)]
         density = _SPANS_AT_FIRST
@@ -366,7 +373,7 @@ class SampledField:
         for axis in axes:
             inner = np.concatenate([axis.knots_mm(i)[1:] for i in range(axis.patches)])[:-1]
             knots = np.concatenate([[axis.lines[0]] * (DEGREE + 1), inner, [axis.lines[-1]] * (DEGREE + 1)])
-            places = np.lib.stride_tricks.sliding_window_view(knots[1:-1], DEGREE).mean(axis=1)
+            places = greville(knots, DEGREE)
             whole.append((knots, np.clip(places, axis.lines[0], axis.lines[-1])))
             local = np.linalg.inv(axis.basis.values(axis.basis.greville))
             to_patches.append(
@@ -391,24 +398,18 @@ class SampledField:
         return values, error
 
 
-TAU = 2.0 * math.pi
-
-
 def _between(breaks: Floats) -> Floats:
     """Return the ends of intervals and some points between them."""
     fractions = np.arange(_TEST_STEPS) / _TEST_STEPS
     return np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * fractions).ravel(), breaks[-1])
 
 
-def _finest(height: Height) -> tuple[float, float]:
-    return height.surface.highest_frequency
-
-
 def patch_counts(height: Height) -> tuple[int, int]:
     """Return the numbers of patches along s and t, so that no patch has too many waves for the kernel's areas."""
-    finest = _finest(height)
+    finest = height.surface.highest_frequency
     counts = [
-        max(1, math.ceil(size * f / (TAU * WAVES_PER_PATCH))) for size, f in zip(height.size_mm, finest, strict=True)
+        max(1, math.ceil(size * f / (math.tau * WAVES_PER_PATCH)))
+        for size, f in zip(height.size_mm, finest, strict=True)
     ]
     return counts[0], counts[1]
 

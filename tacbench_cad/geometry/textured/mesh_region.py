@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import Mesh, cross
+from tacbench_cad.geometry.mesh import Mesh, cross, manifold_of
 from tacbench_cad.geometry.textured.frame import Frame, axes_of
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Indices, Ints
@@ -131,9 +131,7 @@ def require_closed(mesh: Mesh, name: str) -> Any:
             None,
             f"the mesh is not closed: {wrong} edges do not have exactly two triangles; repair the mesh first",
         )
-    body = manifold3d.Manifold(
-        manifold3d.Mesh64(np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.uint64))
-    )
+    body = manifold_of(mesh.vertices, mesh.faces)
     if body.status() != manifold3d.Error.NoError:
         raise InputError(name, None, f"manifold3d refuses the mesh ({body.status().name}); repair the mesh first")
     if mesh.volume_mm3 <= 0.0:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import MAX_TRIANGLES
+from tacbench_cad.geometry.mesh import MAX_TRIANGLES, manifold_of
 from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.frame import Frame
 from tacbench_cad.util.errors import InputError
@@ -198,8 +198,6 @@ def body_between(frame: Frame, s: Floats, t: Floats, lower: Floats, upper: Float
         upper: The heights of the upper sheet.
         is_closed: Whether the body goes all the way around a cylinder.
     """
-    import manifold3d
-
     n, m = len(s) - is_closed, len(t)
     shape = (len(s), m)
     points = [
@@ -217,5 +215,4 @@ def body_between(frame: Frame, s: Floats, t: Floats, lower: Floats, upper: Float
         start, end = rim[:-1], rim[1:]
         walls += [np.stack([start, end, end + n * m], axis=1), np.stack([start, end + n * m, start + n * m], axis=1)]
     faces = np.concatenate([sheet[:, ::-1], sheet + n * m, *walls])
-    mesh = manifold3d.Mesh64(np.ascontiguousarray(np.concatenate(points)), np.ascontiguousarray(faces, dtype=np.uint64))
-    return manifold3d.Manifold(mesh)
+    return manifold_of(np.concatenate(points), faces)

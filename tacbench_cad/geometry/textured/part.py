@@ -14,6 +14,7 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.solids import ANGLE_RAD, ROUND_DECIMALS, require_closed, rounding_mm3, weld
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.geometry.triangulation import triangulate
+from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, require_between
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from tacbench_cad.geometry.textured.relief import FaceRelief
     from tacbench_cad.util.types import Floats, Indices
 
-#: The default largest distance of the mesh from the formula, in mm.
-MESH_TOLERANCE_MM = 0.01
 #: The fractions of the tolerance that the kernel's mesher is given, until the measured distance is small enough.
 _DEFLECTIONS = (0.9, 0.6, 0.4, 0.25, 0.12, 0.06)
 #: The largest slope of a texture that the kernel's mesher is given.
@@ -45,7 +44,7 @@ def textured_part(
     name: str,
     kind: str = "part",
     title: str = "",
-    mesh_tolerance_mm: float = MESH_TOLERANCE_MM,
+    mesh_tolerance_mm: float = TOLERANCE_MM,
     spec: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> Part:
@@ -72,10 +71,10 @@ def textured_part(
         InputError: A face is neither planar nor cylindrical, or a setting is not allowed for it.
     """
     require_between("mesh_tolerance_mm", mesh_tolerance_mm, 1e-4, 10.0, " mm")
-    faces = [_wrapped(one, "face") for one in _several(face)]
+    faces = [kernel.shape_of(item, "face") for item in _several(face)]
     if not faces:
         raise InputError("face", None, "must be a face of the part; select at least one")
-    made = _Made(_wrapped(part, "part"), faces, texturing(texture, **settings), mesh_tolerance_mm)
+    made = _Made(kernel.shape_of(part, "part"), faces, texturing(texture, **settings), mesh_tolerance_mm)
     return Part(
         name=name,
         kind=kind,
@@ -93,14 +92,6 @@ def _several(face: Any) -> Sequence[Any]:
     if hasattr(face, "vals"):
         return list(face.vals())
     return list(face) if isinstance(face, (list, tuple)) else [face]
-
-
-def _wrapped(thing: Any, name: str) -> TopoDS_Shape:
-    shape = thing.val() if hasattr(thing, "val") else thing
-    shape = getattr(shape, "wrapped", shape)
-    if shape is None or not hasattr(shape, "ShapeType"):
-        raise InputError(name, thing, f"must be a {name} of CadQuery, build123d or Open CASCADE")
-    return shape
 
 
 class _Made:
@@ -162,7 +153,9 @@ class _Made:
         simple = all(is_simple(region, height) for region, height in relief.regions)
         if not simple:
             self._require_gentle()
-        curved = kernel.area_mm2(face for face in kernel.each(self.solid, "FACE") if not _is_plane(face))
+        curved = kernel.area_mm2(
+            face for face in kernel.each(self.solid, "FACE") if kernel.surface_kind(face) != "Plane"
+        )
         for fraction in _DEFLECTIONS:
             deflection = fraction * self._mesh_tolerance_mm
             vertices, triangles = weld(*(self._combined(deflection) if simple else self._meshed(deflection)))
@@ -213,24 +206,7 @@ class _Made:
                     )
 
 
-def _is_plane(face: Any) -> bool:
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.GeomAbs import GeomAbs_SurfaceType
-
-    return bool(BRepAdaptor_Surface(face, False).GetType() == GeomAbs_SurfaceType.GeomAbs_Plane)
-
-
 def _has_free_edges(shape: TopoDS_Shape) -> bool:
     """Return whether a wall or a plane is bounded by a free curve, as below an ellipse or a spline."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.GeomAbs import GeomAbs_SurfaceType as Kind
-
-    simple = (
-        Kind.GeomAbs_Plane,
-        Kind.GeomAbs_Cylinder,
-        Kind.GeomAbs_Cone,
-        Kind.GeomAbs_Sphere,
-        Kind.GeomAbs_Torus,
-        Kind.GeomAbs_BSplineSurface,
-    )
-    return any(BRepAdaptor_Surface(face, False).GetType() not in simple for face in kernel.each(shape, "FACE"))
+    simple = {"Plane", "Cylinder", "Cone", "Sphere", "Torus", "BSplineSurface"}
+    return any(kernel.surface_kind(face) not in simple for face in kernel.each(shape, "FACE"))

@@ -10,17 +10,17 @@ from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface, Geom_CylindricalSurface, Geom_SurfaceOfLinearExtrusion
 from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve, Geom2d_Line
 from OCP.GeomAbs import GeomAbs_CurveType
-from OCP.gp import gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Vec2d
-from OCP.TColgp import TColgp_Array1OfPnt, TColgp_Array1OfPnt2d, TColgp_Array2OfPnt
-from OCP.TColStd import TColStd_Array1OfInteger, TColStd_Array1OfReal
+from OCP.gp import gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt2d, gp_Vec2d
+from OCP.TColgp import TColgp_Array1OfPnt2d
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Vertex, TopoDS_Wire
 
-from tacbench_cad.geometry.splines.spline import Axis
+from tacbench_cad.geometry.splines import kernelsplines
 from tacbench_cad.geometry.splines.topology import TOLERANCE_MM, Topology, plane, turned
 from tacbench_cad.geometry.textured.field import PatchGrid
 from tacbench_cad.geometry.textured.region import OutlineEdge, Region, vertices_of
 from tacbench_cad.geometry.textured.trim import Arrangement, Cell, Piece
+from tacbench_cad.spec.spline import greville
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
@@ -70,7 +70,9 @@ class TextureFaces:
     def _surface(self, cell: Cell) -> Geom_BSplineSurface:
         if cell not in self._surfaces:
             s, t = self._patches.s, self._patches.t
-            self._surfaces[cell] = _surface(self._patches.poles(*cell), *_knots(s, cell[0]), *_knots(t, cell[1]))
+            self._surfaces[cell] = kernelsplines.surface(
+                self._patches.poles(*cell), (s.knots_of(cell[0]), t.knots_of(cell[1])), (s.degree, t.degree)
+            )
         return self._surfaces[cell]
 
     def _vertex(self, node: int) -> TopoDS_Vertex:
@@ -119,7 +121,8 @@ class TextureFaces:
             cell = (line - last, along) if axis == "s" else (along, line - last)
             poles = self._patches.poles(*cell)
             row = -1 if last else 0
-            self._lines[key] = _curve(poles[row] if axis == "s" else poles[:, row], *_knots(other, along))
+            border = poles[row] if axis == "s" else poles[:, row]
+            self._lines[key] = kernelsplines.curve(border, other.knots_of(along), other.degree)
         return self._lines[key]
 
     def _outline_edge(self, outline: OutlineEdge, cell: Cell, piece: Piece) -> None:
@@ -133,7 +136,7 @@ class TextureFaces:
         poles, knots, error = _fitted(at, piece.low, piece.high)
         first, last = (piece.start, piece.end) if piece.forward else (piece.end, piece.start)
         ends = self._vertex(first), self._vertex(last)
-        curve = _curve(poles, *_multiplicities(knots), _DEGREE)
+        curve = kernelsplines.curve(poles, _multiplicities(knots), _DEGREE)
         edge = self._top.edge(curve, piece.low, piece.high, *ends)
         trace = outline.curve
         if shift[0]:
@@ -234,14 +237,14 @@ class TextureFaces:
         knots = np.array([curve.Knot(k) for k in range(1, curve.NbKnots() + 1)])
         times = [curve.Multiplicity(k) for k in range(1, curve.NbKnots() + 1)]
         flat = np.repeat(knots, times)
-        places = np.lib.stride_tricks.sliding_window_view(flat[1:-1], _DEGREE).mean(axis=1)
+        places = greville(flat, _DEGREE)
         poles = [curve.Pole(k) for k in range(1, curve.NbPoles() + 1)]
         points = np.array([(pole.X(), pole.Y(), pole.Z()) for pole in poles])
         heights = sign * ((points - frame.origin) @ frame.axes[2])
         array = TColgp_Array1OfPnt2d(1, len(places))
         for k, (u, v) in enumerate(zip(places.tolist(), heights.tolist(), strict=True), start=1):
             array.SetValue(k, gp_Pnt2d(u, v))
-        return Geom2d_BSplineCurve(array, _reals(knots), _integers(times), _DEGREE, False)
+        return Geom2d_BSplineCurve(array, kernelsplines.reals(knots), kernelsplines.integers(times), _DEGREE, False)
 
     def _lay(self, edge: TopoDS_Edge, trace: Geom2d_Curve, surface: object) -> None:
         tolerance = max(BRep_Tool.Tolerance_s(edge), TOLERANCE_MM)
@@ -256,7 +259,7 @@ def _fitted(at: object, low: float, high: float) -> tuple[Floats, Floats, float]
     while True:
         breaks = np.linspace(low, high, spans + 1)
         knots = np.concatenate([[low] * _DEGREE, breaks, [high] * _DEGREE])
-        places = np.lib.stride_tricks.sliding_window_view(knots[1:-1], _DEGREE).mean(axis=1)
+        places = greville(knots, _DEGREE)
         places[0], places[-1] = low, high
         points = at(places)  # type: ignore[operator]
         poles = make_interp_spline(places, points, k=_DEGREE, t=knots).c
@@ -272,42 +275,3 @@ def _fitted(at: object, low: float, high: float) -> tuple[Floats, Floats, float]
 def _multiplicities(knots: Floats) -> tuple[Floats, list[int]]:
     inner = knots[_DEGREE:-_DEGREE]
     return inner, [_DEGREE + 1, *([1] * (len(inner) - 2)), _DEGREE + 1]
-
-
-def _knots(axis: Axis, patch: int) -> tuple[Floats, list[int], int]:
-    """Return the knots of a patch, their multiplicities and the degree."""
-    ends = axis.basis.degree + 1
-    return axis.knots_mm(patch), [ends, *([1] * (axis.basis.spans - 1)), ends], axis.basis.degree
-
-
-def _curve(poles: Floats, knots: Floats, times: Sequence[int], degree: int) -> Geom_BSplineCurve:
-    points = TColgp_Array1OfPnt(1, len(poles))
-    for i, pole in enumerate(poles.tolist(), start=1):
-        points.SetValue(i, gp_Pnt(*pole))
-    return Geom_BSplineCurve(points, _reals(knots), _integers(times), degree, False)
-
-
-def _surface(
-    poles: Floats, at_s: Floats, times_s: list[int], degree_s: int, at_t: Floats, times_t: list[int], degree_t: int
-) -> Geom_BSplineSurface:
-    n, m, _ = poles.shape
-    points = TColgp_Array2OfPnt(1, n, 1, m)
-    for i, row in enumerate(poles.tolist(), start=1):
-        for j, pole in enumerate(row, start=1):
-            points.SetValue(i, j, gp_Pnt(*pole))
-    knots = (_reals(at_s), _reals(at_t), _integers(times_s), _integers(times_t))
-    return Geom_BSplineSurface(points, *knots, degree_s, degree_t, False, False)
-
-
-def _reals(values: Floats) -> TColStd_Array1OfReal:
-    array = TColStd_Array1OfReal(1, len(values))
-    for i, value in enumerate(values.tolist(), start=1):
-        array.SetValue(i, value)
-    return array
-
-
-def _integers(values: Sequence[int]) -> TColStd_Array1OfInteger:
-    array = TColStd_Array1OfInteger(1, len(values))
-    for i, value in enumerate(values, start=1):
-        array.SetValue(i, value)
-    return array

@@ -239,8 +239,7 @@ def facts(design: Design) -> list[tuple[str, str]]:
     waves = spectrum(block)
     fraction = f"{100.0 * waves.printable(design.nozzle_mm):.3g} % of the variance of the height"
     if waves.waves is not None:
-        wide = int((waves.wavelength_mm >= 2.0 * design.nozzle_mm).sum())
-        fraction = f"{wide} of {waves.waves} waves, {fraction}"
+        fraction = f"{waves.printable_waves(design.nozzle_mm)} of {waves.waves} waves, {fraction}"
     mesh, expected = block_part(block).mesh
     assert expected.certificate is not None
     distance = f"{1000.0 * expected.certificate.distance_mm:.3g} µm"
