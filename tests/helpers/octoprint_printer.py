@@ -58,10 +58,27 @@ class Settings:
 
 
 class Marlin2(virtual.VirtualPrinter):  # type: ignore[misc]
-    """A printer that answers M114 as Marlin does: the position on a separate line, then ``ok``."""
+    """A printer that answers M114 as Marlin does, and takes commands in their order.
+
+    M114 sends the position on a separate line, then ``ok``. OctoPrint's printer moves in a second thread, which reads
+    the target of a move when its turn comes. So a move that waits would be taken as absolute after ``G90``, and would
+    end after a later ``G28``. Marlin reads a target when the line arrives, and homes when all moves have ended.
+    """
 
     def _gcode_M114(self, data: str) -> None:  # noqa: N802 (their name)
         self._send(self._generatePositionOutput())
+
+    def _gcode_G28(self, data: str) -> None:  # noqa: N802 (their name)
+        self.buffered.join()
+        super()._gcode_G28(data)
+
+    def _gcode_G90(self, data: str) -> None:  # noqa: N802 (their name)
+        self.buffered.join()
+        super()._gcode_G90(data)
+
+    def _gcode_G91(self, data: str) -> None:  # noqa: N802 (their name)
+        self.buffered.join()
+        super()._gcode_G91(data)
 
 
 def main() -> None:
