@@ -153,10 +153,11 @@ async def _greet(address: str) -> None:
 
 
 def _ready(client: Client, address: str, folders: Sequence[Path]) -> int:
-    """Check that every worker of a cluster can do the work, and return the number of the cluster's threads.
+    """Check that the scheduler and the workers of a cluster can do the work, and return the number of its threads.
 
     Raises:
-        InputError: There is no worker, or one of them has another version or does not see a folder.
+        InputError: There is no worker, one of them does not see a folder, or one of them or the scheduler has another
+            version.
     """
     try:
         client.wait_for_workers(1, timeout=ANSWER_S)
@@ -164,20 +165,33 @@ def _ready(client: Client, address: str, folders: Sequence[Path]) -> int:
         how = f"the scheduler has no worker after {ANSWER_S:g} s; start some with `dask worker {address}`"
         raise InputError("dask", address, how) from None
     paths = [str(folder.absolute()) for folder in folders]
-    for worker, answer in client.run(_look, paths, on_error="return").items():
+    answers: dict[str, Any] = {"the scheduler": _look_on_scheduler(client)}
+    answers |= {f"worker {name}": answer for name, answer in client.run(_look, paths, on_error="return").items()}
+    for where, answer in answers.items():
         if isinstance(answer, Exception):
             raise InputError(
-                "dask", address, f"worker {worker} cannot run tacbench-cad {__version__}; install it there: {answer}"
+                "dask", address, f"{where} cannot run tacbench-cad {__version__}; install it there: {answer}"
             )
         version, missing = answer
         if version != __version__:
-            how = f"worker {worker} has tacbench-cad {version}; install {__version__} there"
+            how = f"{where} has tacbench-cad {version}; install {__version__} there"
             raise InputError("dask", address, how)
         if missing:
             raise InputError(
-                "dask", address, f"worker {worker} does not see {missing}; every worker needs the folder at this path"
+                "dask", address, f"{where} does not see {missing}; every worker needs the folder at this path"
             )
     return sum(client.ncores().values())
+
+
+def _look_on_scheduler(client: Client) -> Any:
+    """Return the answer of the scheduler, or its error.
+
+    The scheduler reads the calls too. Calls that it cannot read would be awaited for ever. It needs no folder.
+    """
+    try:
+        return client.run_on_scheduler(_look, [])
+    except Exception as error:
+        return error
 
 
 def _look(folders: Sequence[str]) -> tuple[str, str | None]:

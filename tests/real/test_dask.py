@@ -21,6 +21,8 @@ from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
+ROOT = Path(__file__).parent.parent.parent
+
 
 def free_port() -> int:
     # The scheduler imports this file, and cannot import the helpers of the tests.
@@ -203,6 +205,35 @@ def test_a_worker_with_another_tacbench_is_named(tmp_path: Path, rest: str, word
         finally:
             worker.kill()
             worker.wait()
+
+
+def test_a_scheduler_without_tacbench_is_named(tmp_path: Path) -> None:
+    """Otherwise the scheduler would discard every call, and the calls would be awaited for ever."""
+    pytest.importorskip("distributed")
+    (tmp_path / "tacbench_cad.py").write_text("raise ImportError('no tacbench-cad on this machine')\n")
+    port = free_port()
+    module = [sys.executable, "-m"]
+    started = [
+        subprocess.Popen(
+            [*module, *words, "--no-dashboard"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(path)},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for words, path in (
+            (["distributed.cli.dask_scheduler", "--port", str(port)], tmp_path),
+            (["distributed.cli.dask_worker", f"tcp://127.0.0.1:{port}", "--no-nanny"], ROOT),
+        )
+    ]
+    message = "the scheduler cannot run tacbench-cad .*: no tacbench-cad on this machine"
+    try:
+        with pytest.raises(InputError, match=message), workers(1, f"tcp://127.0.0.1:{port}"):
+            pass
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
 
 
 @pytest.fixture
