@@ -115,7 +115,10 @@ class _BlockSession:
 
     def __post_init__(self) -> None:
         self.protocol, gauge = self.run.info.plan.protocol, self.rig.gauge
-        self.force = None if gauge is None else ContactForce(gauge, self.carriage, self.protocol, self.rig.clock)
+        self.force = None
+        if gauge is not None:
+            felt = self.progress.felt
+            self.force = ContactForce(gauge, self.carriage, self.protocol, self.rig.clock, felt)
         self.presser = Presser(self.protocol, self.carriage, self.force, self._touch())
 
     def all(self) -> None:
@@ -129,6 +132,7 @@ class _BlockSession:
         self._reference()
         self._stationary("start", middle)
         for press in missing:
+            self.progress.before(press, self.carriage.check)
             self._reference_if_due(press)
             self._press(press)
         self._stationary("end", middle)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from tacbench_cad.lab.acquire.safety import Carriage
@@ -34,13 +35,23 @@ class ContactForce:
         carriage: Checked for a signal before each reading.
         protocol: The protocol with hard limit, bands and window.
         clock: Waits until a step has settled.
+        felt: Receives the height in mm and the contact force in N of each reading; see
+            :class:`~tacbench_cad.lab.acquire.progress.PressProgress`.
     """
 
-    def __init__(self, gauge: Gauge, carriage: Carriage, protocol: Protocol, clock: Clock) -> None:
+    def __init__(
+        self,
+        gauge: Gauge,
+        carriage: Carriage,
+        protocol: Protocol,
+        clock: Clock,
+        felt: Callable[[float, float], None] = lambda z_mm, force_n: None,
+    ) -> None:
         self.gauge = gauge
         self.carriage = carriage
         self.protocol = protocol
         self.clock = clock
+        self.felt = felt
         self.zero_n = 0.0
         self.touch_n = MIN_TOUCH_N
 
@@ -102,7 +113,9 @@ class ContactForce:
 
     def _net(self, window_s: float) -> Force:
         read = self._raw(window_s)
-        return replace(read, mean_n=read.mean_n - self.zero_n)
+        force = replace(read, mean_n=read.mean_n - self.zero_n)
+        self.felt(self.carriage.at[2], force.mean_n)
+        return force
 
     def _raw(self, window_s: float) -> Force:
         self.carriage.check()

@@ -13,7 +13,16 @@ TRIES = 5
 
 
 class Person(Protocol):
-    """The interface of the person who puts the blocks in."""
+    """The interface of the person who puts the blocks in.
+
+    Attributes:
+        is_asked_always: Whether the person is also asked to put blocks into a simulated rig.
+    """
+
+    @property
+    def is_asked_always(self) -> bool:
+        """See the attributes."""
+        ...
 
     def put_in(self, printed: PrintedBlock, label: str, slot: int | None) -> None:
         """Ask the person to put a block in.
@@ -46,6 +55,8 @@ class Typing:
         ask: Shows a text and returns the typed line. It raises an ``InputError`` at the end of the input.
         say: Shows a text.
     """
+
+    is_asked_always = False
 
     def __init__(self, ask: Callable[[str], str], say: Callable[[str], None]) -> None:
         self.ask = ask

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TextIO
 
 from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.util.files import TEMPORARY_PREFIX
 from tacbench_cad.util.text import counted
 
@@ -21,6 +23,14 @@ PLAIN_EVERY_S = 10.0
 class PressProgress:
     """The interface for progress updates of a run. This class ignores them all."""
 
+    def start(self, study: Study, saved: int) -> None:
+        """Report that a session begins. No device is open yet.
+
+        Args:
+            study: The study.
+            saved: The number of presses of the study that are already saved.
+        """
+
     def begin(self, name: str, done: int, total: int) -> None:
         """Report that a block's run begins or is resumed.
 
@@ -28,6 +38,23 @@ class PressProgress:
             name: The name of the run.
             done: The number of presses that are already saved.
             total: The number of presses of the run.
+        """
+
+    def before(self, press: Press, check: Callable[[], None]) -> None:
+        """Report the next press. The sensor is lifted, so this method may wait until a person continues the run.
+
+        Args:
+            press: The press.
+            check: Raises :class:`~tacbench_cad.lab.acquire.safety.RunInterruptedError` if a signal came. A method that
+                waits calls it again and again.
+        """
+
+    def felt(self, z_mm: float, force_n: float) -> None:
+        """Report a measured contact force.
+
+        Args:
+            z_mm: The height of the sensor's summit in the work frame.
+            force_n: The force.
         """
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
@@ -49,6 +76,52 @@ class PressProgress:
 
 #: Progress updates that show nothing.
 Silent = PressProgress
+
+
+class Several(PressProgress):
+    """Passes every progress update on to several receivers.
+
+    Args:
+        *receivers: The receivers, in the order in which they get each update.
+    """
+
+    def __init__(self, *receivers: PressProgress) -> None:
+        self.receivers = receivers
+
+    def start(self, study: Study, saved: int) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.start(study, saved)
+
+    def begin(self, name: str, done: int, total: int) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.begin(name, done, total)
+
+    def before(self, press: Press, check: Callable[[], None]) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.before(press, check)
+
+    def felt(self, z_mm: float, force_n: float) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.felt(z_mm, force_n)
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.pressed(done, force, in_band, image)
+
+    def end(self) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.end()
+
+    def say(self, message: str) -> None:
+        """See :class:`PressProgress`."""
+        for each in self.receivers:
+            each.say(message)
 
 
 class ProgressLines(PressProgress):

@@ -94,7 +94,7 @@ def acquire_study(
     """Press every block of a study that is not complete yet.
 
     The person puts in as many blocks at a time as the stage has slots. The devices stay open from block to block.
-    The person is not asked if stage and sensor are both simulated.
+    The person is not asked if stage and sensor are both simulated, unless the person is always asked.
 
     Args:
         study: The blocks and the protocol.
@@ -123,6 +123,7 @@ def acquire_study(
         unfinished = [place for place in blocks if not _finished(rig, place)]
         if len(unfinished) < len(blocks):
             progress.say(f"complete: {len(blocks) - len(unfinished)} of {counted(len(blocks), 'block')}")
+        progress.start(study, sum(len(run.rows) for place in blocks if (run := place.run) is not None))
         opened: Rig | None = None
         for tray in _trays(unfinished):
             taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
@@ -185,7 +186,7 @@ def _finished(rig: RigSettings, place: Place) -> bool:
 def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks: int) -> tuple[float, ...]:
     """Have the block put in, and get its heights of first touch if a person teaches them."""
     # A single block is assumed to be in the holder already.
-    if blocks > 1 and not (rig.stage.is_virtual and rig.sensor.driver == "simulated"):
+    if blocks > 1 and (person.is_asked_always or not (rig.stage.is_virtual and rig.sensor.driver == "simulated")):
         person.put_in(place.printed, place.label, place.slot + 1 if slots > 1 else None)
     protocol = place.study.protocol
     if protocol.contact == "force" or protocol.touch != "taught":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study, places
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.spec import GaugeSettings, Protocol, RigSettings, Study
+from tacbench_cad.lab.study.spec import GaugeSettings, Protocol, RigSettings, SensorSettings, Study
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 
@@ -175,3 +176,15 @@ def test_heights_that_are_not_numbers_are_refused(tmp_path: Path) -> None:
     study = study_of(short(contact="depth", touch="taught"), 1)
     with pytest.raises(InputError, match="first touch = 'low': must be numbers"):
         run(FakeRig(gauge=False), study, tmp_path, Script("low"))
+
+
+def test_a_person_who_is_always_asked_also_puts_blocks_into_a_simulated_rig(tmp_path: Path) -> None:
+    settings = rig_settings()
+    virtual = replace(
+        settings, stage=replace(settings.stage, driver="virtual-grbl"), sensor=SensorSettings(driver="simulated")
+    )
+    for always, prompts in ((False, 0), (True, 2)):
+        script = Script("T1 PAPER X1 01", "T4 PAPER X1 01")
+        script.person.is_asked_always = always
+        run(FakeRig(), study_of(short(), 1, 4), tmp_path / str(always), script, virtual)
+        assert len(script.prompts) == prompts

@@ -7,6 +7,7 @@ import os
 import random
 import shutil
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ from tacbench_cad.lab.rig.errors import (
     SensorError,
 )
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.util.errors import InputError, TacbenchError
 
@@ -42,6 +44,25 @@ class Notes(Silent):
 
     def say(self, message: str) -> None:
         self.messages.append(message)
+
+
+class Waiting(Notes):
+    """A progress report that keeps the forces of each press, and waits for a signal before the third press."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.forces: list[list[tuple[float, float]]] = []
+
+    def before(self, press: Press, check: Callable[[], None]) -> None:
+        self.forces.append([])
+        if len(self.forces) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+            while True:
+                check()
+
+    def felt(self, z_mm: float, force_n: float) -> None:
+        if self.forces:
+            self.forces[-1].append((z_mm, force_n))
 
 
 def pressed(rig: FakeRig, folder: Path, protocol: Protocol, notes: Notes | None = None) -> BlockResult:
@@ -323,3 +344,16 @@ def test_the_invariants_hold_under_many_random_faults(tmp_path: Path) -> None:
     for seed in range(1000, 1400):
         run_with_random_faults(seed, tmp_path / "run")
         shutil.rmtree(tmp_path / "run")
+
+
+def test_the_progress_gets_every_force_and_may_wait_before_a_press_until_a_signal_comes(tmp_path: Path) -> None:
+    rig, notes, protocol = FakeRig(), Waiting(), small_protocol(repeats=1, stationary_frames=0)
+    with pytest.raises(RunInterruptedError) as caught:
+        pressed(rig, tmp_path / "run", protocol, notes)
+    assert caught.value.lifted and rig.stage.position()[2] >= TRAVEL_MM
+    rows = Run.open(tmp_path / "run").rows
+    assert len(rows) == 2
+    for row, forces in zip(rows, notes.forces, strict=False):
+        heights = [z for z, _ in forces]
+        assert max(heights) > row.pose_z == pytest.approx(min(heights), abs=0.1)
+        assert row.measured_force_n in [round(force, 6) for _, force in forces]
