@@ -29,7 +29,6 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-import time
 from typing import Unpack
 
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
@@ -249,8 +248,8 @@ class ArduinoStage(SerialStage[Link]):
 
     def _greet(self) -> Steps | None:
         """Wait until ``SHOW`` is answered. Return the counters, or None if the answer does not contain them."""
-        until = time.monotonic() + max(GREETING_S, self._timeout_s)
-        while time.monotonic() < until:
+        until = self._line.now_s() + max(GREETING_S, self._timeout_s)
+        while self._line.now_s() < until:
             try:
                 lines = self._ask("\nSHOW", ATTEMPT_S)
             except NoAnswerError:

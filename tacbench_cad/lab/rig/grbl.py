@@ -186,18 +186,18 @@ class GrblStage(SerialStage[GrblLink]):
         x, y, z = target
         command = f"G21G90G94G53G1X{x:.4f}Y{y:.4f}Z{z:.4f}F{max(60.0 * speed_mm_s, 0.1):.3f}"
         line.write(command.encode("ascii") + b"\n")
-        start_s = reported_s = progress = time.monotonic()
+        start_s = reported_s = progress = line.now_s()
         give_up = start_s + self._timeout_s + 2.0 * duration_s(start, target, speed_mm_s, self._rates_mm_s)
         closest, aside, accepted, refusals = math.dist(start, target), 0, False, 0
         standing: tuple[Point, float] | None = None
         ask_at = start_s
         while True:
-            now = time.monotonic()
+            now = self._line.now_s()
             if now >= ask_at:
                 line.write(ASK)
                 ask_at = now + ANSWER_S
             answer = self._link.next(max(ask_at - now, 0.0))
-            now = time.monotonic()
+            now = self._line.now_s()
             if self._stopping:
                 raise NotThereError(f"{name}: the move to {place_text(target)} was stopped on request")
             if now - reported_s > self._timeout_s:
@@ -254,9 +254,9 @@ class GrblStage(SerialStage[GrblLink]):
         home_reported, acknowledged, standing = False, False, 0
         self._line.write(b"$H\n")
         self._clock.sleep(0.05)
-        until = time.monotonic() + self._home_timeout_s
-        ask_at = time.monotonic()
-        while (now := time.monotonic()) < until:
+        until = self._line.now_s() + self._home_timeout_s
+        ask_at = self._line.now_s()
+        while (now := self._line.now_s()) < until:
             # The answers come late, but one of them shows that the firmware is homing.
             if now >= ask_at:
                 self._line.write(ASK)
@@ -289,14 +289,14 @@ class GrblStage(SerialStage[GrblLink]):
 
     def _standing(self, *states: str, failed: str) -> Point:
         """Return the position once the carriage stands still in an allowed state; request a hold again if needed."""
-        until = time.monotonic() + self._timeout_s
-        again = time.monotonic() + ANSWER_S
+        until = self._line.now_s() + self._timeout_s
+        again = self._line.now_s() + ANSWER_S
         while True:
             report = self._link.status()
             self._link.not_locked(report)
             if report.state in states and (report.state != "Hold" or report.detail == 0):
                 return self._machine(report)
-            now = time.monotonic()
+            now = self._line.now_s()
             if now >= until:
                 raise NotThereError(f"{self._link.name}: {failed}; its state is {report.state}")
             if "Hold" in states and now >= again:

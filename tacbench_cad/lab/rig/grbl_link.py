@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 from tacbench_cad.lab.rig import grbl_replies as replies
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, ProtocolError, RigError
 from tacbench_cad.lab.rig.grbl_replies import Status
@@ -93,8 +91,8 @@ class GrblLink(Link):
         """
         self.line.write(command.encode("ascii") + b"\n")
         lines: list[str] = []
-        until = time.monotonic() + self.timeout_s
-        while (left := until - time.monotonic()) > 0.0:
+        until = self.line.now_s() + self.timeout_s
+        while (left := until - self.line.now_s()) > 0.0:
             answer = self.next(left)
             if answer == "ok":
                 return lines
@@ -109,19 +107,19 @@ class GrblLink(Link):
         Raises:
             RigError: The firmware is silent or gone, was reset, or raised an alarm.
         """
-        until = time.monotonic() + self.timeout_s
+        until = self.line.now_s() + self.timeout_s
         answered = False
-        while time.monotonic() < until:
+        while self.line.now_s() < until:
             self.line.write(ASK)
-            again = time.monotonic() + ANSWER_S
-            while (left := again - time.monotonic()) > 0.0:
+            again = self.line.now_s() + ANSWER_S
+            while (left := again - self.line.now_s()) > 0.0:
                 answer = self.next(left)
                 if isinstance(answer, Status):
                     if self.machine(answer) is not None:
                         return answer
                     # The report has work coordinates. The offset comes with about every tenth report.
                     answered = True
-                    again = min(again, time.monotonic() + OFFSET_S)
+                    again = min(again, self.line.now_s() + OFFSET_S)
         if answered:
             raise ProtocolError(f"{self.name}: reports work coordinates without their offset; send it $10=1")
         raise self.silence()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 
 from tacbench_cad.lab.rig.errors import NoAnswerError, ProtocolError
@@ -31,12 +30,12 @@ class Greeting:
         self.answered = False
         self.unexpected = ""
         self._line, self._name, self._expected = line, name, expected
-        self._until, self._attempt_s = time.monotonic() + limit_s, attempt_s
+        self._until, self._attempt_s = line.now_s() + limit_s, attempt_s
         self._next_attempt = 0.0
 
     def listen(self, seconds: float) -> None:
         """Repeat the question after a pause. A board that has sent its banner may have lost the earlier question."""
-        self._next_attempt = min(self._until, time.monotonic() + seconds)
+        self._next_attempt = min(self._until, self._line.now_s() + seconds)
 
     def lines(self, ask: Callable[[int], None], hint: str = "") -> Iterator[str]:
         """Yield every line that arrives, and repeat the question until the answer has come and the board is silent.
@@ -51,7 +50,7 @@ class Greeting:
         """
         attempt = 0
         while not self.answered:
-            if time.monotonic() >= self._until:
+            if self._line.now_s() >= self._until:
                 if self.unexpected:
                     raise ProtocolError(
                         f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.unexpected!r}"
@@ -59,8 +58,8 @@ class Greeting:
                 raise NoAnswerError(f"{self._name}: does not answer. Check power, cable, baud rate and driver{hint}")
             attempt += 1
             ask(attempt)
-            self._next_attempt = time.monotonic() + self._attempt_s
-            while (left := self._next_attempt - time.monotonic()) > 0.0:
+            self._next_attempt = self._line.now_s() + self._attempt_s
+            while (left := self._next_attempt - self._line.now_s()) > 0.0:
                 line = self._line.read_line(min(left, SETTLE_S) if self.answered else left)
                 if line is None:
                     break

@@ -3,6 +3,9 @@
 A port is anything that pyserial opens: the path of a device, ``COM3``, or a URL (``socket://host:port``,
 ``rfc2217://host:port``). If the port has a file descriptor, reading waits with ``select``. The timeout is then exact,
 and the port is never configured again (setting pyserial's own timeout would set unusual baud rates again).
+
+A silence counts only while this program runs and reads. If the program is suspended (SIGSTOP, a laptop that sleeps) or
+gets no processor time, the device is not to blame. All timeouts therefore use :meth:`Line.now_s`.
 """
 
 from __future__ import annotations
@@ -24,6 +27,10 @@ from tacbench_cad.util.errors import InputError
 MAX_LINE = 4096
 #: The pause between two reads of a port on which ``select`` cannot wait (Windows), in s.
 POLL_S = 0.001
+#: The longest single wait for bytes, in s. Longer waits consist of several.
+WAIT_S = 0.1
+#: The longest time between two calls of ``now_s`` that counts, in s. A longer one was a pause of this program.
+MAX_COUNTED_S = 0.25
 
 
 class Line(Closing):
@@ -49,12 +56,20 @@ class Line(Closing):
         self.what = what
         self.torn = False
         self._buffer = bytearray()
+        self._counted_s, self._seen_s = 0.0, time.monotonic()
         self._serial = _opened(port, baud, what, write_timeout_s)
         self._descriptor = _descriptor(self._serial)
         # RFC 2217 uses its socket in its own thread. Its write takes a lock, which a signal handler must not do.
         urgent = self._descriptor or _descriptor(getattr(self._serial, "_socket", None))
         # Windows writes to sockets and ports with other functions.
         self._urgent = urgent if os.name == "posix" else None
+
+    def now_s(self) -> float:
+        """Return the time in s since the port was opened, without the pauses of this program."""
+        now = time.monotonic()
+        self._counted_s += min(now - self._seen_s, MAX_COUNTED_S)
+        self._seen_s = now
+        return self._counted_s
 
     def set_baud(self, baud: int) -> None:
         """Change the baud rate without opening the port again, which would reset many boards.
@@ -79,14 +94,14 @@ class Line(Closing):
         Raises:
             DeviceLostError: The port is gone.
         """
-        until = time.monotonic() + timeout_s
+        until = self.now_s() + timeout_s
         while True:
             line = self._cut()
             if line:
                 return line
             if line is None:
-                left = until - time.monotonic()
-                if not self._receive(max(left, 0.0)) and left <= 0.0:
+                left = until - self.now_s()
+                if not self._receive(min(max(left, 0.0), WAIT_S)) and left <= 0.0:
                     return None
 
     def lines(self, seconds: float, quiet_s: float = math.inf) -> Iterator[str]:
@@ -95,8 +110,8 @@ class Line(Closing):
         Raises:
             DeviceLostError: The port is gone.
         """
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0.0 and (line := self.read_line(min(left, quiet_s))) is not None:
+        until = self.now_s() + seconds
+        while (left := until - self.now_s()) > 0.0 and (line := self.read_line(min(left, quiet_s))) is not None:
             yield line
 
     def forget(self) -> None:

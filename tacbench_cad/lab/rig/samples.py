@@ -131,8 +131,8 @@ class SampleStream(Closing):
             NoAnswerError: No line arrived.
             RigError: The device is gone or stuck, or too many of the last lines are garbled.
         """
-        until = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
-        while (line := self.lines.read_line(max(until - time.monotonic(), 0.0))) is not None:
+        until = self.lines.now_s() + (self.timeout_s if timeout_s is None else timeout_s)
+        while (line := self.lines.read_line(max(until - self.lines.now_s(), 0.0))) is not None:
             numbers = parse_numbers(line)
             sound = numbers is not None and len(numbers) == self.columns
             self.count(sound, line)

@@ -10,12 +10,14 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tacbench_cad.lab.rig import arduino, grbl_replies, marlin_replies
+from tacbench_cad.lab.rig import line as line_module
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.line import MAX_LINE, Line
 from tacbench_cad.util.errors import InputError
@@ -53,6 +55,29 @@ def test_a_wait_ends_in_time(wire: tuple[Line, int]) -> None:
     before = time.monotonic()
     assert line.read_line(0.2) is None
     assert time.monotonic() - before >= 0.2
+
+
+def test_a_pause_of_this_program_is_not_a_silence_of_the_device(
+    wire: tuple[Line, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line, far = wire
+    clock = {"now": time.monotonic()}
+    monkeypatch.setattr(line_module, "time", SimpleNamespace(monotonic=lambda: clock["now"]))
+    waits = 0
+
+    def paused(*args: object) -> tuple[list[int], list[int], list[int]]:
+        """Suspend the program for 12 s during the third wait. The answer comes in the fifth."""
+        nonlocal waits
+        waits += 1
+        clock["now"] += 12.0 if waits == 3 else line_module.WAIT_S
+        if waits == 5:
+            os.write(far, b"late\n")
+        return ([1], [], []) if waits >= 5 else ([], [], [])
+
+    monkeypatch.setattr(line_module, "select", SimpleNamespace(select=paused))
+    before = line.now_s()
+    assert line.read_line(1.0) == "late"
+    assert line.now_s() - before == pytest.approx(4 * line_module.WAIT_S + line_module.MAX_COUNTED_S, abs=0.02)
 
 
 def test_noise_without_ends_is_cut(wire: tuple[Line, int]) -> None:

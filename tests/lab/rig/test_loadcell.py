@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -57,6 +58,9 @@ class Cell:
         self.sent = 0
         self.forgotten = 0
         self.closed = 0
+
+    def now_s(self) -> float:
+        return time.monotonic()
 
     def read_line(self, timeout_s: float) -> str | None:
         self.clock.now += 1.0 / RATE_HZ

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+import time
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -52,6 +53,9 @@ class Scale:
         self.random = np.random.default_rng(5)
         self.on = -1
         self.left = 0
+
+    def now_s(self) -> float:
+        return time.monotonic()
 
     def read_line(self, timeout_s: float) -> str | None:
         mass = self.masses[max(self.on, 0)]

@@ -6,6 +6,7 @@ import math
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -26,6 +27,9 @@ class Script:
     def __init__(self, *lines: str) -> None:
         self.lines = list(lines)
         self.closed = 0
+
+    def now_s(self) -> float:
+        return time.monotonic()
 
     def read_line(self, timeout_s: float) -> str | None:
         return self.lines.pop(0) if self.lines else None

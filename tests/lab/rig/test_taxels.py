@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -23,6 +24,9 @@ class Array:
         self.alter = alter
         self.sent = 0
         self.closed = 0
+
+    def now_s(self) -> float:
+        return time.monotonic()
 
     def read_line(self, timeout_s: float) -> str | None:
         self.sent += 1
