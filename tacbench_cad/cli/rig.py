@@ -15,6 +15,7 @@ from tacbench_cad.util.text import counted
 if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import LoadCell
+    from tacbench_cad.lab.rig.plugged import ListedDriver
 
 
 @options.group("rig")
@@ -25,6 +26,7 @@ def command() -> None:
     travels to the last two markers by itself.
 
     Examples:
+      tacbench rig drivers           # devices that can be used
       tacbench rig probe             # names of ports and cameras
       tacbench rig calibrate-force --masses 0,50,100,200 -o gauge.json
       tacbench rig align study.toml  # find the block's origin with the jig
@@ -81,6 +83,59 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
         print_lines("No camera with a stable name is plugged in.")
     print_lines(*(f"{port}: {answer}" for port, answer in answers.items()))
     print_next("acquire", "--init", "study.toml")
+
+
+@options.command("drivers", command)
+@options.json
+def drivers(json: bool) -> None:
+    """List the drivers of stages, gauges and sensors.
+
+    For each driver, you see the packages that it needs and the connected devices that fit. Devices marked "perhaps"
+    have the right kind of connection, but only a test shows what they are. The command opens no device.
+
+    Other packages can add drivers by the entry points tacbench.stages, tacbench.gauges and tacbench.sensors.
+
+    Examples:
+      tacbench rig drivers
+      tacbench rig drivers --json
+    """
+    from tacbench_cad.lab.rig.plugged import list_drivers
+    from tacbench_cad.lab.rig.ports import candidates
+    from tacbench_cad.lab.rig.video_nodes import video_nodes
+    from tacbench_cad.util.convert import to_plain
+    from tacbench_cad.util.packages import has_module
+
+    ports = candidates() if has_module("serial") else []
+    cameras = video_nodes()
+    listed = list_drivers(ports, cameras)
+    if json:
+        print_json({"drivers": to_plain(listed), "ports": to_plain(ports), "cameras": to_plain(cameras)})
+        return
+    for kind in dict.fromkeys(driver.kind for driver in listed):
+        rows = [_driver_cells(driver) for driver in listed if driver.kind == kind]
+        print_table(f"{kind.capitalize()}s", ("driver", "devices", "connection", "needs", "plugged in"), rows)
+    if ports:
+        port_rows = [(port.name, port.device, port.usb, port.serial_number, port.description) for port in ports]
+        print_table("Serial ports", ("name", "device now", "USB id", "serial number", "description"), port_rows)
+    if cameras:
+        camera_rows = [(camera.product, camera.device, camera.usb, camera.serial_number) for camera in cameras]
+        print_table("Cameras", ("product", "device now", "USB id", "serial number"), camera_rows)
+    print_next("rig", "probe")
+
+
+def _driver_cells(driver: ListedDriver) -> tuple[str, ...]:
+    """Return the cells of a driver's row."""
+    if driver.error:
+        return (driver.name, driver.error, "", driver.package, "")
+    needs = ", ".join(driver.needs)
+    if driver.missing:
+        needs = f"missing: {', '.join(driver.missing)}; {driver.install}"
+    plugged = ", ".join(driver.plugged_in)
+    if not plugged:
+        plugged = "no" if driver.connection in ("serial port", "camera") else "not looked for"
+    elif not driver.certain:
+        plugged = f"perhaps {plugged}"
+    return (driver.name, driver.summary, driver.connection, needs, plugged)
 
 
 def _column_of(option: str, text: str) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.lab.rig import plugin, ports
+from tacbench_cad.lab.rig import plugin, ports, registry
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.camera import open_camera
@@ -18,18 +18,13 @@ from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
+from tacbench_cad.lab.rig.registry import Context, Driver, Kind
 from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import GaugeSettings, Point, SensorSettings, StageSettings
-from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.errors import InputError, MissingToolError, nearest, one_of
 
-#: The drivers of serial stages, with the options that each accepts.
-SERIAL: dict[str, tuple[Callable[..., Stage], tuple[str, ...]]] = {
-    "grbl": (GrblStage, ("home_timeout_s", "tolerance_mm")),
-    "marlin": (MarlinStage, ("home_timeout_s", "home_lift_mm")),
-    "arduino": (ArduinoStage, ("steps_per_mm", "home_timeout_s")),
-}
 #: The attributes that every stage, gauge and sensor must have.
 NEEDED = {
     "stage": ("identity", "simulated", "home", "move", "position", "stop", "close"),
@@ -50,9 +45,12 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
 
     Raises:
         InputError: The driver, an option or the port does not exist, or several ports are possible.
+        MissingToolError: A package that the driver needs is not installed.
         RigError: The device does not answer, is not the expected one, or cannot be homed.
     """
-    stage = LimitedStage(_stage(settings, clock or Clock()), settings.limits_mm)
+    simulated = f"stage ({settings.driver})" if settings.is_virtual else ""
+    opened = open_device("stage", settings, Context(clock=clock or Clock(), simulated=simulated))
+    stage = LimitedStage(opened, settings.limits_mm)
     try:
         if settings.home:
             stage.home()
@@ -66,32 +64,18 @@ def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = 
     """Open the gauge that ``[gauge]`` describes.
 
     Args:
-        settings: The table. Its driver is ``serial`` or a ``module:name``, which receives the port as ``port``.
+        settings: The table. A ``module:name`` receives the port as ``port``.
         clock: The rig's time.
         taken: The ports of the rig's other devices, which are not tried.
         simulated: The simulated part: the virtual rig's load cell uses a real port.
 
     Raises:
         InputError: A setting is not allowed, the calibration cannot be read, or the port does not exist.
+        MissingToolError: A package that the driver needs is not installed.
         RigError: The device sends no valid sample.
     """
-    if plugin.is_plugin(settings.driver):
-        gauge: Gauge = _open_own("gauge", settings, port=settings.port)
-        return gauge
-    path = None if settings.calibration is None else Path(settings.calibration)
-    calibration = None if path is None else read_calibration(path)
-    options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
-    port = ports.resolve(settings.port, "gauge", taken=taken)
-    return open_load_cell(
-        port,
-        settings.baud,
-        options=options,
-        clock=clock,
-        timeout_s=settings.timeout_s,
-        calibration=calibration,
-        calibration_name="" if path is None else path.name,
-        simulated=simulated,
-    )
+    gauge: Gauge = open_device("gauge", settings, Context(clock=clock, taken=taken, simulated=simulated))
+    return gauge
 
 
 def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = ()) -> Sensor:
@@ -104,43 +88,138 @@ def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
 
     Raises:
         InputError: A setting is not allowed, or the device does not exist.
+        MissingToolError: A package that the driver needs is not installed.
         RigError: The sensor fails, does not accept a setting, or sends invalid frames.
     """
-    if plugin.is_plugin(settings.driver):
-        sensor: Sensor = _open_own("sensor", settings, device=settings.device)
-        return sensor
-    return open_camera(settings) if settings.driver == "opencv" else open_taxels(settings, clock, taken=taken)
+    sensor: Sensor = open_device("sensor", settings, Context(clock=clock, taken=taken))
+    return sensor
 
 
-def _stage(settings: StageSettings, clock: Clock) -> Stage:
-    if plugin.is_plugin(settings.driver):
-        stage: Stage = _open_own("stage", settings, port=settings.port)
-        return stage
-    name = settings.driver.removeprefix("virtual-")
-    factory, known = SERIAL[name]
-    options = dict(settings.options)
-    if settings.is_virtual:
-        options = {key: value for key, value in options.items() if key in known}
-        if settings.port is None:
-            raise InputError("[stage] port", None, f"{settings.driver} needs the port of its running firmware")
-    for key in options:
-        if key not in known:
-            raise InputError(f"[stage] options {key}", None, f"is not an option of {name}; {nearest(key, known)}")
-    if settings.baud is not None:
-        options["baud"] = settings.baud
-    return factory(
-        ports.resolve(settings.port, "stage"),
-        clock=clock,
-        timeout_s=settings.timeout_s,
-        simulated=f"stage ({settings.driver})" if settings.is_virtual else "",
-        **options,
+def find_driver(kind: Kind, word: str) -> Driver:
+    """Return the driver that a study file names.
+
+    Args:
+        kind: The kind of device.
+        word: The name of a driver, or a ``module:name`` of a :class:`Driver`, a class or a function.
+
+    Raises:
+        InputError: There is no such driver, or it cannot be imported.
+    """
+    field = f"[{kind}] driver"
+    target = word
+    if not plugin.is_plugin(word):
+        found = registry.entries(kind)
+        entry = found[one_of(field, word, found)]
+        target = f"{entry.module}:{entry.attr}"
+    loaded = plugin.load(target, field=field)
+    if isinstance(loaded, Driver):
+        return loaded
+    if not callable(loaded):
+        raise InputError(field, word, "is not callable; name a class or a function")
+    return _driver_of(loaded)
+
+
+def open_device(kind: Kind, settings: StageSettings | GaugeSettings | SensorSettings, context: Context) -> Any:
+    """Open a device as its driver does, without limits and without homing.
+
+    Raises:
+        InputError: The driver or an option does not exist.
+        MissingToolError: A package that the driver needs is not installed.
+        RigError: The device fails.
+    """
+    word = settings.driver.removeprefix("virtual-")
+    driver, field = find_driver(kind, word), f"[{kind}] driver"
+    if driver.missing:
+        names = ", ".join(driver.missing)
+        raise MissingToolError(f"{field} = {word!r}: needs {names}, not installed: run {driver.install}")
+    if word in registry.OWN[kind]:
+        return driver.open(settings, context)
+    module = getattr(driver.open, "__module__", None) or ""
+    return plugin.open_device(
+        lambda: driver.open(settings, context), word, NEEDED[kind], module=module, field=field, results=RESULTS[kind]
     )
 
 
-def _open_own(kind: str, settings: StageSettings | GaugeSettings | SensorSettings, **place: str | None) -> Any:
-    """Open a user's own device. It receives its port or device if the file names one."""
-    options = {**settings.options, **{key: value for key, value in place.items() if value is not None}}
-    return plugin.open_device(settings.driver, options, NEEDED[kind], field=f"[{kind}] driver", results=RESULTS[kind])
+def _driver_of(factory: Callable[..., Any]) -> Driver:
+    """Return the driver of a class or a function. It receives its port or device if the file names one."""
+
+    def open(settings: StageSettings | GaugeSettings | SensorSettings, context: Context) -> Any:
+        place = {name: getattr(settings, name, None) for name in ("port", "device")}
+        return factory(**settings.options, **{name: value for name, value in place.items() if value is not None})
+
+    open.__module__ = factory.__module__
+    return Driver(open=open, summary=next(iter((factory.__doc__ or "").strip().splitlines()), ""))
+
+
+def _serial(factory: Callable[..., Stage], known: tuple[str, ...], summary: str) -> Driver:
+    """Return the driver of a stage behind a serial port.
+
+    Args:
+        factory: Opens the stage.
+        known: The options that it accepts.
+        summary: The devices that it drives.
+    """
+
+    def open(settings: StageSettings, context: Context) -> Stage:
+        options = dict(settings.options)
+        if settings.is_virtual:
+            options = {key: value for key, value in options.items() if key in known}
+            if settings.port is None:
+                raise InputError("[stage] port", None, f"{settings.driver} needs the port of its running firmware")
+        for key in options:
+            if key not in known:
+                allowed = f"is not an option of {settings.driver}; {nearest(key, known)}"
+                raise InputError(f"[stage] options {key}", None, allowed)
+        if settings.baud is not None:
+            options["baud"] = settings.baud
+        return factory(
+            ports.resolve(settings.port, "stage"),
+            clock=context.clock,
+            timeout_s=settings.timeout_s,
+            simulated=context.simulated,
+            **options,
+        )
+
+    return Driver(open=open, summary=summary, connection="serial port", modules=("serial",))
+
+
+def _open_load_cell(settings: GaugeSettings, context: Context) -> Gauge:
+    path = None if settings.calibration is None else Path(settings.calibration)
+    calibration = None if path is None else read_calibration(path)
+    options = LoadCellOptions.of(settings.options, calibrated=calibration is not None)
+    return open_load_cell(
+        ports.resolve(settings.port, "gauge", taken=context.taken),
+        settings.baud,
+        options=options,
+        clock=context.clock,
+        timeout_s=settings.timeout_s,
+        calibration=calibration,
+        calibration_name="" if path is None else path.name,
+        simulated=context.simulated,
+    )
+
+
+GRBL = _serial(GrblStage, ("home_timeout_s", "tolerance_mm"), "GRBL 1.1 and grblHAL, on a serial port or over TCP")
+MARLIN = _serial(MarlinStage, ("home_timeout_s", "home_lift_mm"), "Marlin 2, most printers")
+ARDUINO = _serial(ArduinoStage, ("steps_per_mm", "home_timeout_s"), "the Arduino firmware of the paper's authors")
+SERIAL = Driver(
+    open=_open_load_cell,
+    summary="load cell whose board sends one line per sample (HX711, ADS1232)",
+    connection="serial port",
+    modules=("serial",),
+)
+OPENCV = Driver(
+    open=lambda settings, context: open_camera(settings),
+    summary="any USB camera that OpenCV opens",
+    connection="camera",
+    modules=("cv2",),
+)
+TAXELS = Driver(
+    open=lambda settings, context: open_taxels(settings, context.clock, taken=context.taken),
+    summary="array of taxels that sends one line per sample; frames or time series",
+    connection="serial port",
+    modules=("serial",),
+)
 
 
 def _point(value: Any) -> Point:

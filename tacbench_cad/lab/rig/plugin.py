@@ -102,35 +102,35 @@ def load(driver: str, *, field: str = "driver") -> Any:
 
 
 def open_device(
+    open: Callable[[], Any],
     driver: str,
-    options: Mapping[str, Any],
     needed: Iterable[str],
     *,
+    module: str = "",
     field: str = "driver",
     results: Mapping[str, Callable[[Any], Any]] | None = None,
-) -> Any:
-    """Open the device of a ``module:name``.
+) -> OwnDevice:
+    """Open a user's own device.
 
     Args:
-        driver: See :func:`load`.
-        options: The keyword arguments of its constructor.
+        open: Opens the device.
+        driver: The driver's name, for error messages.
         needed: The attributes that the device must have.
+        module: The name of the driver's module, for error messages.
         field: See :func:`load`.
         results: See :class:`OwnDevice`.
 
     Raises:
-        InputError: The driver cannot be loaded, refuses the options, or lacks an attribute.
+        InputError: The driver refuses the options, or the device lacks an attribute.
         RigError: The driver raised it.
     """
-    factory = load(driver, field=field)
-    if not callable(factory):
-        raise InputError(field, driver, "is not callable; name a class or a function")
     try:
-        device = factory(**options)
+        device = open()
     except TacbenchError:
         raise
     except Exception as error:
-        where = _place(error, factory.__module__) or driver
+        reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None
+        where = reason or _place(error, module) or driver
         raise InputError(field, driver, f"cannot be opened: {_text(error)} ({where})") from error
     missing = [name for name in needed if not hasattr(device, name)]
     if missing:

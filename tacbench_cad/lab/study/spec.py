@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
+from tacbench_cad.lab.rig import registry
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
@@ -339,9 +340,11 @@ class WorkFrame(Checked):
 
 
 class _Device(Checked):
-    """A device. Its driver is a driver of this program, or a ``module:name``."""
+    """A device. Its driver has a name, or is a ``module:name``."""
 
-    DRIVERS: ClassVar[tuple[str, ...]]
+    KIND: ClassVar[registry.Kind]
+    #: The drivers that belong to the virtual rig, which no entry point names.
+    VIRTUAL: ClassVar[tuple[str, ...]]
     driver: str
 
     def __post_init__(self) -> None:
@@ -350,9 +353,9 @@ class _Device(Checked):
 
     @classmethod
     def require_driver(cls, field: str, word: str) -> None:
-        """Check that a driver is a driver of this program, or has the form ``module:name``."""
-        if ":" not in word:
-            one_of(field, word, (*cls.DRIVERS, "module:name"))
+        """Check that a driver is a driver of this program or of an installed package, or a ``module:name``."""
+        if ":" not in word and word not in cls.VIRTUAL and word not in registry.OWN[cls.KIND]:
+            one_of(field, word, (*registry.names(cls.KIND), *cls.VIRTUAL, "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -360,7 +363,7 @@ class StageSettings(_Device):
     """The settings of the stage, in the table ``[stage]``.
 
     Args:
-        driver: ``grbl``, ``marlin``, ``arduino``, ``virtual-grbl``, ``virtual-marlin`` or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``virtual-grbl``, ``virtual-marlin`` or ``module:name``.
         port: The stable name of a port, or a pyserial URL; None for a virtual stage, or to use the only possible port.
         baud: The baud rate, in symbols per second; None for the driver's default.
         origin_mm: Same as for :class:`WorkFrame`.
@@ -375,7 +378,8 @@ class StageSettings(_Device):
             keyword arguments of a ``module:name``.
     """
 
-    DRIVERS = ("grbl", "marlin", "arduino", "virtual-grbl", "virtual-marlin")
+    KIND = "stage"
+    VIRTUAL = ("virtual-grbl", "virtual-marlin")
     driver: str
     port: str | None = None
     baud: Baud | None = None
@@ -416,7 +420,7 @@ class GaugeSettings(_Device):
     """The settings of the force gauge, in the table ``[gauge]``.
 
     Args:
-        driver: ``serial``, ``simulated`` or ``none``.
+        driver: A name that ``tacbench rig drivers`` lists, ``simulated``, ``none`` or ``module:name``.
         port: Same as for :class:`StageSettings`.
         baud: The baud rate, in symbols per second; None for the driver's default.
         calibration: The file written by ``tacbench rig calibrate-force``; None if the gauge sends newtons.
@@ -424,7 +428,8 @@ class GaugeSettings(_Device):
         options: The driver's own settings.
     """
 
-    DRIVERS = ("serial", "simulated", "none")
+    KIND = "gauge"
+    VIRTUAL = ("simulated", "none")
     driver: str = "none"
     port: str | None = None
     baud: Baud | None = None
@@ -438,13 +443,14 @@ class SensorSettings(_Device):
     """The settings of the tactile sensor, in the table ``[sensor]``.
 
     Args:
-        driver: ``opencv``, ``taxels``, ``simulated`` or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``simulated`` or ``module:name``.
         device: The stable name of the camera or the port.
         options: The driver's own settings: exposure, focus, width and height of a camera; columns and baud rate of
             taxels; keyword arguments of a ``module:name``.
     """
 
-    DRIVERS = ("opencv", "taxels", "simulated")
+    KIND = "sensor"
+    VIRTUAL = ("simulated",)
     driver: str
     device: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)

@@ -96,7 +96,7 @@ def test_rig_errors_of_a_users_driver_are_passed_on(tmp_path: Path, monkeypatch:
         "def arm():\n    raise NoAnswerError('arm: does not answer')\n"
     )
     with pytest.raises(NoAnswerError, match="arm: does not answer"):
-        plugin.open_device("silent_arm:arm", {}, ())
+        plugin.open_device(plugin.load("silent_arm:arm"), "silent_arm:arm", ())
 
 
 @pytest.mark.parametrize("driver", ["gbrl", "virtual-gbrl", "octoprint"])

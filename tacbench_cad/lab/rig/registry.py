@@ -1,0 +1,111 @@
+"""The names of the drivers: ours, and those that installed packages add by Python entry points.
+
+A package adds a driver with an entry point in one of the groups ``tacbench.stages``, ``tacbench.gauges`` and
+``tacbench.sensors``. The entry point names a :class:`Driver`, or a class or function as ``module:name`` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal
+
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.util.packages import PACKAGES, has_module, install_command
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+Kind = Literal["stage", "gauge", "sensor"]
+#: The connections of a device to the computer.
+Connection = Literal["serial port", "camera", "network", "other"]
+
+#: The entry-point group of each kind of device.
+GROUPS: Mapping[Kind, str] = {"stage": "tacbench.stages", "gauge": "tacbench.gauges", "sensor": "tacbench.sensors"}
+#: Our drivers. ``pyproject.toml`` registers the same names; a driver of another package cannot replace them. They are
+#: repeated here so that a study file can be checked without reading the metadata of every installed package.
+OWN: Mapping[Kind, Mapping[str, str]] = {
+    "stage": {
+        "grbl": "tacbench_cad.lab.rig.drivers:GRBL",
+        "marlin": "tacbench_cad.lab.rig.drivers:MARLIN",
+        "arduino": "tacbench_cad.lab.rig.drivers:ARDUINO",
+    },
+    "gauge": {"serial": "tacbench_cad.lab.rig.drivers:SERIAL"},
+    "sensor": {
+        "opencv": "tacbench_cad.lab.rig.drivers:OPENCV",
+        "taxels": "tacbench_cad.lab.rig.drivers:TAXELS",
+    },
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """The circumstances in which a device is opened.
+
+    Args:
+        clock: The rig's time.
+        taken: The ports of the rig's other devices, which are not tried.
+        simulated: The simulated part: a virtual rig uses the drivers of real devices.
+    """
+
+    clock: Clock = field(default_factory=Clock)
+    taken: Sequence[str] = ()
+    simulated: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driver:
+    """A driver of a stage, a gauge or a sensor.
+
+    Args:
+        open: Opens the device that a table of the study file describes. Its arguments are the
+            :class:`~tacbench_cad.lab.study.spec.StageSettings`, ``GaugeSettings`` or ``SensorSettings`` and the
+            :class:`Context`.
+        summary: The devices that it drives, in a few words.
+        connection: The connection of the device.
+        modules: The import names of the packages that it needs.
+        install: The command that installs these packages.
+        usb: The USB ids by which a connected device is recognised: ``2833:0209``, or ``0403`` for a vendor.
+        product: A part of the product name by which a connected camera is recognised.
+    """
+
+    open: Callable[[Any, Context], Any]
+    summary: str
+    connection: Connection = "other"
+    modules: tuple[str, ...] = ()
+    install: str = install_command("lab")
+    usb: tuple[str, ...] = ()
+    product: str = ""
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The needed packages that are not installed."""
+        return distributions(name for name in self.modules if not has_module(name))
+
+
+def distributions(modules: Iterable[str]) -> tuple[str, ...]:
+    """Return the names by which modules are installed, as far as the project knows them."""
+    known = {package.module: package.distribution for package in PACKAGES}
+    return tuple(known.get(name, name) for name in modules)
+
+
+def entries(kind: Kind) -> dict[str, EntryPoint]:
+    """Return the entry points of a kind of device by their names, ours first."""
+    from importlib.metadata import EntryPoint
+
+    own = {name: EntryPoint(name, value, GROUPS[kind]) for name, value in OWN[kind].items()}
+    return {**own, **{entry.name: entry for entry in _installed(kind) if entry.name not in own}}
+
+
+def names(kind: Kind) -> tuple[str, ...]:
+    """Return the names of all drivers of a kind of device, ours first."""
+    return tuple(entries(kind))
+
+
+@cache
+def _installed(kind: Kind) -> tuple[EntryPoint, ...]:
+    """Return the entry points of installed packages. Reading them takes some milliseconds, so it is done once."""
+    from importlib.metadata import entry_points
+
+    return tuple(sorted(entry_points(group=GROUPS[kind]), key=lambda entry: entry.name))

@@ -1,0 +1,77 @@
+"""Drivers are found by entry points: ours and those of other packages."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from helpers import example_stage
+from helpers.devices import install_package
+
+from tacbench_cad.lab.rig import registry
+from tacbench_cad.lab.rig.drivers import find_driver, open_stage
+from tacbench_cad.lab.rig.registry import GROUPS, OWN, Driver
+from tacbench_cad.lab.study.spec import GaugeSettings, StageSettings
+from tacbench_cad.util.errors import InputError, MissingToolError
+
+PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXAMPLE = Path(example_stage.__file__).read_text(encoding="utf-8")
+LIMITS = ((0.0, 100.0), (0.0, 100.0), (0.0, 100.0))
+
+
+@pytest.fixture(autouse=True)
+def _forget_installed_packages() -> Iterator[None]:
+    yield
+    registry._installed.cache_clear()
+
+
+def test_the_project_registers_our_drivers_by_entry_points() -> None:
+    registered = PROJECT["entry-points"]
+    assert {group: registered[group] for group in GROUPS.values()} == {GROUPS[kind]: OWN[kind] for kind in GROUPS}
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in GROUPS for name in OWN[kind]])
+def test_each_of_our_drivers_can_be_loaded_and_describes_itself(kind: registry.Kind, name: str) -> None:
+    driver = find_driver(kind, name)
+    assert isinstance(driver, Driver) and driver.summary and driver.install.startswith("pip install")
+
+
+def test_a_class_of_another_package_is_a_driver_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_package(tmp_path, monkeypatch, "[tacbench.stages]\nlab-arm = lab_arm:ExampleStage\n", lab_arm=EXAMPLE)
+    settings = StageSettings(driver="lab-arm", port="10.0.0.7", limits_mm=LIMITS)
+    with open_stage(settings) as stage:
+        assert stage.identity == "example arm 1.0 at 10.0.0.7"
+        assert stage.move((1.0, 2.0, 3.0), 5.0) == (1.0, 2.0, 3.0)
+    with pytest.raises(InputError, match='did you mean "lab-arm"'):
+        StageSettings(driver="lab-arn", limits_mm=LIMITS)
+    with pytest.raises(InputError, match="allowed: serial, simulated"):
+        GaugeSettings(driver="lab-arm")
+
+
+OWN_DRIVER = """
+from tacbench_cad.lab.rig.registry import Driver
+
+def opened(settings, context):
+    raise AssertionError("must not be opened")
+
+DRIVER = Driver(
+    open=opened, summary="an arm", connection="network", modules=("no_such_arm",), install="pip install no-such-arm"
+)
+"""
+
+
+def test_a_missing_package_of_a_driver_is_named_with_its_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install_package(tmp_path, monkeypatch, "[tacbench.stages]\nlab-arm = lab_arm:DRIVER\n", lab_arm=OWN_DRIVER)
+    with pytest.raises(
+        MissingToolError, match="'lab-arm': needs no_such_arm, not installed: run pip install no-such-arm"
+    ):
+        open_stage(StageSettings(driver="lab-arm", limits_mm=LIMITS))
+
+
+def test_another_package_cannot_replace_our_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_package(tmp_path, monkeypatch, "[tacbench.stages]\ngrbl = lab_arm:DRIVER\n", lab_arm=OWN_DRIVER)
+    assert registry.entries("stage")["grbl"].value == OWN["stage"]["grbl"]
