@@ -41,6 +41,12 @@ class FakeStage(Closing):
         faults: The errors to raise, by the number of the call (calls of all kinds are counted together, from 1). A
             move that raises an error stops halfway.
         dead_after: The number of the first failing call, and the error that it and every later call raises.
+
+    Attributes:
+        slips: For numbers of calls, the axis (0 to 2) that slips halfway through the move, and by how many mm.
+        stalls: For numbers of calls, the axis whose motor does not turn during the move.
+        true: The true position in mm, which the stage does not know after a slip. Homing makes it known again.
+        true_path: The true positions after all moves.
     """
 
     def __init__(
@@ -58,6 +64,10 @@ class FakeStage(Closing):
         self.faults = dict(faults or {})
         self.dead_after = dead_after
         self.path: list[Point] = [at]
+        self.slips: dict[int, tuple[int, float]] = {}
+        self.stalls: dict[int, int] = {}
+        self.true = at
+        self.true_path: list[Point] = [at]
         self.calls = 0
         self.homed = 0
         self.stopped = 0
@@ -73,7 +83,9 @@ class FakeStage(Closing):
     def home(self) -> None:
         self._call()
         self.homed += 1
+        self.true = (self.at[0], self.at[1], self.true[2])
         self._go((self.at[0], self.at[1], 20.0))
+        self.true = self.at
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         error = self._call()
@@ -89,6 +101,15 @@ class FakeStage(Closing):
         return self.at
 
     def _go(self, target_mm: Point) -> None:
+        true = [true + b - a for true, a, b in zip(self.true, self.at, target_mm, strict=True)]
+        if self.calls in self.stalls:
+            axis = self.stalls[self.calls]
+            true[axis] = self.true[axis]
+        if self.calls in self.slips:
+            axis, by_mm = self.slips[self.calls]
+            true[axis] += by_mm
+        self.true = (true[0], true[1], true[2])
+        self.true_path.append(self.true)
         self.at = target_mm
         self.path.append(target_mm)
 
@@ -142,7 +163,7 @@ class FakeGauge(Closing):
 
     def _now(self) -> float:
         noise = self.noise_n * float(self._random.standard_normal()) if self.noise_n else 0.0
-        return self.plate.force_n(self.stage.at) + self.drift_n(len(self.readings)) + noise
+        return self.plate.force_n(self.stage.true) + self.drift_n(len(self.readings)) + noise
 
     def read(self, window_s: float) -> Force:
         fault = self.faults.pop(len(self.readings) + 1, None)
@@ -198,7 +219,7 @@ class FakeSensor(Closing):
         if fault is not None:
             raise fault
         image = self._pattern.copy()
-        image[20:28, 28:36] *= 1.0 + 5.0 * self.plate.force_n(self.stage.at)
+        image[20:28, 28:36] *= 1.0 + 5.0 * self.plate.force_n(self.stage.true)
         image += 1.4 * self._random.standard_normal(self.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 

@@ -143,11 +143,17 @@ class _BlockSession:
         frame = self._read()
         after = None if self.force is None else self.force.again()
         # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
-        self.carriage.lift()
+        self._lift()
         path = self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc)
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
+
+    def _lift(self) -> None:
+        """Lift the sensor and check that it is free, before it moves sideways."""
+        self.carriage.lift()
+        if self.force is not None:
+            self.force.require_free()
 
     def _count_misses(self, press: Press, contact: SettledPress) -> None:
         self._in_a_row = self._in_a_row + 1 if contact.in_band is False else 0
@@ -183,6 +189,7 @@ class _BlockSession:
                 self.run.stationary(when, True, index, self._read())
                 if self.force is not None:
                     self.force.glance()
+            self._lift()
         free = self.run.stationary_missing(when, False, count)
         if free:
             self.carriage.over(middle.x_mm, middle.y_mm)

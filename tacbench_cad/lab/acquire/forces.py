@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import ForceLimitError, GaugeError
+from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, GaugeError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.study.spec import Protocol
 
@@ -21,6 +21,9 @@ DRIFT_FRACTION = 0.25
 TOUCH_DEVIATIONS = 5.0
 #: The smallest force that counts as touch, in N.
 MIN_TOUCH_N = 0.005
+#: The largest force of a free sensor, and the largest drift of the zero from one press to the next, as a multiple of
+#: the smallest force that counts as touch. A load cell creeps back by a few mN after a press.
+FREE_TOUCHES = 5.0
 
 
 class ContactForce:
@@ -69,10 +72,13 @@ class ContactForce:
         """Read the free force and use it as the new zero if it has drifted.
 
         Raises:
+            ContactError: The force has changed too much for drift since the last press.
             GaugeError: The value is too large for a free sensor.
         """
         self.clock.sleep(self.protocol.settle_s)
         free = self._raw(self.protocol.force_window_s)
+        self.touch_n = max(MIN_TOUCH_N, TOUCH_DEVIATIONS * free.spread_n)
+        self._require_free(free.mean_n - self.zero_n)
         max_free_n = FREE_FRACTION * self.protocol.hard_limit_n
         if abs(free.mean_n) > max_free_n:
             raise GaugeError(
@@ -81,7 +87,22 @@ class ContactForce:
             )
         if abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n):
             self.zero_n = free.mean_n
-        self.touch_n = max(MIN_TOUCH_N, TOUCH_DEVIATIONS * free.spread_n)
+
+    def require_free(self) -> None:
+        """Check at the travel height, before the sensor moves sideways, that it touches nothing.
+
+        Raises:
+            ContactError: There is a force. A motor may have slipped, so the true height is unknown.
+        """
+        try:
+            if abs(self.glance().mean_n) > FREE_TOUCHES * self.touch_n:
+                self._require_free(self.settled().mean_n)
+        except ForceLimitError as error:
+            raise ContactError(f"{error}, although the sensor was lifted; a motor has slipped") from None
+
+    def touches(self) -> bool:
+        """Return whether the sensor touches something. A first reading above the limit may come from the motion."""
+        return self.glance().mean_n > self.touch_n and self.settled().mean_n > self.touch_n
 
     def glance(self) -> Force:
         """Return the newest force without waiting for the step to settle, to check the limit between coarse steps.
@@ -110,6 +131,13 @@ class ContactForce:
             GaugeError: The force is not a number.
         """
         return self._net(self.protocol.force_window_s)
+
+    def _require_free(self, net_n: float) -> None:
+        if abs(net_n) > FREE_TOUCHES * self.touch_n:
+            raise ContactError(
+                f"the gauge reads {net_n:z.3f} N at the travel height, where the sensor should be free: it touches "
+                "something, a motor has slipped, or the gauge is faulty; find the cause, then run the command again"
+            )
 
     def _net(self, window_s: float) -> Force:
         read = self._raw(window_s)

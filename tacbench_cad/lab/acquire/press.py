@@ -1,5 +1,8 @@
 """One press: down in limited steps until the target is reached, and up again.
 
+On the way down to the height from which the search starts, the force is read at short intervals, since a motor may have
+slipped and the block may be nearer than the stage reports.
+
 The search always approaches from above. Printed plastic and a gel-filled dome show hysteresis and creep, and a stage
 has backlash, so the force at a height depends on the direction of the last motion. After a press that is too hard, the
 sensor is therefore lifted half an approach step above the new height and lowered to it again.
@@ -7,11 +10,13 @@ sensor is therefore lifted half an approach step above the new height and lowere
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.acquire.touch import Touch
+from tacbench_cad.lab.rig.errors import ContactError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point, Protocol
@@ -26,6 +31,10 @@ GROWTH = 3.0
 FAR_BANDS = 4.0
 #: The fraction of the predicted step that is taken there.
 FAR_FRACTION = 0.8
+#: The largest force, as a fraction of the hard limit, that a move through free air could reach if the block were there.
+BLIND_FRACTION = 0.5
+#: The assumed growth of the force with the depth, ``F ~ depth^3``, beyond the depth of an earlier press.
+BLIND_POWER = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +96,8 @@ class Presser:
         self.carriage = carriage
         self.force = force
         self.touch = touch
+        #: The longest move after which the force is still safe, if the sensor was free at its start.
+        self._blind_mm = protocol.approach_step_mm
         self._free_mm: dict[int, float] = {}
         self._touch_mm: dict[int, float] = {}
 
@@ -116,14 +127,17 @@ class Presser:
         low_n = press.target_n - press.band_n
         slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.fine_step_mm)
         self._start(press.position)
+        free_mm = self.carriage.at[2]
         before, now = 0.0, force.glance().mean_n
         while now + GROWTH * max(now - before, 0.0) < low_n:
             z = self.carriage.to_height(self.carriage.aim_mm - step)
             before, now = now, force.glance().mean_n
             slope.add(z, now)
             if now < force.touch_n:
-                self._free_mm[press.position] = z
-        return self._search(press.target_n, press.band_n, slope)
+                self._free_mm[press.position] = free_mm = z
+        contact = self._search(press.target_n, press.band_n, slope)
+        self._learn_safe_depth(free_mm - contact.pose_mm[2], contact.measured)
+        return contact
 
     def _search(self, target_n: float, band_n: float, slope: Slope) -> SettledPress:
         """Approach the target in small steps from the end of the coarse approach, and keep the best step."""
@@ -167,15 +181,35 @@ class Presser:
         while self.carriage.aim_mm > end:
             self._down(min(step, self.carriage.aim_mm - end))
         read = None if self.force is None else self.force.settled()
+        self._learn_safe_depth(depth_mm, read)
         return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=None)
 
     def _start(self, position: int) -> None:
-        """Move to the start of the stepwise approach: the travel height at first, later just above the block."""
+        """Move to the start of the stepwise approach: the travel height at first, later just above the block.
+
+        Raises:
+            ContactError: The sensor touches something above that height.
+        """
         known = self._free_mm.get(position)
-        if known is not None:
-            start = known + MARGIN_STEPS * self.protocol.approach_step_mm
-            if start < self.carriage.at[2]:
-                self.carriage.to_height(start)
+        if known is None:
+            return
+        carriage = self.carriage
+        start = known + MARGIN_STEPS * self.protocol.approach_step_mm
+        while start < carriage.aim_mm:
+            z = carriage.to_height(max(start, carriage.aim_mm - (self._blind_mm if self.force else math.inf)))
+            if self.force is not None and self.force.touches():
+                raise ContactError(
+                    f"the sensor touches something at z = {z:.3f} mm, but at this position it was free down to "
+                    f"{known:.3f} mm before: a motor has slipped or the block has moved; find the cause, then run the "
+                    "command again"
+                )
+
+    def _learn_safe_depth(self, depth_mm: float, measured: Force | None) -> None:
+        """Learn from a press how far the sensor may move blindly from a free height."""
+        if measured is not None and depth_mm > 0.0 and measured.mean_n > 0.0:
+            limit_n = BLIND_FRACTION * self.protocol.hard_limit_n
+            further = max(1.0, (limit_n / measured.mean_n) ** (1.0 / BLIND_POWER))
+            self._blind_mm = max(self._blind_mm, depth_mm * further)
 
     def _down(self, by_mm: float) -> float:
         """Move down by at most an approach step, and read the gauge if there is one."""

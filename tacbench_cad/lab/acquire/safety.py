@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
-from tacbench_cad.lab.rig.errors import DepthLimitError, RigError
+from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame
@@ -142,18 +142,23 @@ class Carriage:
             )
         return self.at[2]
 
-    def retreat(self) -> str:
+    def retreat(self, *, slipped: bool = False) -> str:
         """Lift the sensor after a failure, if the stage still answers.
 
         A stage that is locked or lost its position cannot move to a height. It is homed instead if that is allowed,
         since homing begins upwards.
+
+        Args:
+            slipped: Whether a motor may have slipped. The reported height then proves nothing, so the stage is homed,
+                or lifted by a clearance more.
 
         Returns:
             The problem, or an empty text once the sensor is lifted.
         """
         self._retreating = True
         # The lift is tried twice, since the first attempt may receive the rest of the exchange that failed.
-        ways = [self.lift, self.lift, *([self.stage.home] if self.may_home else [])]
+        home = [self.stage.home] if self.may_home else []
+        ways = [*home, self._lift_more, self.lift] if slipped else [self.lift, self.lift, *home]
         failed = ""
         try:
             for way in ways:
@@ -178,12 +183,17 @@ class Carriage:
             yield
             self.lift()
         except BaseException as error:
-            failed = self.retreat()
+            failed = self.retreat(slipped=isinstance(error, ContactError))
             if failed:
                 say(failed)
             if isinstance(error, RunInterruptedError):
                 error.lifted = not failed
             raise
+
+    def _lift_more(self) -> None:
+        """Lift by a clearance above the travel height."""
+        x, y, z = self.at = self.frame.to_work(self.stage.position())
+        self._go((x, y, max(z, self.travel_mm) + self.protocol.clearance_mm), self.travel_mm_s)
 
     def _go(self, target_mm: Point, speed_mm_s: float) -> None:
         self.check()

@@ -47,6 +47,10 @@ class ForceLimitError(RigError):
     """The contact force exceeded the hard limit. The sensor was lifted."""
 
 
+class ContactError(RigError):
+    """A force where the sensor should be free: it touches something, a motor has slipped, or the gauge is faulty."""
+
+
 class DepthLimitError(RigError):
     """The target is below the depth limit."""
 

@@ -19,6 +19,7 @@ from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
+    ContactError,
     DeviceLostError,
     ForceLimitError,
     GaugeError,
@@ -194,6 +195,27 @@ def test_the_force_limit_stops_the_run(tmp_path: Path) -> None:
     assert rig.stage.at[2] == pytest.approx(TRAVEL_MM)
     assert rig.gauge is not None
     assert max(rig.gauge.readings) <= protocol.hard_limit_n + protocol.approach_step_mm * 90.0
+
+
+def test_a_lift_with_a_stalled_motor_is_noticed_before_the_sensor_moves_sideways(tmp_path: Path) -> None:
+    rig, protocol = FakeRig(), small_protocol()
+    settled = rig.sensor.read
+
+    def read() -> object:
+        frame = settled()
+        if rig.sensor.count == 25:  # a press at the second force
+            rig.stage.stalls[rig.stage.calls + 2] = 2
+        return frame
+
+    rig.sensor.read = read  # type: ignore[method-assign, assignment]
+    with pytest.raises(ContactError, match="at the travel height, where the sensor should be free"):
+        pressed(rig, tmp_path / "run", protocol)
+    assert rig.stage.homed == 1, "the height is unknown, so only homing lifts the sensor"
+    assert max(rig.plate.force_n(at) for at in rig.stage.true_path) < 2.0
+    for before, after in zip(rig.stage.true_path, rig.stage.true_path[1:], strict=False):
+        assert before[:2] == after[:2] or before[2] > 0.0
+    pressed(rig, tmp_path / "run", protocol)
+    check_complete(tmp_path / "run", protocol)
 
 
 def test_a_repeated_image_means_a_stuck_sensor(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from helpers.rigs import FakeRig, small_protocol
 
 from tacbench_cad.lab.acquire.press import Slope
 from tacbench_cad.lab.acquire.touch import taught
-from tacbench_cad.lab.rig.errors import DepthLimitError, GaugeError
+from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, GaugeError
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.lab.study.spec import Protocol
 
@@ -119,9 +119,53 @@ def test_a_force_on_a_free_sensor_is_refused() -> None:
     assert rig.gauge is not None
     rig.gauge.drift_n = lambda count: 0.7 if count > 100 else 0.0
     presser = rig.presser(small_protocol())
-    with pytest.raises(GaugeError, match=r"0\.70\d N at the travel height"):
+    with pytest.raises(ContactError, match=r"0\.70\d N at the travel height"):
         for press in plan_presses(small_protocol(), (1,), "block"):
             presser.press(press)
+
+
+def test_a_slow_drift_to_a_large_force_is_refused() -> None:
+    rig = FakeRig()
+    assert rig.gauge is not None
+    presses = 0
+    rig.gauge.drift_n = lambda _: 0.02 * presses
+    presser = rig.presser(small_protocol())
+    press = plan_presses(small_protocol(), (1,), "block")[0]
+    with pytest.raises(GaugeError, match=r"at the travel height, where the sensor is free \(at most 0\.5 N"):
+        for _ in range(30):
+            presses += 1
+            presser.press(press)
+            presser.carriage.lift()
+    assert presses == 26
+
+
+def test_the_force_is_read_on_the_way_down() -> None:
+    rig = FakeRig()
+    protocol = small_protocol()
+    presser = rig.presser(protocol)
+    press = plan_presses(protocol, (2,), "block")[0]
+    presser.press(press)
+    presser.carriage.lift()
+    # The z motor stands still during a later lift, so the sensor is 3 mm nearer to the block than reported.
+    rig.stage.true = (*rig.stage.true[:2], rig.stage.true[2] - 3.0)
+    with pytest.raises(ContactError, match=r"touches something at z = .* was free down to 0\.000 mm before"):
+        presser.press(press)
+    assert max(rig.gauge.readings if rig.gauge else []) < 2.5
+
+
+def test_a_known_position_is_approached_in_few_moves() -> None:
+    rig = FakeRig()
+    protocol = small_protocol()
+    presser = rig.presser(protocol)
+    press = plan_presses(protocol, (2,), "block")[0]
+    lengths = []
+    for _ in range(2):
+        before = len(rig.stage.path)
+        presser.press(press)
+        presser.carriage.lift()
+        lengths.append(len(rig.stage.path) - before)
+    # 5 mm in steps of 0.1 mm are saved, and replaced by moves whose length is that of a safe press.
+    assert lengths[1] < lengths[0] - 40
 
 
 def test_a_force_that_is_not_a_number_is_refused() -> None:
