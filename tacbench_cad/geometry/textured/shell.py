@@ -32,6 +32,9 @@ MAX_GAP_MM = 1e-3
 _DEGREE = 5
 #: The largest number of poles of the curve of an edge.
 _MAX_EDGE_POLES = 2000
+#: The points on each span of the curve of an edge at which its error is measured. With only a few, the largest error
+#: could lie between them, and the kernel would find the edge outside of its tolerance.
+_TESTS_PER_SPAN = 12
 
 
 class TextureFaces:
@@ -264,7 +267,7 @@ def _fitted(at: object, low: float, high: float) -> tuple[Floats, Floats, float]
         points = at(places)  # type: ignore[operator]
         poles = make_interp_spline(places, points, k=_DEGREE, t=knots).c
         poles[0], poles[-1] = points[0], points[-1]
-        tests = np.linspace(low, high, 4 * spans + 3)
+        tests = np.linspace(low, high, _TESTS_PER_SPAN * spans + 1)
         off = BSpline(knots, poles, _DEGREE)(tests) - at(tests)  # type: ignore[operator]
         error = float(np.linalg.norm(off, axis=1).max())
         if error <= EDGE_MM or len(poles) > _MAX_EDGE_POLES:

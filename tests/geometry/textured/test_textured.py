@@ -87,6 +87,12 @@ CASES: dict[str, tuple[cq.Workplane, str, Any, dict[str, Any]]] = {
     "hole at the side": (NOTCHED, ">Z", 1, {}),
     "concave": (ELL, ">Z", 2, {"up": (1.0, 0.4, 0.0)}),
     "ellipse": (ELLIPSE, ">Z", 2, {}),
+    "coarse fade in an ellipse": (
+        ELLIPSE,
+        ">Z",
+        2,
+        {"depth_mm": 1.5, "fade_mm": 1.0, "mm_per_unit": (0.602, 0.748), "tolerance_mm": 0.05},
+    ),
     "oblique waves": (PLATE, ">Z", WEAVE, {"depth_mm": 0.5}),
     "side face": (cq.Workplane().box(20, 20, 20), "<X", 2, {"up": "+Z"}),
     "drum": (DRUM, "%Cylinder", 2, {}),
@@ -105,9 +111,9 @@ def test_one_valid_solid_near_the_formula(name: str) -> None:
     assert max(BRep_Tool.Tolerance_s(vertex) for vertex in kernel.distinct(result.solid, "VERTEX")) < 1e-3
     assert all(check.ok for check in solid_checks(result.solid))
     assert result.error_mm <= settings.get("tolerance_mm", 0.001)
-    assert result.is_proved == (name != "fade around holes")
+    assert result.is_proved == (name not in ("fade around holes", "coarse fade in an ellipse"))
     assert largest_error_mm(result) <= result.error_mm + 1e-9
-    if name != "ellipse":  # the kernel's volume of a wall below a free curve is less accurate
+    if "ellipse" not in name:  # the kernel's volume of a wall below a free curve is less accurate
         assert volume_mm3(result.solid) == pytest.approx(result.volume_mm3, rel=1e-5)
     added = result.volume_mm3 - kernel.volume_mm3(part.val().wrapped)
     assert (added < 0.0) == settings.get("sunk", False)
