@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -11,12 +12,15 @@ from numpy.polynomial.legendre import leggauss
 
 from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.frame import Frame
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
 #: The number of points of Gauss' rule on each interval.
 _POINTS = 8
 #: The intervals for each of the finest waves.
 _PER_WAVE = 2.0
+#: The points of the uniform grid on the length of a fade, or on the finest wave.
+_PER_FADE = 16.0
 #: The largest number of values in one array operation.
 _AT_A_TIME = 1_000_000
 
@@ -76,8 +80,9 @@ class OutlinedRegion(Protocol):
 def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
     """Return the volume that a texture adds to the part; negative for a sunk texture, in mm^3.
 
-    On a rectangle, this is a sum of Gauss' rule over both axes. For another outline, it is the integral along the
-    outline of the integral along s (Green's theorem).
+    On a rectangle, this is a sum of Gauss' rule over both axes. For another outline without a fade, it is the integral
+    along the outline of the integral along s (Green's theorem). With a fade, the texture joins the constant height
+    outside of the outline smoothly, so a sum over a uniform grid is accurate.
     """
     if region.is_rectangle:
         s, weight_s = _rule(_breaks(height, 0, 0.0, height.size_mm[0]))
@@ -87,13 +92,26 @@ def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
         if radius is not None:
             h = h + region.frame.side * h**2 / (2.0 * radius)
         return float(weight_s @ h @ weight_t)
+    if height.fade.inside is None:
+        return _along_outline(region, height, partial(_along_s, height))
+    grid, step = [], 1.0
+    for size, finest in zip(height.size_mm, height.surface.highest_frequency, strict=True):
+        shortest = min(math.tau / max(finest, 1e-9), height.fade.length_mm)
+        count = math.ceil(size / shortest * _PER_FADE)
+        grid.append((np.arange(count) + 0.5) * (size / count))
+        step *= size / count
+    above = (height.grid(*grid) - height.start_mm)[height.fade.inside(*grid)]
+    return height.start_mm * _along_outline(region, height, lambda points: points[:, 0]) + float(above.sum()) * step
+
+
+def _along_outline(region: OutlinedRegion, height: Height, along_s: Callable[[Floats], Floats]) -> float:
+    """Return the integral along the outline, over dt, of a function of its points."""
     total = 0.0
     for loop in region.loops:
         for edge in loop:
             length = float(np.linalg.norm(np.diff(edge.samples, axis=0), axis=1).sum())
             finest = max(max(height.surface.highest_frequency), 1e-9)
             steps = max(1 if edge.kind == "line" else 16, math.ceil(length * finest / math.tau * _PER_WAVE))
-            steps = max(steps, math.ceil(4.0 * length / height.fade.length_mm)) if height.fade.length_mm else steps
             at, weight = _rule(np.linspace(edge.first, edge.last, steps + 1))
             points = edge.at(at)
             small = 1e-4 * (edge.last - edge.first) / steps
@@ -101,12 +119,19 @@ def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
             slope = (edge.at(inner + small)[:, 1] - edge.at(inner - small)[:, 1]) / (2.0 * small)
             if np.max(np.abs(slope)) < 1e-12:
                 continue
-            total += (1.0 if edge.forward else -1.0) * float(weight * slope @ _along_s(height, points))
+            total += (1.0 if edge.forward else -1.0) * float(weight * slope @ along_s(points))
     return total
 
 
 def _along_s(height: Height, points: Floats) -> Floats:
     """Return the integral of the height along s from 0 to each of some points, shape (n,)."""
+    if isinstance(height.surface, WaveSum):
+        s, t = points.T
+        total = (height.start_mm - height.factor * height.zero_mm) * s
+        for amplitude, f, g, phase in height.surface.table:
+            mean = np.sin(f * s / 2.0 + g * t + phase) * np.sinc(f * s / math.tau)
+            total += height.factor * amplitude * s * mean
+        return np.asarray(total)
     unit, weight = _rule(np.linspace(0.0, 1.0, len(_breaks(height, 0, 0.0, height.size_mm[0]))))
     result = np.empty(len(points))
     step = max(1, _AT_A_TIME // len(unit))
@@ -123,8 +148,6 @@ def _breaks(height: Height, axis: int, low: float, high: float) -> Floats:
     fade = height.fade
     if fade.length_mm and fade.sides is not None and fade.sides[axis]:
         breaks = np.sort(np.append(breaks, [fade.length_mm, height.size_mm[axis] - fade.length_mm]))
-    elif fade.length_mm and fade.sides is None:
-        breaks = np.linspace(low, high, max(count, math.ceil(4.0 * abs(high - low) / fade.length_mm)) + 1)
     return breaks
 
 

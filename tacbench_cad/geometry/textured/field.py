@@ -32,7 +32,7 @@ _BEYOND = 0.05
 #: The smallest allowed distance of a line between patches from a corner of the outline, as a fraction of a patch.
 _APART = 0.02
 #: The spans on the length of a fade, or on the finest wave, with which the search for a grid begins.
-_SPANS_AT_FIRST = 5.0
+_SPANS_AT_FIRST = 2.5
 #: The number of steps of the error test between two neighbouring knots.
 _TEST_STEPS = 3
 
@@ -122,11 +122,12 @@ class Height:
         if self.fade.distances is None:
             return np.asarray(self._along(0, s) * self._along(1, t))
         a, b = np.broadcast_arrays(s, t)
-        window = np.ones(a.shape)
+        window = np.ones(a.size)
         for distance in self.fade.distances(np.stack([a.ravel(), b.ravel()], axis=1)):
-            part = np.clip(distance.reshape(a.shape) / self.fade.length_mm, 0.0, 1.0)
-            window *= part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
-        return window
+            near = distance < self.fade.length_mm
+            part = distance[near] / self.fade.length_mm
+            window[near] *= part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+        return window.reshape(a.shape)
 
     def _along(self, axis: int, at: Floats) -> Floats:
         """Return the factor of the fade along one axis of a rectangle."""
@@ -166,11 +167,14 @@ class PatchGrid:
 
     def points(self, i: int, j: int, s: Floats, t: Floats) -> Floats:
         """Return points of a patch in the coordinates of the part, shape (n, 3)."""
-        left, right = (
-            axis.basis.values(np.clip((at - axis.lines[k]) / (axis.lines[k + 1] - axis.lines[k]), 0.0, 1.0))
+        (row, left), (column, right) = (
+            axis.basis.local(np.clip((at - axis.lines[k]) / (axis.lines[k + 1] - axis.lines[k]), 0.0, 1.0))
             for axis, k, at in ((self.s, i, s), (self.t, j, t))
         )
-        return self._world(s, t, np.einsum("ka,ab,kb->k", left, self.values[i, j], right))
+        near = self.values[i, j][
+            row[:, None, None] + np.arange(len(left))[:, None], column[:, None, None] + np.arange(len(right))
+        ]
+        return self._world(s, t, np.einsum("ak,kab,bk->k", left, near, right))
 
     def _world(self, s: Floats, t: Floats, values: Floats | Complexes) -> Floats:
         if self.frame.radius_mm is None:
@@ -357,7 +361,7 @@ class SampledField:
             values, error = self._interpolated(axes)
             if error <= AIM * tolerance_mm:
                 break
-            density *= min(2.0, max(1.2, (error / (AIM * tolerance_mm)) ** 0.4))
+            density *= min(2.5, max(1.15, (error / (AIM * tolerance_mm)) ** 0.2))
         _share(values, (axes[0], axes[1]), self._closed)
         return PatchGrid(self._frame, axes[0], axes[1], values, error, False, self._closed)
 

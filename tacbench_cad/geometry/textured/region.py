@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,7 +65,7 @@ class OutlineEdge:
     at: Callable[[Floats], Floats]
     kind: str
 
-    @property
+    @cached_property
     def samples(self) -> Floats:
         """Points along the outline, shape (n, 2)."""
         count = 2 if self.kind == "line" else SAMPLES
@@ -434,6 +435,18 @@ def inside(region: Region, s: Floats, t: Floats) -> Bools:
 
 def distance(edge: OutlineEdge, points: Floats, far_mm: float) -> Floats:
     """Return the distances of points, shape (n, 2), from an edge of the outline. They are right up to ``far_mm``."""
+    samples = edge.samples
+    low, high = samples.min(axis=0) - far_mm, samples.max(axis=0) + far_mm
+    if edge.kind != "line":  # the samples of a curve miss its extremes by a little
+        low, high = low - 1e-3 * far_mm - np.ptp(samples) / SAMPLES, high + 1e-3 * far_mm + np.ptp(samples) / SAMPLES
+    near = np.all((points >= low) & (points <= high), axis=1)
+    result = np.full(len(points), np.inf)
+    result[near] = _distance(edge, points[near], far_mm)
+    return result
+
+
+def _distance(edge: OutlineEdge, points: Floats, far_mm: float) -> Floats:
+    """Return the distances of points near an edge of the outline."""
     from scipy.spatial import cKDTree
 
     if edge.kind == "line":
