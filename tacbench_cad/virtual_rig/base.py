@@ -37,6 +37,7 @@ class Firmware(ABC):
 
     Attributes:
         now_s: The rig time of the last call.
+        motors_off: How often the motors lost their power at rest.
     """
 
     #: The baud rate of the firmware.
@@ -48,6 +49,7 @@ class Firmware(ABC):
         self.carriage = carriage
         self.boot_s = boot_s
         self.now_s = 0.0
+        self.motors_off = 0
         self._rx = bytearray()
         self._out = bytearray()
         self._listening = False
@@ -106,6 +108,13 @@ class Firmware(ABC):
         """Raise the firmware's emergency: a closed end stop, a failed check, or a halt."""
         self.advance(now_s)
         self._alarm()
+        self._pump()
+
+    def end_stop(self, axis: int, now_s: float) -> None:
+        """Close an end stop by itself, without motion."""
+        self.advance(now_s)
+        if self._listening:
+            self._end_stop(axis)
         self._pump()
 
     @property

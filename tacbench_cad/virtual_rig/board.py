@@ -21,6 +21,7 @@ class Board:
         firmware: The firmware of the board.
         seed: The seed for random faults.
         faults: Faults that occur at their time.
+        late_s: The range of the time by which each reply comes late, in s. The replies keep their order.
 
     Attributes:
         plugged: Whether the cable is connected.
@@ -29,11 +30,19 @@ class Board:
         now_s: The rig time.
     """
 
-    def __init__(self, firmware: Firmware, *, seed: int = 0, faults: Iterable[Fault] = ()) -> None:
+    def __init__(
+        self,
+        firmware: Firmware,
+        *,
+        seed: int = 0,
+        faults: Iterable[Fault] = (),
+        late_s: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         self.firmware = firmware
         self.plugged = True
         self.host_baud: int | None = None
         self.now_s = 0.0
+        self._late_s = late_s
         self._random = random.Random(seed)
         self._spoiler = Spoiler(self._random)
         self._in: deque[tuple[float, int]] = deque()
@@ -119,7 +128,8 @@ class Board:
             return
         data = self._spoiler.spoil(self._at_baud(data), "out", self.now_s)
         data = data[: max(0, OUTPUT_BYTES - self._out_bytes)]
-        self._out_free_s = max(self.now_s, self._out_free_s) + len(data) * _BITS_PER_BYTE / self.firmware.baud
+        begin_s = self.now_s + (self._random.uniform(*self._late_s) if any(self._late_s) else 0.0)
+        self._out_free_s = max(begin_s, self._out_free_s) + len(data) * _BITS_PER_BYTE / self.firmware.baud
         self._out.append((self._out_free_s, data))
         self._out_bytes += len(data)
 
@@ -167,6 +177,9 @@ class Board:
             carriage.slip(axis, fault.mm, self.now_s)
         elif fault.kind == "stall":
             carriage.turn_only(axis, 0.0, self.now_s)
+        elif fault.kind == "switch":
+            carriage.stuck_switches.add(axis)
+            self.firmware.end_stop(axis, self.now_s)
         elif fault.kind == "unplug":
             self.plugged = False
             self._in.clear()
@@ -178,5 +191,7 @@ class Board:
     def _end(self, fault: Fault) -> None:
         if fault.kind == "stall":
             self.firmware.carriage.turn_only("xyz".index(fault.axis), 1.0, self.now_s)
+        elif fault.kind == "switch":
+            self.firmware.carriage.stuck_switches.discard("xyz".index(fault.axis))
         elif fault.kind == "unplug":
             self.plugged = True

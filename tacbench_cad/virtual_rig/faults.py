@@ -16,7 +16,7 @@ BYTE_KINDS = ("drop", "double", "garble", "silence")
 #: Faults of the load cell.
 GAUGE_KINDS = ("noise", "stuck", "saturated")
 #: All faults.
-KINDS = (*BYTE_KINDS, "reset", "alarm", "unplug", "slip", "stall", *GAUGE_KINDS)
+KINDS = (*BYTE_KINDS, "reset", "alarm", "unplug", "slip", "stall", "switch", *GAUGE_KINDS)
 Seconds = Annotated[float, Bounds(0.0)]
 Count = Annotated[int, Bounds(0)]
 
@@ -29,7 +29,8 @@ class Fault:
         kind: ``drop``, ``double``, ``garble`` (bytes on the line); ``silence`` (no bytes in either direction);
             ``reset`` (the board's button); ``alarm`` (an end stop; with Marlin and Arduino a halt); ``unplug`` (the
             port closes and returns after ``seconds``); ``slip`` (the carriage jumps by ``mm`` without the firmware's
-            knowledge); ``stall`` (a motor does not turn); ``noise``, ``stuck``, ``saturated`` (the load cell).
+            knowledge); ``stall`` (a motor does not turn); ``switch`` (an end stop stays closed); ``noise``, ``stuck``,
+            ``saturated`` (the load cell).
         at_s: The rig time at which the fault begins, from the start.
         after_bytes: The number of bytes from the host after which it begins. Without ``at_s`` and ``after_bytes``, it
             begins at once.
@@ -38,7 +39,7 @@ class Fault:
         chance: The probability that a byte is affected.
         direction: ``in`` (to the device), ``out`` (from it) or ``both``.
         where: The line, or the unplugged port: ``stage`` or ``gauge``.
-        axis: The motor: ``x``, ``y`` or ``z``.
+        axis: The motor or end stop: ``x``, ``y`` or ``z``.
         mm: The length of a slip in mm.
         n: The standard deviation of the load cell's additional noise, in N.
     """

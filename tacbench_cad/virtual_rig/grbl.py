@@ -17,6 +17,7 @@ class Grbl(GrblCore):
     """GRBL 1.1h. The arguments are those of its base class."""
 
     def _execute(self, line: str, too_long: bool) -> Program:
+        before, self._last_error = self._last_error, 0
         try:
             if too_long:
                 raise GcodeError(11)
@@ -25,8 +26,11 @@ class Grbl(GrblCore):
             elif line:
                 if self.state in ("Alarm", "Jog"):
                     raise GcodeError(9)
+                if before and self.dialect.refuses_after_error:
+                    raise GcodeError(before)
                 yield from self._gcode(parse(line, self.modal))
         except GcodeError as error:
+            self._last_error = error.code
             self._send(f"error:{error.code}\r\n")
         else:
             self._send("ok\r\n")
@@ -108,7 +112,7 @@ class Grbl(GrblCore):
             )
         elif self.carriage.go(target, speed, acceleration, self.now_s):
             self.state = state
-            self._idle_s = None
+            self._idle_s = self._motors_off_s = None
 
     def _soft_limit(self) -> Program:
         """Handle a line beyond the limits: come to rest, then raise ALARM:2."""

@@ -30,6 +30,8 @@ class GrblCore(Firmware):
         settings: ``$`` settings that differ from :data:`tacbench_cad.virtual_rig.grbl_memory.SETTINGS`.
         boot_s: The time from a reset to the banner, in s; None for the dialect's own.
         dialect: GRBL itself, or a descendant.
+        quiet_limits: Whether a closed end stop resets GRBL at once, so that only ``[MSG:Check Limits]`` after the
+            banner reports it, without ``ALARM:1``.
     """
 
     baud = 115200
@@ -41,7 +43,9 @@ class GrblCore(Firmware):
         settings: Mapping[int, float] | None = None,
         boot_s: float | None = None,
         dialect: Dialect = GRBL,
+        quiet_limits: bool = False,
     ) -> None:
+        self.quiet_limits = quiet_limits
         self.dialect = dialect
         self.rx_bytes = dialect.rx_bytes
         self.settings = Memory(carriage.axes, settings or {})
@@ -51,7 +55,15 @@ class GrblCore(Firmware):
     def _alarm(self) -> None:
         """Close an end stop (touched, or by electrical noise): ALARM:1. It has no effect while GRBL boots."""
         if self._listening:
+            self._limit_hit()
+
+    def _limit_hit(self) -> None:
+        if not self.quiet_limits:
             self._run(self._critical(1))
+            return
+        self.carriage.halt(self.now_s)
+        self.state = "Alarm"
+        self._run(self._restart(late_ok=False, pause_s=0.0))
 
     # Memory
 
@@ -70,6 +82,8 @@ class GrblCore(Firmware):
         self._critical_alarm = False
         self._status_s: float | None = None
         self._idle_s: float | None = None
+        self._motors_off_s: float | None = None
+        self._last_error = 0
         self._position = self.carriage.counted(self.now_s)
         self._homing = None
         self._rx.clear()
@@ -142,13 +156,18 @@ class GrblCore(Firmware):
     # Events
 
     def _timer_s(self) -> float | None:
-        return earliest(None if self._deaf else self._status_s, self._idle_s)
+        return earliest(None if self._deaf else self._status_s, self._idle_s, self._motors_off_s)
 
     def _timers(self) -> None:
         if self._idle_s is not None and self.now_s >= self._idle_s:
             self._idle_s = None
             if self.state in ("Run", "Jog") and not self.carriage.moving:
                 self.state = "Idle"
+                if self.settings[1] < 255:
+                    self._motors_off_s = self.now_s + self.settings[1] / 1000.0
+        if self._motors_off_s is not None and self.now_s >= self._motors_off_s:
+            self._motors_off_s = None
+            self.motors_off += 1
         if self._status_s is not None and self.now_s >= self._status_s and not self._deaf:
             self._report()
 
@@ -160,7 +179,7 @@ class GrblCore(Firmware):
         if self._homing is not None:
             super()._end_stop(axis)
         elif self.settings[21]:
-            self._run(self._critical(1))
+            self._limit_hit()
 
     # The programs
 

@@ -9,9 +9,10 @@ from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.virtual_rig.grbl_gcode import GcodeError
 from tacbench_cad.virtual_rig.machine import MotorAxis
 
-#: The settings in the order of ``$$``. The flags 20, 21 and 22 are on, as on a stage for pressing.
+#: The settings in the order of ``$$``. The flags 20, 21 and 22 are on and the motors stay powered (``$1=255``), as on a
+#: stage for pressing. GRBL's own defaults are 0 for the flags and ``$1=25``.
 SETTINGS: Mapping[int, float] = {
-    0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0, 20: 1, 21: 1, 22: 1, 23: 3,
+    0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0, 20: 1, 21: 1, 22: 1, 23: 3,
     24: 100, 25: 1500, 26: 250, 27: 1, 30: 1000, 31: 0, 32: 0, 100: 400, 101: 400, 102: 1600, 110: 3000, 111: 3000,
     112: 900, 120: 200, 121: 200, 122: 100, 130: 200, 131: 200, 132: 100,
 }  # fmt: skip
@@ -42,6 +43,8 @@ class Dialect:
     buffer_field: bool = False
     #: The time from a status request to the report, in s. A second request within it gets no report of its own.
     status_s: float = 0.0005
+    #: Whether every line of G-code after a refused line is refused too, until an empty line or a reset.
+    refuses_after_error: bool = False
     #: The size of the serial receive buffer, in bytes.
     rx_bytes: int = 128
     #: The time from a reset to the banner, in s.
@@ -50,7 +53,8 @@ class Dialect:
 
 #: GRBL 1.1h itself.
 GRBL = Dialect()
-#: grblHAL 1.1f answers during ALARM:2, resets in motion without an alarm, reports more, and has larger buffers.
+#: grblHAL 1.1f answers during ALARM:2, resets in motion without an alarm, stops at an error, reports more, and has
+#: larger buffers.
 GRBLHAL = Dialect(
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
     version="[VER:1.1f.20200818:SIMULATED]",
@@ -62,6 +66,7 @@ GRBLHAL = Dialect(
     more_fields="|A:|H:0|TLR:0",
     buffer_field=True,
     status_s=0.005,
+    refuses_after_error=True,
     rx_bytes=1024,
     boot_s=0.3,
 )

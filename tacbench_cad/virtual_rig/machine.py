@@ -195,6 +195,8 @@ class Carriage:
         self._gain = [1.0, 1.0, 1.0]
         self._queue: deque[Stroke] = deque()
         self._switch: tuple[float, int] | None = None
+        #: The axes whose end stop stays closed wherever the carriage is.
+        self.stuck_switches: set[int] = set()
 
     # Position
 
@@ -234,7 +236,8 @@ class Carriage:
         return tuple(
             i
             for i, axis in enumerate(self.axes)
-            if (true[i] - axis.switch_at_mm) * axis.home >= -(self._scatter_mm + 1.0 / axis.steps_per_mm)
+            if i in self.stuck_switches
+            or (true[i] - axis.switch_at_mm) * axis.home >= -(self._scatter_mm + 1.0 / axis.steps_per_mm)
         )
 
     # Motion

@@ -76,6 +76,10 @@ class VirtualRig(Closing):
         """Return the true force on the load cell in N, without noise."""
         return float(self._ask({"do": "look"})["force_n"])
 
+    def motors_off(self) -> int:
+        """Return how often the motors lost their power at rest."""
+        return int(self._ask({"do": "look"})["motors_off"])
+
     def now_s(self) -> float:
         """Return the rig time in s."""
         return float(self._ask({"do": "look"})["now_s"])

@@ -173,6 +173,7 @@ class Server:
                 "true_mm": firmware.carriage.true(self.board.now_s),
                 "reported_mm": firmware.reported,
                 "force_n": self._force(),
+                "motors_off": firmware.motors_off,
             }
         except (TacbenchError, ValueError, KeyError, TypeError) as error:
             return {"error": f"{error}"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import random
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Annotated, Any, Literal, get_args
 
@@ -17,7 +17,7 @@ from tacbench_cad.virtual_rig.base import Firmware
 from tacbench_cad.virtual_rig.board import Board
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.grbl import Grbl
-from tacbench_cad.virtual_rig.grbl_memory import GRBLHAL
+from tacbench_cad.virtual_rig.grbl_memory import GRBL, GRBLHAL
 from tacbench_cad.virtual_rig.loadcell import CellSettings
 from tacbench_cad.virtual_rig.machine import Carriage, MotorAxis
 from tacbench_cad.virtual_rig.marlin import Marlin
@@ -46,6 +46,10 @@ class Setup(Checked):
         faults: Faults that occur at their time.
         tcp: Whether to use TCP ports instead of pseudo-terminals.
         resets_on_open: Whether opening the port resets the board, as on most Arduino boards.
+        late_s: The range of the time by which each reply of the stage comes late, in s of rig time.
+        origin: Where a ``grbl`` or ``grblhal`` counts from after homing: ``pulloff`` (built with
+            HOMING_FORCE_SET_ORIGIN), or ``switch`` (the default of GRBL: all coordinates are negative, z from -100 to 0
+            with the switch at 0, and homing ends at -1).
         check_baud: Whether a host at another baud rate receives garbage (pseudo-terminals of Linux only).
         start_mm: The true position of the carriage at the start, in the frame after homing; None for the default.
         stimulus: The object under the carriage, see :func:`tacbench_cad.virtual_rig.loadcell.stimulus_from`.
@@ -59,6 +63,8 @@ class Setup(Checked):
     faults: tuple[Fault, ...] = ()
     tcp: bool = False
     resets_on_open: bool = True
+    late_s: tuple[Annotated[float, Bounds(0.0)], Annotated[float, Bounds(0.0)]] = (0.0, 0.0)
+    origin: Literal["pulloff", "switch"] = "pulloff"
     check_baud: bool = False
     start_mm: Point | None = None
     stimulus: Mapping[str, Any] | None = None
@@ -91,15 +97,20 @@ class Setup(Checked):
     def board(self) -> Board:
         """Create the board with its firmware, carriage and faults, but without the load cell's faults."""
         factory, axes = _FACTORIES[self.kind]
+        if self.origin == "switch":
+            if self.kind not in _AT_SWITCH:
+                raise InputError("origin", self.origin, f"is not an option of {self.kind}")
+            factory, axes = _AT_SWITCH[self.kind]
         allowed = list(inspect.signature(factory).parameters)[1:]
         for key, value in self.firmware.items():
             if key not in allowed:
                 raise InputError(f"option of {self.kind}", key, nearest(key, allowed))
             if isinstance(value, str):
                 raise InputError(f"option {key} of {self.kind}", value, "must be a number")
-        start = self.start_mm or (60.0, 45.0, axes[2].low_mm + 80.0)
+        start = self.start_mm or (axes[0].low_mm + 60.0, axes[1].low_mm + 45.0, axes[2].low_mm + 80.0)
         firmware = factory(Carriage(axes, start, random.Random(self.seed)), **self.firmware)
-        return Board(firmware, seed=self.seed + 1, faults=[fault for fault in self.faults if not fault.of_gauge])
+        faults = [fault for fault in self.faults if not fault.of_gauge]
+        return Board(firmware, seed=self.seed + 1, faults=faults, late_s=self.late_s)
 
 
 def _axes(
@@ -110,10 +121,21 @@ def _axes(
     return flat, flat, MotorAxis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
 
 
+def _axes_at_switch() -> tuple[MotorAxis, ...]:
+    """Return the axes of GRBL's default build: all coordinates are negative, and the switches are at the ends."""
+    flat = MotorAxis(low_mm=-200.0, high_mm=0.0, home=-1, switch_mm=0.0, steps_per_mm=400.0)
+    return flat, flat, MotorAxis(low_mm=-100.0, high_mm=0.0, home=1, switch_mm=0.0, steps_per_mm=1600.0)
+
+
 #: GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there.
 _FACTORIES: Mapping[str, tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
     "grbl": (Grbl, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "grblhal": (partial(Grbl, dialect=GRBLHAL), _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
     "marlin": (Marlin, _axes(0.0, 100.0, 0.0, 80.0, 400.0)),
     "arduino": (Arduino, _axes(-100.0, 0.0, 0.0, 400.0, 400.0)),
+}
+#: The default builds of GRBL and grblHAL. The letter Z in ``[OPT:`` stands for HOMING_FORCE_SET_ORIGIN.
+_AT_SWITCH: Mapping[str, tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
+    "grbl": (partial(Grbl, dialect=replace(GRBL, options="[OPT:V,15,128]")), _axes_at_switch()),
+    "grblhal": (partial(Grbl, dialect=replace(GRBLHAL, options="[OPT:VNMSL,35,1024,3,0]")), _axes_at_switch()),
 }

@@ -328,7 +328,71 @@ def test_report_mask_selects_work_position_and_buffer() -> None:
     assert b"|WPos:0.000,0.000,0.000|Bf:15,128|" in status(host)
 
 
-# grblHAL: 12 and 13
+# 22 and 23: motors at rest, and limits
+
+
+def test_motors_lose_their_power_after_each_move_unless_setting_1_is_255() -> None:
+    host = homed("grbl", firmware={"settings": {1: 25}})
+    for x in (1, 2, 3):
+        host.ask(b"G1 X%d F600\n" % x, 1.0)
+    assert host.board.firmware.motors_off == 3
+    host.ask(b"$1=255\nG1 X1 F600\n", 1.0)
+    assert host.board.firmware.motors_off == 3
+
+
+def test_moves_that_follow_at_once_keep_the_motors_powered() -> None:
+    host = homed("grbl", firmware={"settings": {1: 25}})
+    host.ask(b"G1 X1 F600\nG1 X2 F600\n", 1.0)
+    assert host.board.firmware.motors_off == 1
+
+
+def test_a_quiet_limit_is_reported_only_after_the_banner() -> None:
+    host = homed("grbl", firmware={"quiet_limits": True, "settings": {20: 0}})
+    host.send(b"G1 X-20 F600\n")
+    assert host.wait(2.0) == b"ok\r\n" + BANNER + b"[MSG:Check Limits]\r\n" + LOCKED
+    assert status(host).startswith(b"<Alarm|")
+
+
+def test_a_stuck_switch_raises_an_alarm_and_homing_moves_away_from_it() -> None:
+    host = homed("grbl")
+    host.ask(b"G1 Z-50 F900\n", 6.0)
+    host.inject("switch", axis="z")
+    assert b"ALARM:1" in host.wait(1.0)
+    assert host.ask(b"\x18", 0.1) == BANNER + b"[MSG:Check Limits]\r\n" + LOCKED
+    assert b"|Pn:Z" in status(host)
+    host.send(b"$H\n")
+    assert b"ALARM:8" in host.until(b"unlock]")
+    assert near(host.true, (0.0, 0.0, -51.0), 0.01)
+
+
+def test_the_default_build_counts_from_the_switches() -> None:
+    # The switches scatter. With this seed, the one of z closes just below 0.
+    host = homed("grbl", origin="switch", seed=4)
+    assert near(host.reported, (-199.0, -199.0, -1.0))
+    assert b"[OPT:V,15,128]" in host.ask(b"$I\n")
+    assert b"ALARM:1" in host.ask(b"G1 Z0 F60\n", 2.0)
+
+
+def test_replies_come_late_and_in_order() -> None:
+    host = homed("grbl", late_s=(0.3, 1.0))
+    host.send(b"G91\n?G90\n")
+    assert host.wait(0.29) == b""
+    assert re.fullmatch(rb"(ok\r\n|<Idle[^>]*>\r\n){3}", host.wait(3.0))
+
+
+# grblHAL: 12, 13 and 21
+
+
+def test_grblhal_refuses_lines_after_an_error_until_an_empty_line() -> None:
+    host = homed("grblhal")
+    assert host.ask(b"G1 X\n") == b"error:2\r\n"
+    assert host.ask(b"G1 X1 F600\n") == b"error:2\r\n"
+    assert host.ask(b"\n") == b"ok\r\n"
+    assert host.ask(b"G1 X1 F600\n", 0.1) == b"ok\r\n"
+    host.wait(1.0)
+    host.ask(b"G1 X\n")
+    host.ask(b"\x18", 0.5)
+    assert host.ask(b"G1 X2 F600\n", 0.1) == b"ok\r\n"
 
 
 def test_grblhal_sends_its_banner_and_an_error_with_fresh_memory() -> None:
