@@ -45,7 +45,6 @@ from tacbench_cad.geometry import brep
 from tacbench_cad.geometry.part import colour_of
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 
@@ -69,7 +68,8 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         key_mm: The leg of the chamfered corner at (x, 0) in mm; None for a block without a key.
         label: Whether texture, preset and scale are engraved in the underside.
         copy: The number of the copy in the label; None for a label without a number.
-        step_tolerance_mm: The largest vertical distance from the formula, in mm.
+        step_tolerance_mm: The largest vertical distance from the formula, in mm; None for 0.001, or more if the
+            texture's own error is larger.
         rotation: The rotation about the axes, in degrees.
         align: Align MIN, CENTER or MAX of the bounding box along x, y and z; None keeps the lower corner of the
             underside at the origin.
@@ -92,7 +92,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
         key_mm: float | None = None,
         label: bool = False,
         copy: int | None = None,
-        step_tolerance_mm: float = STEP_TOLERANCE_MM,
+        step_tolerance_mm: float | None = None,
         rotation: RotationLike = (0, 0, 0),
         align: Align | tuple[Align, Align, Align] | None = (Align.CENTER, Align.CENTER, Align.MIN),
         mode: Mode = Mode.ADD,
@@ -118,7 +118,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
             None,
             False,
             None,
-            STEP_TOLERANCE_MM,
+            None,
         ):
             self.block = texture
         else:

@@ -74,7 +74,7 @@ def command(verify: str, json: bool, **request: Any) -> None:
     """
     from tacbench_cad.making.printset import Request, build
     from tacbench_cad.making.request import blocks_of
-    from tacbench_cad.spec.spectrum import turned_note
+    from tacbench_cad.spec.spectrum import error_note, turned_note
 
     options_of_call = Request(**options.request_fields(request), full=verify == "full")
     with ProgressLine(every_s=0.0) as progress:
@@ -83,7 +83,8 @@ def command(verify: str, json: bool, **request: Any) -> None:
         print_json(result.as_dict())
     else:
         _print(result)
-        print_lines(*filter(None, map(turned_note, blocks_of(options_of_call))))
+        blocks = blocks_of(options_of_call)
+        print_lines(*filter(None, [note_of(block) for note_of in (turned_note, error_note) for block in blocks]))
         if request["parts"] != ("coupon",):
             print_lines(_preset(request["preset"]))
         if result.ok:

@@ -16,7 +16,7 @@ from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
 from tacbench_cad.spec.block import MAX_COPIES, Block
 from tacbench_cad.spec.outlines import Outline
-from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance
+from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, MissingToolError, one_of, require_between
 from tacbench_cad.util.packages import require, why_missing
@@ -194,7 +194,6 @@ def blocks_of(request: Request) -> list[Block]:
     if request.copies is not None:
         require_between("copies", request.copies, 1, MAX_COPIES)
     textures = textures_of(request.textures, request.preset)
-    step_tolerance = STEP_TOLERANCE_MM if request.step_tolerance_mm is None else request.step_tolerance_mm
     blocks: dict[str, Block] = {}
     # The highest relief comes first, so that an error message suggests a height that is sufficient for all blocks.
     for texture, table in sorted(textures, key=lambda pair: -pair[0].surface.amplitude_sum):
@@ -209,7 +208,7 @@ def blocks_of(request: Request) -> list[Block]:
             sampling=request.sampling,
             key_mm=request.key_mm,
             label=request.label or request.copies is not None,
-            step_tolerance_mm=step_tolerance,
+            step_tolerance_mm=request.step_tolerance_mm,
             table=table,
         )
     return [blocks[texture.name] for texture, _ in textures]

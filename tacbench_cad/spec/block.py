@@ -18,7 +18,7 @@ from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
 from tacbench_cad.spec.outlines import Outline, outline_of
 from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_table
-from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, highest_sample
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, attainable_mm, highest_sample
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.textures import texture as find_texture
@@ -87,7 +87,7 @@ class Block:
         key_mm: float | None = None,
         label: bool = False,
         copy: int | None = None,
-        step_tolerance_mm: float = STEP_TOLERANCE_MM,
+        step_tolerance_mm: float | None = None,
         table: BlockTable | None = None,
         outline: Outline | str | None = None,
     ) -> Block:
@@ -101,11 +101,13 @@ class Block:
             height_mm: A new height, in mm. Only the base becomes thicker or thinner.
             scale: The factor that multiplies the sides, the height and the mm per unit. The domain stays the same.
             sampling: The tolerance or the sample grid of the mesh. ``"grid"`` selects the preset's own grid, or a grid
-                with the same step if the sides differ. None selects the preset's default.
+                with the same step if the sides differ. None selects the preset's default, or a larger tolerance if the
+                texture's own error needs it.
             key_mm: The leg of the key, in mm; None for no key.
             label: Whether to engrave the underside.
             copy: The number of the copy. It is engraved, so it implies ``label``.
             step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
+                None selects 0.001, or more if the texture's own error is larger.
             table: The block settings of a texture file, which replace the values of the preset; None for those of
                 the texture itself.
             outline: The outline before scaling: a :class:`~tacbench_cad.spec.outlines.Disc`, ``RegularPolygon``,
@@ -136,7 +138,13 @@ class Block:
         if isinstance(shape, Outline):
             size = shape.size_mm
         height = height_mm if height_mm is not None else table.height_mm or values.height_mm
+        # the error of the texture over the block is a little larger where creases are rounded
+        own_mm = 1.01 * surface.surface.error * unit[2] * scale
         chosen = sampling if sampling is not None else values.sampling
+        if sampling is None and isinstance(chosen, Tolerance):
+            chosen = Tolerance(mm=attainable_mm(chosen.mm, 2.0 * own_mm))
+        if step_tolerance_mm is None:
+            step_tolerance_mm = attainable_mm(STEP_TOLERANCE_MM, own_mm)
         if chosen == "grid":
             chosen = grid_of_same_step(values, size, unit)
         assert not isinstance(chosen, str)

@@ -19,6 +19,24 @@ TOLERANCE_MM = 0.01
 STEP_TOLERANCE_MM = 0.001
 
 
+def attainable_mm(default_mm: float, least_mm: float) -> float:
+    """Return a default tolerance, or the next of 1, 2, 5, 10 ... above the least possible one if it is too small.
+
+    >>> attainable_mm(0.01, 0.0), attainable_mm(0.01, 0.031)
+    (0.01, 0.05)
+
+    Args:
+        default_mm: The default tolerance in mm.
+        least_mm: The smallest tolerance in mm that the texture's own error allows.
+    """
+    # a scale that is not a finite number is refused later
+    if not default_mm < least_mm < math.inf:
+        return default_mm
+    power = 10.0 ** math.floor(math.log10(least_mm))
+    # a number such as 0.02 is written without the rounding of the product
+    return float(f"{next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= least_mm) * power:.1g}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
     """A largest distance between the mesh and the formula, which holds everywhere.

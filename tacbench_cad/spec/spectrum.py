@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, TOLERANCE_MM, Tolerance
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
@@ -118,6 +119,18 @@ def spectrum(block: Block) -> Spectrum:
     order = np.argsort(-turns)[:-1]
     scale = 1.0 / (power.size * float((window**2).sum()))
     return Spectrum(1.0 / turns[order], power.ravel()[order] * scale, None)
+
+
+def error_note(block: Block) -> str | None:
+    """Return a sentence about a texture whose own error needs larger tolerances than the default ones, or None."""
+    error = block.surface.error
+    if 2.0 * error <= TOLERANCE_MM and error <= STEP_TOLERANCE_MM:
+        return None
+    needs = f"a STEP file needs a tolerance of at least {error:.2g} mm (here {block.step_tolerance_mm:g} mm)"
+    if isinstance(block.sampling, Tolerance):
+        needs += f", and a mesh {2.0 * error:.2g} mm (here {block.sampling.mm:g} mm)"
+    own = f"{block.texture.name}: the texture itself lies within {error:.2g} mm of its equation"
+    return f"{own} ({block.surface.evidence}), so {needs}"
 
 
 def turned_note(block: Block) -> str | None:

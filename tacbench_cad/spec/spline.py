@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, Region, search_cells
+from tacbench_cad.spec.intervals import Intervals
 from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
@@ -83,6 +84,11 @@ class SplineAxis:
         """Move coordinates into the domain: by whole periods, or to the nearest end."""
         low, high = self.ends
         return np.asarray(low + np.mod(t - low, high - low) if self.repeats else np.clip(t, low, high))
+
+    @cached_property
+    def intervals(self) -> Intervals:
+        """The spans, as intervals in which coordinates can be searched."""
+        return Intervals(self.breaks)
 
     def span(self, t: Floats, left: bool = False) -> Ints:
         """Return the index of the knot at the beginning of the span of each coordinate.
@@ -314,8 +320,7 @@ class SplineSurface:
         for start in range(0, len(u), _POINTS_AT_A_TIME):
             part = slice(start, start + _POINTS_AT_A_TIME)
             at_u, at_v = self.u.inside(u[part]), self.v.inside(v[part])
-            i = np.searchsorted(first_u[1:], at_u, "right")
-            j = np.searchsorted(first_v[1:], at_v, "right")
+            i, j = self.u.intervals.index(at_u), self.v.intervals.index(at_v)
             rows = table.take(i * len(first_v) + j, axis=0)
             x, y = (at_u - first_u[i]) / width_u[i], (at_v - first_v[j]) / width_v[j]
             for total, (order_u, order_v) in zip(totals, orders, strict=True):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tacbench_cad.spec.intervals import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
@@ -46,6 +47,7 @@ class DerivativeBounds:
         self.used = 0
         self._lines = (_cells(x, surface.breaks[0]), _cells(y, surface.breaks[1]))
         x, y = self._lines
+        self._intervals = Intervals(x), Intervals(y)
         self._creases = surface.creases
         bounds = np.stack([surface.cell_bounds(x, y, order) for order in (*_SECOND, *_THIRD)], axis=-1)
         for axis, kinks in enumerate((self._kinks(surface, 0), self._kinks(surface, 1))):
@@ -82,9 +84,10 @@ class DerivativeBounds:
         first, last = [], []
         for axis in range(2):
             lines = self._lines[axis]
+            first.append(self._intervals[axis].index(low[axis]))
             # a box that only touches a border of cells from inside does not reach the next cell
-            first.append(np.clip(np.searchsorted(lines, low[axis], "right") - 1, 0, len(lines) - 2))
-            last.append(np.clip(np.searchsorted(lines, high[axis], "left") - 1, 0, len(lines) - 2))
+            cell = self._intervals[axis].index(high[axis])
+            last.append(np.maximum(cell - (high[axis] <= lines.take(cell)), 0))
         span = np.maximum(last[0] - first[0], last[1] - first[1])
         level = np.where(span == 0, 0, np.ceil(np.log2(np.maximum(span, 1))).astype(np.int64) + 1)
         level = np.minimum(level, len(self._levels) - 1)

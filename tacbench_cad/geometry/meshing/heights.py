@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from tacbench_cad.spec.intervals import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats, Ints
 
@@ -89,18 +90,11 @@ class _CellAxis:
         self.edges = np.append(np.concatenate(runs), side)
         self.middle = (self.edges[:-1] + self.edges[1:]) / 2.0
         self._even = len(ends) == 2
-        # the first cell of each of many short intervals; no interval has two borders of cells
-        bins = len(self.middle) if self._even else math.ceil(1.01 * side / float(np.diff(self.edges).min()))
-        self._scale = bins / side
-        self._last = bins - 1
-        starts = np.arange(bins) / self._scale
-        self._first = np.clip(np.searchsorted(self.edges, starts, "right") - 1, 0, len(self.middle) - 1)
+        self._scale = len(self.middle) / side
+        self._intervals = Intervals(self.edges)
 
     def cell(self, t: Floats) -> Ints:
         """Return the cell of each coordinate."""
-        place = np.clip((t * self._scale).astype(np.int64), 0, self._last)
-        if self._even:
-            return place
-        first = self._first.take(place)
-        after = np.minimum(first + 1, len(self.middle) - 1)
-        return np.where(t >= self.edges.take(after), after, first)
+        if not self._even:
+            return self._intervals.index(t)
+        return np.clip((t * self._scale).astype(np.int64), 0, len(self.middle) - 1)

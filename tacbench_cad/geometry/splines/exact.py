@@ -151,7 +151,7 @@ def spline_refusal(surface: SplineSurface) -> str | None:
         return None
     return (
         f"its spline has {surface.poles.shape[0]} x {surface.poles.shape[1]} poles, and a solid may have "
-        f"{MAX_SPLINE_POLES:,} at most; use a smaller or coarser height map, or fit waves to it"
+        f"{MAX_SPLINE_POLES:,} at most; use a smaller block or a coarser height map, or fit waves to it"
     )
 
 
