@@ -94,13 +94,15 @@ def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
         return float(weight_s @ h @ weight_t)
     if height.fade.inside is None:
         return _along_outline(region, height, partial(_along_s, height))
-    grid, step = [], 1.0
+    grid: list[Floats] = []
+    step = 1.0
     for size, finest in zip(height.size_mm, height.surface.highest_frequency, strict=True):
         shortest = min(math.tau / max(finest, 1e-9), height.fade.length_mm)
         count = math.ceil(size / shortest * _PER_FADE)
         grid.append((np.arange(count) + 0.5) * (size / count))
         step *= size / count
-    above = (height.grid(*grid) - height.start_mm)[height.fade.inside(*grid)]
+    s, t = grid
+    above = (height.grid(s, t) - height.start_mm)[height.fade.inside(s, t)]
     return height.start_mm * _along_outline(region, height, lambda points: points[:, 0]) + float(above.sum()) * step
 
 
