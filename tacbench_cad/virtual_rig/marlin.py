@@ -1,8 +1,8 @@
 """Marlin 2.1 as a state machine, including the traits that cause errors in hosts.
 
-Not included are arcs, heaters (``M105`` answers room temperature), bed levelling and inches. Motion stops between
-lines, without look-ahead over corners. Homing moves to the upper end of z first, as in builds with ``Z_HOME_DIR 1``,
-since a sensor must not be homed into a block.
+Not included are arcs, heaters (``M105`` answers room temperature), bed levelling and inches. Motion stops at corners,
+without look-ahead, and between lines that arrive after the motion has begun. Homing moves to the upper end of z first,
+as in builds with ``Z_HOME_DIR 1``, since a sensor must not be homed into a block.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _EXTRUDER_STEPS_PER_MM = 500.0
 _EXTRUDER_MM_S = 25.0
 #: Commands that are accepted without an effect.
 _IGNORED = (
-    *("G17", "G94", "M17", "M18", "M82", "M83", "M84", "M104", "M106", "M107"),
+    *("G17", "G94", "M17", "M82", "M83", "M104", "M106", "M107"),
     *("M113", "M140", "M155", "M220", "M420"),
 )
 
@@ -69,6 +69,8 @@ class Marlin(MarlinCore):
             # A whole number of seconds from 0 to 255.
             self._auto_every_s = float(min(255, int(max(0.0, values.get("S") or 0.0))))
             self._auto_s = self.now_s + self._auto_every_s if self._auto_every_s > 0.0 else None
+        elif name in ("M18", "M84") and self.knows_m84:
+            yield from self._motors_off(values.get("S"))
         elif name == "M105":
             self._send(" T:20.00 /0.00 @:0\n")
         elif name not in (*_IGNORED, "M110", "M410", "M108"):
@@ -94,7 +96,7 @@ class Marlin(MarlinCore):
                 # Soft end stops limit a target without a message, and only on axes that are homed.
                 value = min(axis.high_mm - shift, max(axis.low_mm - shift, value))
             target = replaced(target, i, value)
-        yield lambda: self.carriage.queued < _PLANNER_STROKES
+        yield lambda: self.carriage.queued + len(self._blocks) < _PLANNER_STROKES
         self._go(target, self._feed_mm_s)
 
     def _go(self, target: Point, speed_mm_s: float) -> None:
@@ -103,7 +105,17 @@ class Marlin(MarlinCore):
             return
         speed = min(speed_mm_s, along_path(start, target, _PEAK))
         acceleration = along_path(start, target, _ACCELERATION)
-        self.carriage.go(self._native(target), speed, acceleration, self.now_s)
+        self._plan(self._native(target), speed, acceleration)
+
+    def _motors_off(self, after_s: float | None) -> Program:
+        """Switch the motors off, or set the time without motion after which they are switched off."""
+        if after_s is None:
+            yield self._at_rest
+            self._switch_off()
+            return
+        self._idle_s = max(0.0, after_s)
+        if not self.carriage.moving:
+            self._stopped()
 
     def _set_position(self, values: dict[str, float | None]) -> None:
         native = self._native(self._planned)

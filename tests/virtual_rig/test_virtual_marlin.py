@@ -201,7 +201,7 @@ def test_long_commands_send_busy_every_two_seconds_and_lines_end_with_lf() -> No
     assert busy >= 2 and answer.startswith(b"echo:busy: processing\n")
     assert b"\r" not in host.greeting + answer
     assert near(host.true, (0.0, 0.0, 100.0), STEP)
-    host.ask(b"G1 X200 F1200\n", 0.1)
+    host.ask(b"G1 X190 F1200\n", 0.1)
     host.send(b"M400\n")
     assert host.until(b"ok\n").count(b"busy") == 4
 
@@ -215,6 +215,67 @@ def test_host_with_another_baud_rate_reads_garbage(baud: int) -> None:
     host.board.host_baud = baud
     host.ask(b"\n", 1.0)
     assert b"FIRMWARE_NAME:Marlin" in host.ask(b"M115\n", 1.0)
+
+
+# 20: short moves, and the wait of a single move
+
+
+def test_moves_under_six_motor_steps_are_withheld_and_add_up() -> None:
+    host = homed("marlin")
+    host.ask(b"G1 Z90 F600\nM400\n", 10.0)
+    home_error = host.true[2] - 90.0
+    for z, count in ((b"89.9975", b"36000"), (b"89.9875", b"36000"), (b"89.9850", b"35994")):
+        answer = host.ask(b"G1 Z%s\nM400\nM114\n" % z, 2.0)
+        assert answer.startswith(b"ok\nok\nX:0.00 Y:0.00 Z:%.2f " % float(z)), answer
+        assert b"Z:%s\n" % count in answer
+        assert host.true[2] == pytest.approx(float(count) / 400.0 + home_error)
+    # A longer motion of another axis carries the withheld steps with it.
+    host.ask(b"G1 X0.05 Z89.9825\nM400\n", 2.0)
+    assert host.true[2] == pytest.approx(89.985 + home_error)
+    host.ask(b"G1 X10\nM400\n", 2.0)
+    assert host.true[2] == pytest.approx(89.9825 + home_error)
+
+
+def test_a_build_may_make_single_steps() -> None:
+    host = homed("marlin", firmware={"min_steps": 1, "z_steps_per_mm": 2560})
+    assert b" Z2560.00 " in host.ask(b"M92\n")
+    host.ask(b"G1 Z90 F600\nM400\n", 10.0)
+    assert b" Z:230399\n" in host.ask(b"G1 Z89.9996\nM400\nM114\n", 2.0)
+
+
+def test_a_single_move_begins_after_a_tenth_of_a_second_and_three_begin_at_once() -> None:
+    host = homed("marlin")
+    assert host.ask(b"G1 X30 F3000\n", 0.09) == b"ok\n"
+    assert host.true[0] < 0.1
+    host.ask(b"M400\n", 3.0)
+    begin = host.now_s
+    host.send(b"G1 X40\nG1 X50\nG1 X60\nM400\n")
+    host.until(b"ok\nok\nok\nok\n")
+    # 30 mm at 50 mm/s, with 0.1 s to accelerate and as long to stop; the moves continue each other without a stop.
+    assert host.now_s - begin == pytest.approx(0.7, abs=0.05)
+
+
+# 22: idle motors
+
+
+def test_idle_motors_are_switched_off_after_two_minutes_and_z_drops() -> None:
+    host = homed("marlin")
+    host.ask(b"G1 Z90 F600\nM400\n", 119.0)
+    assert near(host.true, (0.0, 0.0, 90.0), STEP)
+    host.wait(5.0)
+    assert host.true[2] == pytest.approx(89.7, abs=STEP)
+    assert b" Z:90.00 " in where(host), "the firmware does not notice it"
+
+
+def test_m84_s0_keeps_the_motors_on() -> None:
+    host = homed("marlin")
+    assert host.ask(b"M84 S0\n") == b"ok\n"
+    host.ask(b"G1 Z90 F600\nM400\n", 600.0)
+    assert near(host.true, (0.0, 0.0, 90.0), STEP)
+    assert host.ask(b"M84\n") == b"ok\n"
+    assert host.true[2] == pytest.approx(89.7, abs=STEP)
+    unknowing = homed("marlin", firmware={"knows_m84": False})
+    assert unknowing.ask(b"M84 S0\n") == b'echo:Unknown command: "M84 S0"\nok\n'
 
 
 # Other commands

@@ -10,6 +10,19 @@ change a target without a message. If the build reports motor steps (``Count``),
 position with the motors' resolution. The steps are counted, so a slipping motor is not detected. After a reset, a halt
 or a lost answer the position is unknown, and every move is refused until ``home()`` has succeeded.
 
+Short moves: Marlin withholds a move of fewer than 6 motor steps (``MIN_STEPS_PER_SEGMENT``) until later moves add up to
+more. It acknowledges the move, but the carriage stays. The driver therefore makes such a move by a detour: up, by at
+least 0.03 mm, and down again to the target. It never goes below the target. At the upper end of z, where soft end stops
+allow no lift, the detour goes sideways in x.
+
+Delay: Marlin waits 0.1 s before it starts a move from rest, unless three moves are planned. The driver therefore sends
+a move in three parts if each part has enough motor steps. The parts lie on one straight line, so Marlin does not stop
+between them.
+
+Idle motors: Marlin switches the motors off after some time without motion, usually 120 s. The z axis can then drop
+unnoticed. The driver switches this off with ``M84 S0``. If a build does not know this command, the position counts as
+unknown after ``IDLE_S`` without motion.
+
 Homing: the end stops that ``M119`` lists show the direction in which z is homed. With an end stop at the top, z is
 homed first and upwards. With one only at the bottom (as usual on a printer), z is homed downwards: the driver first
 raises the sensor by ``home_lift_mm``, then homes x, y and z. Nothing may be below the sensor at that corner.
@@ -21,6 +34,7 @@ lines sent during it twice, so the next call waits until it is over. After a sto
 from __future__ import annotations
 
 import math
+import time
 from typing import Unpack
 
 from tacbench_cad.lab.rig import marlin_replies as replies
@@ -34,6 +48,13 @@ from tacbench_cad.lab.study.spec import Point
 ROUNDING_MM = 0.0055
 #: The speed of the lift before homing, in mm/s.
 LIFT_MM_S = 5.0
+#: The smallest number of motor steps in a part of a move: one more than Marlin's usual limit, since both ends of a part
+#: are rounded to whole steps.
+PART_STEPS = 7
+#: The smallest length of a detour in mm. Answers to ``M114``, with two decimals, can show whether it was possible.
+DETOUR_MM = 0.03
+#: The time without motion, in s, after which a build without ``M84`` may have switched its motors off.
+IDLE_S = 60.0
 
 
 class MarlinStage(SerialStage[MarlinLink]):
@@ -56,7 +77,9 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._home_lift_mm = home_lift_mm
         self._steps_per_mm: Point | None = None
         self._rates_mm_s: Point | None = None
-        self._counts = False
+        self._counts = self._settled = False
+        self._highest_mm = -math.inf
+        self._idle_since_s: float | None = None
         with self._opening():
             self._link.greet(self._bauds)
             self.identity = f"marlin: {self._link.firmware} at {port}"
@@ -92,7 +115,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         counted = self._counted(place)
         self._counts = counted is not None
         self._link.lost = ""
-        self._last = counted or place.planned_mm
+        self._settle_at(counted or place.planned_mm)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line. The end is proved by ``M400`` and ``M114``.
@@ -105,10 +128,10 @@ class MarlinStage(SerialStage[MarlinLink]):
             ProtocolError: Lines were garbled too often.
             DeviceLostError: The device is unplugged.
         """
-        start = self.position()
-        x, y, z = target_mm
+        start = self._start()
         with self._moving():
-            self._require(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
+            self._settled = False
+            self._send(start, target_mm, speed_mm_s)
             seconds = duration_s(start, target_mm, speed_mm_s, self._rates_mm_s or (0.0,) * 3)
             self._link.command("M400", within_s=seconds, limit_s=4.0 * (self._timeout_s + seconds) + 10.0)
             at = self._at(target_mm)
@@ -117,8 +140,7 @@ class MarlinStage(SerialStage[MarlinLink]):
                 f"{self._link.name}: stands at {place_text(at)} instead of {place_text(target_mm)}; "
                 "the firmware's soft end stops limited the move, or it was interrupted"
             )
-        self._last = at
-        return at
+        return self._settle_at(at)
 
     def position(self) -> Point:
         """Return the reported position in mm after all motion has ended.
@@ -127,7 +149,7 @@ class MarlinStage(SerialStage[MarlinLink]):
             PositionLostError: The position is unknown: reset, halted, or never homed.
             RigError: The device is gone or silent.
         """
-        self._link.require_known()
+        self._require_known()
         if self._link.stopping or self._line.torn or self._link.unsure:
             self._link.resume()
             self._prepare()
@@ -136,19 +158,81 @@ class MarlinStage(SerialStage[MarlinLink]):
         # A reset leaves this position. Its banner may have been lost.
         if not any(at) and self._last is not None and math.dist(at, self._last) > 2.0 * ROUNDING_MM:
             raise self._link.reset_noticed("reports 0, 0, 0 although it should be elsewhere")
-        self._last = at
-        return at
+        return self._settle_at(at)
 
     def stop(self) -> None:
         """Stop all motion at once. Signal handlers may call this method. Never raises."""
         self._link.stop()
 
+    def _start(self) -> Point:
+        """Return the position at rest. It is read only if the last move failed; a reset shows in the line numbers."""
+        self._require_known()
+        clean = self._settled and not (self._link.stopping or self._line.torn or self._link.unsure)
+        return self._last if clean and self._last is not None else self.position()
+
+    def _settle_at(self, at: Point) -> Point:
+        """Store a position at rest, and return it."""
+        self._last, self._settled = at, True
+        self._highest_mm = max(self._highest_mm, at[2])
+        if self._idle_since_s is not None:
+            self._idle_since_s = time.monotonic()
+        return at
+
+    def _require_known(self) -> None:
+        """Check that the position is known and that the motors were not switched off."""
+        if self._idle_since_s is not None and time.monotonic() - self._idle_since_s > IDLE_S:
+            self._link.lost = self._link.lost or (
+                f"there was no motion for {IDLE_S:g} s, and a firmware without M84 may have switched its motors off"
+            )
+        self._link.require_known()
+
+    def _send(self, start: Point, target: Point, speed_mm_s: float) -> None:
+        """Send a move, in parts that the firmware neither withholds nor delays if possible."""
+        parts = [target]
+        if self._steps_per_mm is not None:
+            steps = max(
+                abs(round(b * per_mm) - round(a * per_mm))
+                for a, b, per_mm in zip(start, target, self._steps_per_mm, strict=True)
+            )
+            if 0 < steps < PART_STEPS:
+                parts = [_between(self._detour(start, target, speed_mm_s), target, 0.5), target]
+            elif steps >= 3 * PART_STEPS:
+                parts = [_between(start, target, 1.0 / 3.0), _between(start, target, 2.0 / 3.0), target]
+        for part in parts:
+            self._go(part, speed_mm_s)
+
+    def _detour(self, start: Point, target: Point, speed_mm_s: float) -> Point:
+        """Send the first part of a detour, and return its end: above the target, or beside it at the upper end of z."""
+        assert self._steps_per_mm is not None
+        aside_mm, _, lift_mm = (max(2.0 * PART_STEPS / per_mm, DETOUR_MM) for per_mm in self._steps_per_mm)
+        x, y, z = start[0], start[1], max(start[2], target[2])
+        above: Point = (x, y, z + lift_mm)
+        self._go(above, speed_mm_s)
+        # Soft end stops limit a target without a message.
+        if above[2] <= self._highest_mm or self._is_planned(above):
+            return above
+        for beside in ((x + aside_mm, y, z), (x - aside_mm, y, z)):
+            self._go(beside, speed_mm_s)
+            if self._is_planned(beside):
+                break
+        return beside
+
+    def _is_planned(self, target: Point) -> bool:
+        """Return whether the firmware accepted a target without limiting it."""
+        return is_near(self._place().planned_mm, target, (ROUNDING_MM,) * 3)
+
+    def _go(self, target: Point, speed_mm_s: float) -> None:
+        x, y, z = target
+        self._require(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
+
     def _prepare(self) -> None:
-        """Set the modes that a reset clears (mm, absolute, no automatic reports), and read the axes' limits."""
+        """Set the modes that a reset clears (mm, absolute, no reports, motors on), and read the axes' limits."""
         self._require("G90")
         # Some builds do not know these commands. They then have no such mode to switch off.
         for command in ("G21", "M154 S0", "M155 S0"):
             self._link.command(command)
+        knows = not any(replies.unknown(line) is not None for line in self._link.command("M84 S0"))
+        self._idle_since_s = None if knows else time.monotonic()
         lines = [line for command in ("M92", "M203") for line in self._link.command(command)]
         per_axis = dict(numbers for line in lines if (numbers := replies.per_axis(line)))
         self._steps_per_mm, self._rates_mm_s = per_axis.get("M92"), per_axis.get("M203")
@@ -198,3 +282,9 @@ class MarlinStage(SerialStage[MarlinLink]):
             return (ROUNDING_MM,) * 3
         x, y, z = (0.5 / per_mm + 0.0005 for per_mm in self._steps_per_mm)
         return (x, y, z)
+
+
+def _between(start: Point, end: Point, fraction: float) -> Point:
+    """Return a point on the straight line from start to end."""
+    x, y, z = (a + (b - a) * fraction for a, b in zip(start, end, strict=True))
+    return (x, y, z)
