@@ -9,6 +9,7 @@ import rich_click as click
 
 from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import ask_line, note, print_json, print_lines, print_next, print_table
+from tacbench_cad.cli.rig_test_driver import test_driver
 from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.text import counted
 
@@ -121,6 +122,9 @@ def drivers(json: bool) -> None:
         camera_rows = [(camera.product, camera.device, camera.usb, camera.serial_number) for camera in cameras]
         print_table("Cameras", ("product", "device now", "USB id", "serial number"), camera_rows)
     print_next("rig", "probe")
+
+
+command.add_command(test_driver)
 
 
 def _driver_cells(driver: ListedDriver) -> tuple[str, ...]:

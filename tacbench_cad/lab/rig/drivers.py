@@ -119,8 +119,20 @@ def find_driver(kind: Kind, word: str) -> Driver:
     return _driver_of(loaded)
 
 
-def open_device(kind: Kind, settings: StageSettings | GaugeSettings | SensorSettings, context: Context) -> Any:
+def open_device(
+    kind: Kind,
+    settings: StageSettings | GaugeSettings | SensorSettings,
+    context: Context,
+    *,
+    guarded: bool = True,
+) -> Any:
     """Open a device as its driver does, without limits and without homing.
+
+    Args:
+        kind: The kind of device.
+        settings: The device's table of a study file.
+        context: The circumstances.
+        guarded: Whether exceptions and wrong results of a user's driver become errors of the rig.
 
     Raises:
         InputError: The driver or an option does not exist.
@@ -132,7 +144,7 @@ def open_device(kind: Kind, settings: StageSettings | GaugeSettings | SensorSett
     if driver.missing:
         names = ", ".join(driver.missing)
         raise MissingToolError(f"{field} = {word!r}: needs {names}, not installed: run {driver.install}")
-    if word in registry.OWN[kind]:
+    if word in registry.OWN[kind] or not guarded:
         return driver.open(settings, context)
     module = getattr(driver.open, "__module__", None) or ""
     return plugin.open_device(

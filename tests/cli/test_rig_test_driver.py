@@ -1,0 +1,73 @@
+"""``tacbench rig test-driver``: one page and an exit code."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import wrong_drivers
+
+from tacbench_cad.cli import main
+
+Capture = pytest.CaptureFixture[str]
+HERE = Path(wrong_drivers.__file__).parent
+
+
+@pytest.fixture(autouse=True)
+def _here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(HERE)
+    monkeypatch.delitem(sys.modules, "wrong_drivers", raising=False)
+
+
+def test_a_virtual_stage_passes_on_one_page(capsys: Capture) -> None:
+    words = ["rig", "test-driver", "virtual-grbl", "--set", "options.speed=50", "--beyond", "0,0,500"]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    assert "15 of 15 checks passed" in out
+    assert "failed" not in out and len(out.splitlines()) < 40
+
+
+def test_a_wrong_sensor_is_named_with_exit_code_1(capsys: Capture) -> None:
+    assert main(["rig", "test-driver", "wrong_drivers:ChangingShape"]) == 1
+    assert "failed: shape" in capsys.readouterr().out
+    assert main(["rig", "test-driver", "wrong_drivers:ChangingShape", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["kind"] == "sensor" and not document["passed"]
+    assert [check["name"] for check in document["checks"] if check["result"] == "failed"] == ["shape"]
+
+
+def test_the_command_asks_before_a_stage_moves_and_for_the_mass(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    limits = "limits_mm=[[0,100],[0,100],[0,100]]"
+    assert main(["rig", "test-driver", "wrong_drivers:GoodStage", "--set", limits]) == 2
+    assert "Remove the block and the sensor" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n\n"))
+    assert main(["rig", "test-driver", "wrong_drivers:GoodGauge", "--mass-g", "100"]) == 1
+    out, err = capsys.readouterr()
+    assert "Put 100 g on the gauge" in err and "the force did not change with the mass" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["grlb"], "is not a driver; allowed: grbl"),
+        (["wrong_drivers:STAGES"], "is required for wrong_drivers:STAGES: stage, gauge or sensor"),
+        (["wrong_drivers:GoodSensor", "--set", "gain"], "must be KEY=VALUE"),
+        (["wrong_drivers:GoodGauge", "--mass-g", "0"], "must be from 1 to 10000 g"),
+        (["wrong_drivers:GoodStage"], "limits_mm"),
+    ],
+)
+def test_wrong_words_are_explained_in_one_line(words: list[str], message: str, capsys: Capture) -> None:
+    assert main(["rig", "test-driver", *words]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert message in line
+
+
+def test_an_exception_while_the_device_is_opened_is_a_failed_check(capsys: Capture) -> None:
+    assert main(["rig", "test-driver", "wrong_drivers:GoodSensor", "--set", "gain=3"]) == 1
+    assert "raised TypeError instead of a RigError" in capsys.readouterr().out
