@@ -44,4 +44,5 @@ class Intervals:
         # the bucket may begin in the interval before, or by rounding in the interval after
         after = np.minimum(i + 1, self._last)
         i = np.where(t >= self._edges.take(after), after, i)
-        return np.maximum(i - (t < self._edges.take(i)), 0)
+        index: Ints = np.maximum(i - (t < self._edges.take(i)), 0)
+        return index

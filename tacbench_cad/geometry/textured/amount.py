@@ -99,7 +99,8 @@ def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
     for size, finest in zip(height.size_mm, height.surface.highest_frequency, strict=True):
         shortest = min(math.tau / max(finest, 1e-9), height.fade.length_mm)
         count = math.ceil(size / shortest * _PER_FADE)
-        grid.append((np.arange(count) + 0.5) * (size / count))
+        middles: Floats = (np.arange(count, dtype=np.float64) + 0.5) * (size / count)
+        grid.append(middles)
         step *= size / count
     s, t = grid
     above = (height.grid(s, t) - height.start_mm)[height.fade.inside(s, t)]
