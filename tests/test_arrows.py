@@ -23,7 +23,7 @@ BELOW = {
     "housing": {"util", "spec", "geometry", "formats", "render", "cq", "bd"},
     "slicing": {"util", "spec", "geometry", "formats", "render", "checks"},
     "making": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing"},
-    "web": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing", "making"},
+    "web": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing", "making", "lab"},
     "lab": {"util", "spec"},
     "virtual_rig": {"util", "spec", "lab"},
 }

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rich_click as click
 
@@ -12,6 +15,12 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import ask_line, note, print_next
 from tacbench_cad.util.errors import CheckFailedError, InputError, located
 from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.acquire.events import ProgressFile
+    from tacbench_cad.lab.acquire.person import Person
+    from tacbench_cad.lab.study.file import StudyFile
+    from tacbench_cad.web.watch.link import PageLink
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
 _VIRTUAL_SPEED = 50.0
@@ -31,6 +40,12 @@ _VIRTUAL = "With --virtual"
 @options.option(
     "--speed", options.NUMBER, "Speed of the virtual rig; 1 is real time. Default: 50.", options.VIRTUAL_RIG
 )
+@options.flag(
+    "--page", "Show the run on a page in the browser, with buttons for Stop, Pause and the blocks.", options.PAGE
+)
+@options.host
+@options.port
+@options.no_browser
 @options.out("DIR", "Folder of the runs. You can leave it out if the study file names a folder.")
 @options.option(
     "--init", options.file("FILE.toml"), "Write a study file in which every key is explained, and stop.", options.OUTPUT
@@ -43,12 +58,19 @@ def command(
     driver: str | None,
     speed: float | None,
     out: Path | None,
+    page: bool,
+    host: str,
+    port: int,
+    no_browser: bool,
 ) -> None:
     """Press blocks on a rig, real or simulated.
 
     For each press, the sensor moves to a position and presses the block until the force is reached. It records a frame
     and is lifted. Each block gets its own run folder. If a study has several blocks, the command says which block comes
     next and asks for its label. While it runs, the newest frame is in last.png in the output folder.
+
+    With --page, a page in the browser shows the run. Its buttons do the same as Ctrl-C (Stop), wait before the next
+    press (Pause) and confirm a block (Block is in). The run goes on if the page is closed.
 
     You can interrupt a run at any time with Ctrl-C. The same command resumes it at the first missing press. If the
     block, the protocol, the rig or the sensor settings have changed since then, the command names the change and
@@ -61,6 +83,7 @@ def command(
       tacbench acquire --init study.toml     # write a study file to edit
       tacbench acquire study.toml
       tacbench acquire study.toml --out /data/runs
+      tacbench acquire study.toml --page
       tacbench acquire --virtual --out runs  # 150 presses without any hardware
       tacbench acquire --virtual --texture 4 --driver virtual-marlin --out runs
     """
@@ -73,12 +96,7 @@ def command(
         note(f'wrote {init}; fill in the empty keys ("tacbench rig probe" lists ports and cameras)')
         print_next("rig", "align", init, err=True)
         return
-    from tacbench_cad.lab.acquire.person import Typing
-    from tacbench_cad.lab.acquire.progress import ProgressLines
-    from tacbench_cad.lab.acquire.session import acquire_study
-    from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.lab.study.file import read_study, virtual_study
-    from tacbench_cad.virtual_rig.devices import open_rig
 
     if virtual:
         if study is not None:
@@ -99,20 +117,78 @@ def command(
     folder = out or chosen.out
     if folder is None:
         raise InputError("--out DIR", None, "is missing; name the folder of the runs")
+    if not page and (host != options.LOCAL or port or no_browser):
+        raise InputError("--host, --port, --no-browser", None, "are only for --page")
+    where = Path() if study is None else study.parent
+    if chosen.on_finish is not None:
+        from tacbench_cad.lab.acquire.finish import hook_words
+
+        hook_words(chosen.on_finish)
+    settings = _Page(host=host, port=port, browser=not no_browser) if page else None
     with located("" if study is None else f"{study}: ", fields="["):
-        results = acquire_study(
-            chosen.study,
-            chosen.required_rig,
-            folder,
-            person=Typing(partial(ask_line, err=True), note),
-            progress=ProgressLines(folder),
-            opener=open_rig,
-        )
-    for result in results:
-        missed = f", {result.missed} of them outside of their force band" if result.missed else ""
-        note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")
-    faulty = [str(result.folder) for result in results if not check_run(result.folder).ok]
-    if faulty:
-        raise CheckFailedError(f"the runs are complete, but have faults: tacbench check-runs {shlex.join(faulty)}")
+        _press(chosen, where, folder, settings)
     click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
     print_next("check-runs", folder)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Page:
+    """The settings of the page: its address, its port, and whether it is opened in the browser."""
+
+    host: str
+    port: int
+    browser: bool
+
+
+def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> None:
+    """Press the blocks of a study, check the runs, and report the outcome."""
+    from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
+    from tacbench_cad.lab.acquire.finish import Outcome, finishing, run_hook
+    from tacbench_cad.lab.acquire.person import Typing
+    from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
+    from tacbench_cad.lab.acquire.session import acquire_study
+    from tacbench_cad.lab.runs.checking import check_run
+    from tacbench_cad.virtual_rig.devices import open_rig
+
+    rig = chosen.required_rig
+    file = ProgressFile(folder)
+    person: Person = Typing(partial(ask_line, err=True), note)
+    receivers: list[PressProgress] = [ProgressLines(folder), file]
+
+    def end(outcome: Outcome) -> None:
+        file.write("over", outcome=outcome.word, message=outcome.message)
+        if chosen.on_finish is not None:
+            run_hook(chosen.on_finish, where, outcome, folder, note)
+
+    with ExitStack() as stack:
+        stack.callback(file.close)
+        if page is not None:
+            link = stack.enter_context(_opened_page(page, folder, file, person))
+            person = link
+            receivers.append(link)
+        stack.enter_context(finishing(end, f"{counted(len(chosen.study.blocks), 'run')} complete"))
+        results = acquire_study(
+            chosen.study,
+            rig,
+            folder,
+            person=RecordedPerson(person, file),
+            progress=Several(*receivers),
+            opener=open_rig,
+        )
+        for result in results:
+            missed = f", {result.missed} of them outside of their force band" if result.missed else ""
+            note(f"{result.folder}: {counted(result.presses, 'press')}{missed}")
+        faulty = [str(result.folder) for result in results if not check_run(result.folder).ok]
+        if faulty:
+            raise CheckFailedError(f"the runs are complete, but have faults: tacbench check-runs {shlex.join(faulty)}")
+
+
+def _opened_page(page: _Page, folder: Path, file: ProgressFile, person: Person) -> AbstractContextManager[PageLink]:
+    from tacbench_cad.util.packages import require
+
+    require("the page", "starlette", "uvicorn", "websockets")
+    from tacbench_cad.web.watch.link import opened_page
+
+    return opened_page(
+        folder, port=page.port, host=page.host, browser=page.browser, file=file, terminal=person, say=note
+    )

@@ -18,10 +18,8 @@ from tacbench_cad.cli.completing import of_lists
     required=False,
 )
 @options.out("DIR", "Folder of the files that the page writes.", default="stl_out")
-@options.option(
-    "--port", options.COUNT, "Port of the page. Default: a free one.", options.ADVANCED, default="0", show_default=False
-)
-@options.flag("--no-browser", "Only print the address of the page, and do not open it.", options.ADVANCED)
+@options.port
+@options.no_browser
 def command(texture: str | None, out: Path, port: int, no_browser: bool) -> None:
     """Design a texture block in the browser.
 

@@ -38,6 +38,7 @@ class Decorator(Protocol):
 # The panels of options in the help.
 ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT = "Arguments", "Parts", "Size", "Printer", "Input", "Content"
 METHOD, FRAMES, PICTURE, VIRTUAL_RIG, REPAIR = "Method", "Frames", "Picture", "Virtual rig", "Repair"
+PAGE = "Page"
 OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL = (
     "Output",
     "Fixtures",
@@ -49,7 +50,7 @@ OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL = (
 #: The order of the panels: the options that users need first come first.
 PANELS = (
     *(ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT),
-    *(METHOD, FRAMES, PICTURE, VIRTUAL_RIG, REPAIR),
+    *(METHOD, FRAMES, PICTURE, VIRTUAL_RIG, PAGE, REPAIR),
     *(OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL),
 )
 #: If the choices take more characters than this, they are listed in the text of the option, not after its name.
@@ -367,6 +368,17 @@ jobs = option(
     default=_every_processor,
     show_default=False,
 )
+#: The address of pages that only this machine can open.
+LOCAL = "127.0.0.1"
+host = option(
+    "--host",
+    text("ADDRESS"),
+    "Address of this machine on which the page can be opened, so that a phone in the same network can show it.",
+    PAGE,
+    default=LOCAL,
+)
+port = option("--port", COUNT, "Port of the page. Default: a free one.", PAGE, default="0", show_default=False)
+no_browser = flag("--no-browser", "Only print the address of the page, and do not open it.", PAGE)
 dask = option("--dask", text("ADDRESS"), "Use a running Dask cluster, for example tcp://10.0.0.5:8786.", PROCESSES)
 REGION = text("REGION", "auto", "none", "circle:", "rect:")
 roi = option(

@@ -44,10 +44,12 @@ class Engraving:
         contours: The closed outlines in the block frame, each (n, 2) in mm; the first point is not repeated at the
             end. Seen from above, outer outlines run counter-clockwise and islands clockwise.
         glyph_mm: The height of the glyphs, in mm.
+        along_y: Whether the lines run along the block's y axis (otherwise along x).
     """
 
     contours: tuple[Floats, ...]
     glyph_mm: float = MIN_GLYPH_MM
+    along_y: bool = False
 
     @property
     def area_mm2(self) -> float:
@@ -58,6 +60,20 @@ class Engraving:
     def volume_mm3(self) -> float:
         """The volume of the pockets, in mm^3."""
         return self.area_mm2 * LABEL_DEPTH_MM
+
+    def as_read(self, size_mm: tuple[float, float]) -> tuple[tuple[float, float], tuple[Floats, ...]]:
+        """Return the underside as a reader sees it, turned so that the lines run to the right.
+
+        Args:
+            size_mm: The sides x, y of the underside, in mm.
+
+        Returns:
+            The width and height of the picture, and the outlines in mm, with x to the right and y down, as in SVG.
+        """
+        x, y = size_mm
+        if not self.along_y:
+            return (x, y), self.contours
+        return (y, x), tuple(np.column_stack([y - contour[:, 1], contour[:, 0]]) for contour in self.contours)
 
 
 @dataclass(frozen=True)
@@ -203,7 +219,7 @@ def engrave(
                 layout = _Layout(lines, height)
                 corners = page.place(layout)
                 if corners is not None:
-                    return Engraving(_outlines(layout, page, corners), height)
+                    return Engraving(_outlines(layout, page, corners), height, page.along_y)
     raise InputError("label", text, _refusal(breaks, pages))
 
 

@@ -1,1 +1,1 @@
-"""Pages that the program serves to the browser of the same machine."""
+"""Pages that the program serves to a browser."""

@@ -1,11 +1,11 @@
-"""The server of a page: on this machine only, and only for those who know the token in its address.
+"""The server of a page, which answers only those who know the token in its address.
 
 A page in the browser must be safe from other users of the machine and from other pages in the same browser. Therefore:
 
-- The server listens on 127.0.0.1.
+- The server listens on 127.0.0.1, unless the user gives another address of the machine.
 - The address contains a random token. A request without it is refused.
-- The header Host must name this machine. A page of another site that points its own name to 127.0.0.1 (DNS rebinding)
-  sends its own name.
+- The header Host must name the address of the server. A page of another site that points its own name to this address
+  (DNS rebinding) sends its own name.
 - The header Origin, which the browser adds to the requests of a script, must be the address of this server.
 - A policy in every answer forbids the browser to load anything from another address.
 """
@@ -13,6 +13,7 @@ A page in the browser must be safe from other users of the machine and from othe
 from __future__ import annotations
 
 import contextlib
+import errno
 import secrets
 import socket
 import threading
@@ -30,6 +31,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from tacbench_cad.util.errors import InputError
 
 HOST = "127.0.0.1"
+#: The addresses that mean all networks of the machine. A page of another site could then send any name.
+_ALL_ADDRESSES = ("", "0.0.0.0", "::")
 #: The largest message that a page may send, in bytes.
 MAX_MESSAGE = 64_000_000
 #: The media types of the files of a page.
@@ -45,12 +48,13 @@ class Guard:
         app: The application, which gets only allowed requests.
         token: The token, the first part of every path.
         port: The port of the server.
+        host: The address of the server.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int, host: str = HOST) -> None:
         self.app = app
         self._token = token.encode()
-        self._hosts = tuple(f"{name}:{port}" for name in (HOST, "localhost"))
+        self._hosts = tuple(f"{name}:{port}" for name in ((HOST, "localhost") if host == HOST else (in_url(host),)))
         policy = (
             f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' "
             f"{' '.join(f'ws://{host}' for host in self._hosts)}; base-uri 'none'; form-action 'none'; "
@@ -85,7 +89,7 @@ class Guard:
             headers.setdefault(name, []).append(value.decode("latin-1"))
         hosts = headers.get(b"host", [])
         if len(hosts) != 1 or hosts[0] not in self._hosts:
-            return "The header Host must name this machine and the port of this server."
+            return "The header Host must be the address and the port of this server."
         first = scope["path"].encode("utf-8", "surrogateescape").split(b"/")[1:2]
         if not first or not secrets.compare_digest(first[0], self._token):
             return "The address has no valid token. Use the whole address that the command printed."
@@ -127,24 +131,38 @@ def file_routes(package: str, page: str, *others: str) -> list[BaseRoute]:
     return [route("/", page), *(route(f"/{name}", name) for name in others)]
 
 
-def bound_socket(port: int) -> socket.socket:
-    """Return a socket that listens on this machine.
+def in_url(host: str) -> str:
+    """Return an address as it is written in a URL: an IPv6 address gets brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
+def bound_socket(port: int, host: str = HOST) -> socket.socket:
+    """Return a socket that listens on one address of this machine.
 
     Args:
         port: The port; 0 for a free one.
+        host: The address.
 
     Raises:
-        InputError: The port cannot be used.
+        InputError: The address or the port cannot be used.
     """
     if not 0 <= port <= 65535:
         raise InputError("port", port, "must be from 0 to 65535; 0 chooses a free port")
-    listener = socket.socket()
+    if host in _ALL_ADDRESSES:
+        raise InputError("host", host, "means all networks; give one address of this machine, such as 192.168.1.20")
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise InputError("host", host, f"is not an address of this machine: {error.strerror}") from None
+    listener = socket.socket(family)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((HOST, port))
+        listener.bind(address)
         listener.listen()
     except OSError as error:
         listener.close()
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise InputError("host", host, "is not an address of this machine") from None
         raise InputError(
             "port", port, f"cannot be used: {error.strerror}; choose another, or 0 for a free port"
         ) from None
@@ -152,24 +170,32 @@ def bound_socket(port: int) -> socket.socket:
 
 
 def serve(
-    routes: Sequence[BaseRoute], *, port: int = 0, browser: bool = True, announce: Callable[[str], None] = print
+    routes: Sequence[BaseRoute],
+    *,
+    port: int = 0,
+    host: str = HOST,
+    browser: bool = True,
+    announce: Callable[[str], None] = print,
+    end: threading.Event | None = None,
 ) -> None:
     """Serve a page until Ctrl-C is pressed.
 
     Args:
         routes: The page: the result of :func:`file_routes`, and its WebSockets.
         port: The port; 0 for a free one.
+        host: The address on which the server listens.
         browser: Whether the page is opened in the browser.
         announce: Receives the address of the page.
+        end: An event that ends the server.
 
     Raises:
-        InputError: The port cannot be used.
+        InputError: The address or the port cannot be used.
     """
-    with bound_socket(port) as listener:
+    with bound_socket(port, host) as listener:
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
-        address = f"http://{HOST}:{port}/{token}/"
+        address = f"http://{in_url(host)}:{port}/{token}/"
         settings = uvicorn.Config(
-            Guard(Starlette(routes=list(routes)), token, port),
+            Guard(Starlette(routes=list(routes)), token, port, host),
             log_config=None,
             log_level="warning",
             access_log=False,
@@ -184,5 +210,13 @@ def serve(
         announce(address)
         if browser:  # a browser without windows keeps the thread busy until it is closed
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        server = uvicorn.Server(settings)
+        if end is not None:
+            threading.Thread(target=_stop_after, args=(end, server), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
-            uvicorn.Server(settings).run(sockets=[listener])
+            server.run(sockets=[listener])
+
+
+def _stop_after(end: threading.Event, server: uvicorn.Server) -> None:
+    end.wait()
+    server.should_exit = True

@@ -183,3 +183,36 @@ def test_virtual_gives_150_presses(driver: str, tmp_path: Path, capsys: Capture)
     assert len(rows) == 150
     assert all(row.in_band for row in rows)
     assert main(["check-runs", str(tmp_path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--host", "192.168.1.20"], "are only for --page"),
+        (["--port", "8080"], "are only for --page"),
+        (["--no-browser"], "are only for --page"),
+    ],
+)
+def test_options_of_the_page_need_the_page(arguments: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
+    assert main(["acquire", "--virtual", "--out", str(tmp_path / "o"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+@needs_pty
+def test_a_command_runs_at_the_end_and_its_failure_is_a_warning(tmp_path: Path, capsys: Capture) -> None:
+    path = virtual_file(tmp_path)
+    path.write_text(
+        "on_finish = \"sh -c 'echo $TACBENCH_OUTCOME $TACBENCH_MESSAGE > said; exit 3'\"\n" + path.read_text()
+    )
+    assert main(["acquire", str(path)]) == 0
+    assert (tmp_path / "said").read_text() == "done 1 run complete\n"
+    assert "ended with exit code 3\n" in capsys.readouterr().err
+    # The session is over for readers of the progress file, and the command also runs after a refusal.
+    assert '"event":"over"' in (tmp_path / "runs" / "progress.jsonl").read_text().splitlines()[-1]
+    path.write_text(path.read_text().replace("forces_n = [0.5]", "forces_n = [0.6]"))
+    assert main(["acquire", str(path)]) == 2
+    assert (tmp_path / "said").read_text().startswith("refused run = ")
+    path.write_text('on_finish = "sh \'"\n' + "\n".join(path.read_text().splitlines()[1:]))
+    assert main(["acquire", str(path)]) == 2
+    assert 'on_finish = "sh \'": cannot be split into words' in capsys.readouterr().err

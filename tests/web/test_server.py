@@ -22,7 +22,7 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.web.server import Guard, bound_socket, file_routes
+from tacbench_cad.web.server import Guard, bound_socket, file_routes, in_url
 
 TOKEN, PORT = "a-token-of-the-test", 8080
 HERE = {"host": f"127.0.0.1:{PORT}"}
@@ -74,6 +74,19 @@ def test_both_names_of_this_machine_are_allowed(client: TestClient) -> None:
         assert client.get(f"/{TOKEN}/", headers=headers).status_code == 200
 
 
+@pytest.mark.parametrize(("host", "name"), [("192.168.1.20", "192.168.1.20"), ("fd00::7", "[fd00::7]")])
+def test_at_another_address_only_this_address_is_allowed(host: str, name: str) -> None:
+    routes = file_routes("tacbench_cad.web.watch", "page.html", "page.css", "page.js")
+    client = TestClient(Guard(Starlette(routes=routes), TOKEN, PORT, host))
+    there = {"host": f"{name}:{PORT}", "origin": f"http://{name}:{PORT}"}
+    answer = client.get(f"/{TOKEN}/", headers=there)
+    assert answer.status_code == 200
+    assert f"ws://{name}:{PORT};" in answer.headers["content-security-policy"]
+    assert in_url(host) == name
+    for other in (HERE, {"host": f"localhost:{PORT}"}, there | {"origin": "http://evil.example"}):
+        assert client.get(f"/{TOKEN}/", headers=other).status_code == 403
+
+
 @pytest.mark.parametrize("path", ["page.js", "../server.py", "app.py", "..%2f..%2fserver.py", "%2e%2e/__init__.py"])
 def test_no_other_file_is_served(client: TestClient, path: str) -> None:
     assert client.get(f"/{TOKEN}/{path}", headers=HERE).status_code in (403, 404)
@@ -107,6 +120,20 @@ def test_a_socket_needs_the_origin_of_the_page(client: TestClient) -> None:
 def test_a_port_that_does_not_exist_is_refused(port: int) -> None:
     with pytest.raises(InputError, match="must be from 0 to 65535"):
         bound_socket(port)
+
+
+@pytest.mark.parametrize(
+    ("host", "message"),
+    [
+        ("0.0.0.0", "means all networks; give one address of this machine"),
+        ("::", "means all networks"),
+        ("192.0.2.77", "is not an address of this machine"),
+        ("no such name", "is not an address of this machine"),
+    ],
+)
+def test_an_address_that_is_not_one_of_this_machine_is_refused(host: str, message: str) -> None:
+    with pytest.raises(InputError, match=f"host = '{host}': {message}"):
+        bound_socket(0, host)
 
 
 def test_a_used_port_is_refused() -> None:
