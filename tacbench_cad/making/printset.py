@@ -107,7 +107,11 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
         if not work.sources:
             raise InputError("parts", None, "nothing can be made: " + "; ".join(left.reason for left in work.left_out))
         for source in work.sources:
-            if source.part.block is not None:
+            block = source.part.block
+            if block is not None:
+                if block.outline is not None or not block.surface.is_separable:
+                    # such a mesh can take several seconds
+                    progress(f"meshing {source.part.name}", 0, work.file_count)
                 _ = source.part.mesh  # raises InputError if the tolerance is too fine, before any file is written
         with locked(request.out):
             return _Making(request, work, workers, progress).run()

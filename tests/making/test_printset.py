@@ -207,6 +207,16 @@ def test_textures_are_numbers_or_objects(tmp_path: Path) -> None:
     ]
 
 
+def test_a_mesh_that_can_take_long_is_announced(tmp_path: Path) -> None:
+    messages: list[str] = []
+    request = Request(
+        textures=("2", "ripple"), parts=("blocks",), formats=("stl",), sampling=Tolerance(mm=0.1), out=tmp_path
+    )
+    build(request, lambda message, done, total: messages.append(f"[{done}/{total}] {message}"))
+    assert messages[:2] == ["[0/2] meshing", "[0/2] meshing ripple_paper_x1_tol0.1"]
+    assert len(messages) == 4
+
+
 def test_a_result_names_what_failed_and_what_was_left_out(tmp_path: Path) -> None:
     failed = printset.Failure(file="a.stl", faults=("open edges", "volume"))
     result = printset.PrintSet(

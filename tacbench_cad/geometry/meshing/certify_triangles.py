@@ -143,9 +143,9 @@ def _prove(
         divisions: How many times a triangle is divided at most.
     """
     if bounds.used + corners.shape[2] > MAX_PARTS:
-        raise InputError(
-            "tolerance", None, "the surface is too rough for a proof; use a larger tolerance, or a sample grid"
-        )
+        reason = f"the surface is too rough, so its proof would need more than {MAX_PARTS:,} parts"
+        advice = "use a larger tolerance, a smaller block or a sample grid (--grid), or smooth a height map (smooth_mm)"
+        raise InputError("tolerance", None, f"{reason}; {advice}")
     middles = (corners + corners[:, [1, 2, 0]]) / 2.0
     deviation = np.concatenate([deviation, middles[2] - surface(*middles[:2])])
     low, high = corners[:2].min(axis=1), corners[:2].max(axis=1)
