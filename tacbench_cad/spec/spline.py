@@ -321,7 +321,7 @@ class SplineSurface:
             part = slice(start, start + _POINTS_AT_A_TIME)
             at_u, at_v = self.u.inside(u[part]), self.v.inside(v[part])
             i, j = self.u.intervals.index(at_u), self.v.intervals.index(at_v)
-            rows = table.take(i * len(first_v) + j, axis=0)
+            rows = table.take(j * len(first_u) + i, axis=0)
             x, y = (at_u - first_u[i]) / width_u[i], (at_v - first_v[j]) / width_v[j]
             for total, (order_u, order_v) in zip(totals, orders, strict=True):
                 inner = np.einsum("npq,nq->np", rows, _powers(y, width_v[j], self.v.degree, order_v))
@@ -330,12 +330,17 @@ class SplineSurface:
 
     @cached_property
     def _polynomials(self) -> Floats:
-        """The coefficients of the powers of the place in each span, shape (spans, degree u + 1, degree v + 1)."""
+        """The coefficients of the powers of the place in each span, shape (spans, degree u + 1, degree v + 1).
+
+        The spans along u follow one another most closely.
+        """
         (i, to_u), (j, to_v) = self.u.polynomials, self.v.polynomials
-        along_u = np.einsum("ipr,irm->ipm", to_u, self.poles[i[:, None] + np.arange(self.u.degree + 1)])
-        windows = along_u[:, :, j[:, None] + np.arange(self.v.degree + 1)]
-        table = np.einsum("ipjs,jqs->ijpq", windows, to_v)
-        return np.ascontiguousarray(table).reshape(-1, self.u.degree + 1, self.v.degree + 1)
+        along_u = np.matmul(to_u, self.poles[i[:, None] + np.arange(self.u.degree + 1)])
+        columns = np.ascontiguousarray(along_u.reshape(-1, self.v.count).T)
+        table = np.empty((len(j), columns.shape[1], self.v.degree + 1))
+        for span, first in enumerate(j.tolist()):
+            np.matmul(columns[first : first + self.v.degree + 1].T, to_v[span].T, out=table[span])
+        return table.reshape(-1, self.u.degree + 1, self.v.degree + 1)
 
     def _slowly_at(self, u: Floats, v: Floats, order: tuple[int, int]) -> Floats:
         """Return a derivative at points without the table of polynomials, which would be too large."""
@@ -517,6 +522,12 @@ def _through(axis: SplineAxis, order: int, lines: Floats) -> Bools:
 
 def _range_max(values: Floats, first: Ints, last: Ints) -> Floats:
     """Return the largest value of ``values[first:last]`` along the first axis for each pair."""
+    width = int((last - first).max())
+    if np.all(last - first == width):
+        largest = values[first]
+        for k in range(1, width):
+            np.maximum(largest, values[first + k], out=largest)
+        return largest
     padded = np.concatenate([values, np.full((1, *values.shape[1:]), -np.inf)])
     pairs = np.stack([first, last], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(padded, pairs, axis=0)[::2])
