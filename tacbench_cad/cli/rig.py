@@ -86,6 +86,31 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     print_next("acquire", "--init", "study.toml")
 
 
+@options.command("wizard", command)
+@options.argument("study_file", options.file("FILE.toml"), "Study file. It is written if it does not exist.")
+@click.pass_context
+def wizard(context: click.Context, study_file: Path) -> None:
+    """Set up a new rig step by step.
+
+    The wizard asks for the block, the stage, the load cell and the sensor, calibrates the load cell, and writes the
+    answers into the study file. Then it aligns the block and makes one careful press of 0.1 N. A step is left out if
+    the file already has its values, so you can interrupt the wizard and type the same command again.
+
+    To practise without hardware, type virtual when the wizard asks for the stage.
+
+    Examples:
+      tacbench rig wizard my-rig.toml
+    """
+    from tacbench_cad.cli import rig_wizard
+
+    def calibrate(port: str, file: Path) -> None:
+        masses = ask_line("known masses in grams, with 0, for example 0,50,100,200: ")
+        values = options.numbers_of("masses", masses)
+        context.invoke(calibrate_force, masses=values, port=port, baud=None, column=(1, 1), falling=False, out=file)
+
+    rig_wizard.run(study_file, calibrate, lambda path: context.invoke(align, study_file=path, tolerance_mm=None))
+
+
 @options.command("drivers", command)
 @options.json
 def drivers(json: bool) -> None:

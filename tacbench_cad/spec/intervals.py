@@ -39,7 +39,7 @@ class Intervals:
         Coordinates outside belong to the first or the last interval.
         """
         if self._first is None:
-            return np.searchsorted(self._edges[1:-1], t, "right")
+            return np.asarray(np.searchsorted(self._edges[1:-1], t, "right"), dtype=np.int64)
         i = self._first.take(((t - self._edges[0]) * self._scale).astype(np.int64), mode="clip")
         # the bucket may begin in the interval before, or by rounding in the interval after
         after = np.minimum(i + 1, self._last)

@@ -43,7 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("words", "expected"),
     [
         (["check-"], ["check-part", "check-gcode", "check-runs"]),
-        (["rig", ""], ["probe", "drivers", "test-driver", "calibrate-force", "align"]),
+        (["rig", ""], ["probe", "wizard", "drivers", "test-driver", "calibrate-force", "align"]),
         (["make", "--tex"], ["--texture"]),
         (["make", "--texture", ""], list(TEXTURES)),
         (["make", "--texture", "1,4,"], [f"1,4,{name}" for name in TEXTURES if name not in "14"]),

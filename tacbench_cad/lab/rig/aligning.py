@@ -13,12 +13,11 @@ import numpy as np
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.rig.stage import Limits, Stage
+from tacbench_cad.lab.study.editing import store_keys
 from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError
-from tacbench_cad.util.files import write_text
 from tacbench_cad.util.types import Floats
 
 #: The allowed distance between a taught marker and its place in the fitted frame, in mm. A person centres a pointer in
@@ -293,45 +292,8 @@ def parse_step(words: Sequence[str]) -> Point:
 def store_frame(path: Path, frame: WorkFrame) -> None:
     """Write the origin and the quarter turns into a study's ``[stage]`` and leave the rest, also comments, unchanged.
 
-    The new text is parsed before it is stored. Only these two keys may differ from the old text.
-
     Raises:
         InputError: The file cannot be edited safely. The message contains the lines to write by hand.
     """
     origin = [round(value, _DECIMALS) + 0.0 for value in frame.origin_mm]
-    lines = {"origin_mm": repr(origin), "quarter_turns": repr(frame.quarter_turns)}
-    by_hand = "write these lines by hand: " + "; ".join(f"{key} = {value}" for key, value in lines.items())
-    target = path.resolve()
-    try:
-        text = door.read_bytes(target, "study", "toml").decode("utf-8")
-        expected = door.parse_toml(text, "study", str(path))
-        expected["stage"] |= {"origin_mm": origin, "quarter_turns": frame.quarter_turns}
-        for key, value in lines.items():
-            text = _with_key(text, "stage", key, value)
-        same = door.parse_toml(text, "study", str(path)) == expected
-    except (InputError, ValueError, KeyError, TypeError):
-        same = False
-    if not same:
-        raise InputError(str(path), None, f"cannot be edited safely; {by_hand}")
-    write_text(target, text)
-
-
-def _with_key(text: str, table: str, key: str, value: str) -> str:
-    """Return the text with a new value for a key of a table. A comment on the key's line is kept.
-
-    Raises:
-        ValueError: The text has no line with the table's header.
-    """
-    header = re.search(rf"^[ \t]*\[[ \t]*{table}[ \t]*\][ \t]*(?:#[^\r\n]*)?\r?$", text, re.MULTILINE)
-    if header is None:
-        raise ValueError(table)
-    following = re.compile(r"^[ \t]*\[", re.MULTILINE).search(text, header.end())
-    end = following.start() if following else len(text)
-    # A list may span several lines and contain comments.
-    old = re.compile(rf"^([ \t]*{key}[ \t]*=[ \t]*)(?:\[(?:[^\]#]|#[^\n]*\n)*\]|[^\s#\[]+)", re.MULTILINE)
-    match = old.search(text, header.end(), end)
-    if match is not None:
-        return text[: match.start()] + match[1] + value + text[match.end() :]
-    line_end = "\r\n" if header[0].endswith("\r") else "\n"
-    at = header.end() if not header[0].endswith("\r") else header.end() - 1
-    return text[:at] + f"{line_end}{key} = {value}" + text[at:]
+    store_keys(path, "stage", {"origin_mm": origin, "quarter_turns": frame.quarter_turns})

@@ -1,0 +1,146 @@
+"""Test ``tacbench rig wizard`` with typed answers: virtual, interrupted, and with ports of virtual firmware."""
+
+from __future__ import annotations
+
+import io
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.cli import main, rig_wizard
+from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, write_calibration
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.editing import store_keys
+from tacbench_cad.lab.study.file import read_study, virtual_study
+from tacbench_cad.lab.study.first_press import first_press
+from tacbench_cad.util.errors import InputError
+
+pytest.importorskip("serial")
+pytest.importorskip("cv2")
+
+BLOCK = ("1", "ender-3", "pla-minus")
+
+
+@pytest.fixture(autouse=True)
+def nothing_plugged_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rig_wizard, "candidates", list)
+    monkeypatch.setattr(rig_wizard, "cameras", lambda folders: [])
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("".join(line + "\n" for line in lines)))
+
+
+def no_calibration(port: str, file: Path) -> None:
+    raise AssertionError("the calibration is already there")
+
+
+def no_alignment(path: Path) -> None:
+    raise AssertionError("the block is already aligned")
+
+
+def test_from_nothing_to_the_first_press_on_the_virtual_rig(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.toml"
+    typed(monkeypatch, *BLOCK, "virtual", "")
+    assert main(["rig", "wizard", str(path)]) == 0
+    (folder,) = (path for path in (tmp_path / "first-press").iterdir() if path.is_dir())
+    (row,) = Run.open(folder).rows
+    assert row.measured_force_n == pytest.approx(0.1, abs=0.02)
+    assert (row.pose_x, row.pose_y) == pytest.approx((6.5, 20.5), abs=0.01)
+    output = capsys.readouterr().out
+    assert f"with {row.measured_force_n:.3f} N" in output
+    assert output.splitlines()[-1].endswith(f"acquire {path}")
+    # The template's explanations are still there, and the file describes the whole study, not only the first press.
+    assert "# The rotation of the block on the stage" in path.read_text()
+    assert read_study(path).study.presses == 150
+
+
+def test_an_interrupted_wizard_continues_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.toml"
+    typed(monkeypatch, "4", "Ender 3", "ender-3")
+    assert main(["rig", "wizard", str(path)]) == 2
+    assert "printer = 'Ender 3'" in capsys.readouterr().err
+    stored = tomllib.loads(path.read_text())["block"]
+    assert stored == {"texture": "4", "printer": "ender-3", "filament": ""}
+    typed(monkeypatch, "pla-minus", "virtual")
+    assert main(["rig", "wizard", str(path)]) == 2
+    assert tomllib.loads(path.read_text())["stage"]["driver"] == "virtual-grbl"
+
+
+def test_five_wrong_answers_end_it_with_exit_code_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    typed(monkeypatch, *BLOCK, *("7" for _ in range(5)))
+    assert main(["rig", "wizard", str(tmp_path / "rig.toml")]) == 2
+    message = capsys.readouterr().err
+    assert message.count("no device is listed; again, please") == 4
+    assert message.splitlines()[-1].startswith("error: answer: is missing: which is the stage?")
+
+
+def test_ports_of_virtual_firmware_are_set_up_like_real_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage is identified at its port, the load cell is calibrated, and the press reaches its force."""
+    from tacbench_cad.virtual_rig import launch
+
+    path, stiffness = tmp_path / "rig.toml", 0.4
+    with launch("marlin", speed=20.0, start_mm=(80.0, 80.0, 60.0)) as virtual:
+
+        def calibrate(port: str, file: Path) -> None:
+            points = []
+            with open_load_cell(port, None, clock=Clock(), options=LoadCellOptions()) as cell:
+                for mass_g in (0.0, 100.0, 200.0):
+                    # A spring that is compressed by 1 mm replaces the mass.
+                    virtual.put({"flat_z_mm": 61.0, "n_per_mm": 9.80665e-3 * mass_g})
+                    cell.mean(0.2)
+                    raw = cell.mean(0.3)
+                    point = CalibrationPoint(
+                        mass_g=mass_g, counts=raw.mean, spread_counts=raw.spread, samples=raw.samples
+                    )
+                    points.append(point)
+            write_calibration(file, fit(points, date_utc="2026-01-01T00:00:00Z", device=port))
+            virtual.put({"flat_z_mm": 40.0, "n_per_mm": stiffness})
+
+        def align(study: Path) -> None:
+            store_keys(study, "stage", {"origin_mm": [80.0, 80.0, 40.0]})
+
+        rig_wizard.write_template(path)
+        store_keys(path, "sensor", {"driver": "simulated", "exposure": None})
+        limits = "0 200, 200 0, 0 100", "0 200, 0 200, 0 100"
+        typed(monkeypatch, *BLOCK, virtual.port, *limits, virtual.gauge_port, "kilograms", "counts", "", "")
+        rig_wizard.run(path, calibrate, align)
+        document = tomllib.loads(path.read_text())
+        assert document["stage"]["driver"] == "marlin"
+        assert document["stage"]["limits_mm"] == [[0.0, 200.0], [0.0, 200.0], [0.0, 100.0]]
+        assert document["gauge"] == {"driver": "serial", "port": virtual.gauge_port, "calibration": "gauge.json"}
+        (folder,) = (path for path in (tmp_path / "first-press").iterdir() if path.is_dir())
+        (row,) = Run.open(folder).rows
+        assert row.measured_force_n == pytest.approx(0.1, abs=0.02)
+        assert row.pose_z == pytest.approx(-0.1 / stiffness, abs=0.02 / stiffness)
+        # Everything is done: the second time, only the blocks have to be put in.
+        typed(monkeypatch, "")
+        rig_wizard.run(path, no_calibration, no_alignment)
+
+
+def test_the_first_press_is_careful_whatever_the_study_says() -> None:
+    study = virtual_study().study
+    careful = first_press(study)
+    assert careful.presses == 1
+    assert careful.protocol.forces_n == (0.1,) and careful.protocol.hard_limit_n == 1.0
+    assert careful.protocol.grid.positions_mm.tolist() == [[6.5, 20.5]]
+    assert careful.protocol.settle_s == study.protocol.settle_s
+
+
+def test_keys_become_comments(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text('[sensor]\ndriver = "opencv"  # ours\nexposure = ""\n')
+    store_keys(path, "sensor", {"driver": 'a "b" c', "exposure": None, "fps": 30})
+    assert path.read_text() == '[sensor]\nfps = 30\ndriver = "a \\"b\\" c"  # ours\n# exposure = ""\n'
+    with pytest.raises(InputError, match=r"cannot be edited safely; write these lines by hand: a = \{ b = \[1, 2\] \}"):
+        store_keys(path, "gauge", {"a": {"b": [1, 2]}})
