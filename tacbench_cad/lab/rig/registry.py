@@ -30,6 +30,7 @@ OWN: Mapping[Kind, Mapping[str, str]] = {
         "grbl": "tacbench_cad.lab.rig.drivers:GRBL",
         "marlin": "tacbench_cad.lab.rig.drivers:MARLIN",
         "arduino": "tacbench_cad.lab.rig.drivers:ARDUINO",
+        "klipper": "tacbench_cad.lab.rig.klipper:DRIVER",
     },
     "gauge": {"serial": "tacbench_cad.lab.rig.drivers:SERIAL"},
     "sensor": {

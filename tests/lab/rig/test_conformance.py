@@ -13,11 +13,14 @@ from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, GoodGauge, GoodSensor
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.conformance import Check, check_gauge, check_sensor
 from tacbench_cad.lab.rig.conformance_stage import check_stage
+from tacbench_cad.lab.rig.drivers import open_device
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
+from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
+from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.process import launch
 
@@ -121,3 +124,13 @@ def test_our_simulated_devices_pass_except_that_they_never_close() -> None:
     assert failed(check_gauge(gauge, clock)) == {"close"}
     checks = check_sensor(sensor, clock)
     assert failed(checks) == {"close"} and sensor.read().dtype == np.uint8
+
+
+def test_grblhal_over_tcp_passes_by_its_address() -> None:
+    clock = Clock(speed=VIRTUAL_SPEED)
+    limits = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))
+    with launch("grblhal", speed=VIRTUAL_SPEED, tcp=True) as rig:
+        assert rig.port.startswith("socket://127.0.0.1:")
+        settings = StageSettings(driver="grbl", port=rig.port, limits_mm=limits, home=False)
+        checks = check_stage(open_device("stage", settings, Context(clock=clock)), limits, clock, beyond_mm=BEYOND)
+    assert failed(checks) == set(), [check for check in checks if check.result == "failed"]
