@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         note(f"error: {one_line(error.format_message())}{where}")
         return 2
     except KeyboardInterrupt as stop:
-        note("; ".join(["error: interrupted", *filter(None, [str(stop)])]))
+        note("; ".join(["error: interrupted", *filter(None, [str(stop)]), *getattr(stop, "__notes__", ())]))
         _say_how_to_resume(words)
         return 130
     except BrokenPipeError:  # nobody reads on: what is still to be flushed has nowhere to go

@@ -22,20 +22,33 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Unpack
 
 from tacbench_cad.lab.rig import grbl_replies as replies
-from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
-from tacbench_cad.lab.rig.grbl_link import ANSWER_S, ASK, HOLD, RESET, GrblLink
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    NoAnswerError,
+    NotThereError,
+    PositionLostError,
+    ProtocolError,
+    RigError,
+)
+from tacbench_cad.lab.rig.grbl_link import ANSWER_S, HOLD, RESET, GrblLink
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
 
 #: The baud rate of the port.
 BAUD = 115200
-#: The pause between two status reports while the carriage moves, in s of rig time.
-POLL_S = 0.03
-#: A carriage that stands still this long, in s, away from its target will not continue.
+#: The pause between two status reports while the carriage moves, and after the expected end of the move, in s of rig
+#: time.
+POLL_S, END_POLL_S = 0.03, 0.005
+#: The time after the expected end of a move, in s of rig time, for which the reports come faster.
+END_S = 0.3
+#: A carriage that stands still this long, in s, away from its target will probably not continue.
 STANDING_S = 0.3
 #: The allowed distance of a reported position from the straight line to the target, in mm.
 ASIDE_MM = 0.05
@@ -45,6 +58,10 @@ RESENDS = 5
 HOMINGS = 4
 #: The number of GRBL's error for homing that is not enabled.
 NO_HOMING = 5
+#: The value of ``$1`` that keeps the motors powered at rest.
+ALWAYS_ON = 255
+#: The hint after homing that could not be stopped.
+STILL_HOMING = "homing may still go on, so the carriage may still move: keep clear, or switch the motors off"
 
 
 class GrblStage(SerialStage[GrblLink]):
@@ -68,14 +85,20 @@ class GrblStage(SerialStage[GrblLink]):
     def __init__(self, port: str, *, tolerance_mm: float | None = None, **options: Unpack[SerialOptions]) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
         self._stopping = self._homing = False
+        self._home_z_mm: float | None = None
         with self._opening():
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"
-            self.settings = replies.settings(self._link.ask("$$"))
+            self._look_around()
+            self.settings = self._link.settings()
             if self.settings.get(13, 0.0) != 0.0:
                 raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")
+            if (delay_ms := self.settings.get(1, ALWAYS_ON)) != ALWAYS_ON:
+                raise ProtocolError(
+                    f"{self._link.name}: switches its motors off {delay_ms:g} ms after each move ($1={delay_ms:g}), so "
+                    f"the sensor would press without power; send it $1={ALWAYS_ON} once with a serial terminal"
+                )
             self._tolerance_mm = tuple(tolerance_mm or self._resolution(axis) for axis in range(3))
-            self._look_around()
 
     def home(self) -> None:
         """Find the end stops, z first and upwards (GRBL's own order). Afterwards the position is known.
@@ -84,26 +107,28 @@ class GrblStage(SerialStage[GrblLink]):
         have reported ``Home``, or the carriage must stand at the ends of its travel. A garbled command is repeated.
 
         Raises:
-            AlarmError: An end stop was not found, or homing was stopped.
+            AlarmError: An end stop was not found or stays closed, or homing was stopped.
             ProtocolError: Homing is not enabled in the firmware (``$22=0``).
             RigError: The device is gone or silent, or was reset.
         """
-        self._stopping, self._homing = False, True
+        self._stopping = False
         home_reported: bool | None = None
-        try:
+        # The time to answer while homing says nothing about the time to answer later.
+        usual_answer_s = self._link.answer_s
+        with self._stoppable_homing():
             for _ in range(HOMINGS):
                 self._link.reset()
                 self._link.lost = "homing was not completed"
+                self._require_free_switch()
                 if not self._stopping:
                     home_reported = self._wait_for_homing()
                 if self._stopping or home_reported is not None:
                     break
-        finally:
-            self._homing = False
         if self._stopping:
             raise AlarmError(f"{self._link.name}: homing was stopped on request")
         if home_reported is None:
             raise ProtocolError(f"{self._link.name}: does not understand the homing command; check the cable")
+        self._link.answer_s = usual_answer_s
         # A late answer to the last question must not count as the answer to the next one.
         for _ in range(20):
             if self._link.next(0.05) is None:
@@ -113,7 +138,7 @@ class GrblStage(SerialStage[GrblLink]):
             raise PositionLostError(f"{self._link.name}: answered ok to homing but did not home; home it first")
         self._line.torn = False
         self._link.lost = ""
-        self._last = at
+        self._last, self._home_z_mm = at, at[2]
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line. The move is finished when ``Idle`` at the target is reported.
@@ -158,6 +183,69 @@ class GrblStage(SerialStage[GrblLink]):
         self._stopping = True
         self._line.write_now(RESET if self._homing else HOLD)
 
+    @property
+    def top_mm(self) -> float:
+        """The highest z in mm that the stage reaches without closing the end stop of z."""
+        pull_off_mm = self.settings.get(27, 1.0)
+        is_upwards = not int(self.settings.get(23, 0.0)) & 4
+        has_limits = self.settings.get(21, 0.0) != 0.0
+        # A build with the option Z counts from the position after homing, others from the switch.
+        counts_from_switch = self._link.options is not None and "Z" not in self._link.options
+        return -pull_off_mm if is_upwards and has_limits and counts_from_switch else math.inf
+
+    @property
+    def travel_mm(self) -> tuple[tuple[float, float] | None, ...]:
+        """The lowest and highest coordinate that the firmware's soft limits allow; None for an axis without them."""
+        if self.settings.get(20, 0.0) == 0.0 or self._link.options is None:
+            return (None, None, None)
+        counts_upwards = "Z" in self._link.options
+        ranges: list[tuple[float, float] | None] = []
+        for axis in range(3):
+            travel_mm = self.settings.get(130 + axis)
+            homes_downwards = int(self.settings.get(23, 0.0)) >> axis & 1
+            if travel_mm is None:
+                ranges.append(None)
+            else:
+                ranges.append((0.0, travel_mm) if counts_upwards and homes_downwards else (-travel_mm, 0.0))
+        return tuple(ranges)
+
+    @contextmanager
+    def _stoppable_homing(self) -> Iterator[None]:
+        """Stop homing if the body is interrupted. GRBL would go on even after this program has ended."""
+        self._homing = True
+        try:
+            yield
+        except (DeviceLostError, NoAnswerError) as error:
+            self._line.write_now(RESET)
+            raise type(error)(f"{error}; {STILL_HOMING}") from None
+        except RigError:
+            raise
+        except BaseException as error:
+            stopped = False
+            with suppress(RigError):
+                self._link.reset()
+                stopped = True
+            error.add_note("homing was stopped, so the position is unknown" if stopped else STILL_HOMING)
+            raise
+        finally:
+            self._homing = False
+
+    def _require_free_switch(self) -> None:
+        """Refuse to home if the end stop of z is closed far from the end. Homing would then move down from it.
+
+        Raises:
+            AlarmError: The end stop of z is closed although the carriage was last seen below it.
+        """
+        if self._last is None or self._home_z_mm is None:
+            return
+        below_mm = self._home_z_mm - self._last[2]
+        if below_mm > 2.0 * self.settings.get(27, 1.0) and "Z" in self._link.status().pins:
+            self._link.lost = "the end stop of z stays closed"
+            raise AlarmError(
+                f"{self._link.name}: {self._link.lost} although the carriage is {below_mm:.1f} mm below it, so homing "
+                "would press the sensor deeper; check the switch and its cable"
+            )
+
     def _reported(self) -> Point:
         report = self._link.status()
         self._link.not_locked(report)
@@ -177,27 +265,43 @@ class GrblStage(SerialStage[GrblLink]):
     def _rates_mm_s(self) -> tuple[float, ...]:
         return tuple(self.settings.get(110 + axis, 0.0) / 60.0 for axis in range(3))
 
+    def _travel_s(self, start: Point, target: Point, speed_mm_s: float) -> float:
+        """Return the expected duration of a move in s, with acceleration (``$120`` to ``$122``)."""
+        accelerations = [
+            self.settings.get(120 + axis, 0.0) * math.dist(start, target) / abs(b - a)
+            for axis, (a, b) in enumerate(zip(start, target, strict=True))
+            if a != b
+        ]
+        seconds = duration_s(start, target, speed_mm_s, self._rates_mm_s)
+        if not seconds or min(accelerations) <= 0.0:
+            return seconds
+        length, acceleration = math.dist(start, target), min(accelerations)
+        ramp_s = length / seconds / acceleration
+        return seconds + ramp_s if seconds > ramp_s else 2.0 * math.sqrt(length / acceleration)
+
     def _there(self, at: Point, target: Point) -> bool:
         return is_near(at, target, self._tolerance_mm)
 
     def _follow(self, start: Point, target: Point, speed_mm_s: float) -> Point:
         """Send a move and watch it until its end."""
-        name, line = self._link.name, self._line
+        name, line, link = self._link.name, self._line, self._link
         x, y, z = target
         command = f"G21G90G94G53G1X{x:.4f}Y{y:.4f}Z{z:.4f}F{max(60.0 * speed_mm_s, 0.1):.3f}"
         line.write(command.encode("ascii") + b"\n")
         start_s = reported_s = progress = line.now_s()
-        give_up = start_s + self._timeout_s + 2.0 * duration_s(start, target, speed_mm_s, self._rates_mm_s)
-        closest, aside, accepted, refusals = math.dist(start, target), 0, False, 0
+        travel_s = self._travel_s(start, target, speed_mm_s) / self._clock.speed
+        give_up = start_s + self._timeout_s + 2.0 * travel_s * self._clock.speed
+        closest, aside, accepted, refusals, foreign = math.dist(start, target), 0, False, 0, 0
         standing: tuple[Point, float] | None = None
+        synchronising = False
         ask_at = start_s
         while True:
-            now = self._line.now_s()
+            now = line.now_s()
             if now >= ask_at:
-                line.write(ASK)
-                ask_at = now + ANSWER_S
-            answer = self._link.next(max(ask_at - now, 0.0))
-            now = self._line.now_s()
+                link.request()
+                ask_at = now + link.answer_s
+            answer = link.next(max(ask_at - now, 0.0))
+            now = line.now_s()
             if self._stopping:
                 raise NotThereError(f"{name}: the move to {place_text(target)} was stopped on request")
             if now - reported_s > self._timeout_s:
@@ -206,15 +310,19 @@ class GrblStage(SerialStage[GrblLink]):
                 if replies.is_unreadable(answer) and refusals < RESENDS:
                     # A disturbance may last longer, so the pause increases each time.
                     time.sleep(0.01 * 2.0**refusals)
-                    line.write(command.encode("ascii") + b"\n")
-                    accepted, refusals = False, refusals + 1
+                    # After an error, grblHAL refuses everything until an empty line, which has its own ok.
+                    line.write(b"\n" + command.encode("ascii") + b"\n")
+                    accepted, refusals, foreign = False, refusals + 1, foreign + 1
+                    start_s = line.now_s()
                     continue
-                self._link.refused(answer, command)
-                accepted = accepted or answer == "ok"
-            if not isinstance(answer, Status) or (at := self._link.machine(answer)) is None:
+                link.refused(answer, command)
+                if answer == "ok":
+                    # Until now, the carriage may have stood because the firmware was slow.
+                    accepted, foreign, standing = accepted or not foreign, max(foreign - 1, 0), None
+            if not isinstance(answer, Status) or (at := link.machine(answer)) is None:
                 continue
-            reported_s, ask_at = now, now + POLL_S / self._clock.speed
-            self._link.not_locked(answer)
+            reported_s, ask_at = now, self._next_poll_s(now, start_s + travel_s)
+            link.not_locked(answer)
             if answer.state == "Hold":
                 self._stopping = True
                 raise NotThereError(f"{name}: was put on hold at {place_text(at)}, perhaps by its button")
@@ -239,9 +347,25 @@ class GrblStage(SerialStage[GrblLink]):
             stood_s = now - standing[1]
             if self._there(at, target) and (accepted or stood_s >= STANDING_S):
                 return at
-            if stood_s >= (STANDING_S if accepted else self._timeout_s):
+            if accepted and stood_s >= STANDING_S and not synchronising:
+                # A slow firmware may not have begun the move. It acknowledges a dwell after all motion.
+                line.write(b"\nG4P0\n")
+                synchronising, foreign = True, 2
+            if stood_s >= (STANDING_S if accepted and not foreign else self._timeout_s):
                 why = "the move ended" if accepted else "the firmware did not accept the move and stands"
                 raise NotThereError(f"{name}: {why} at {place_text(at)} instead of {place_text(target)}")
+
+    def _next_poll_s(self, now_s: float, end_s: float) -> float:
+        """Return the time of the next status request: at intervals, at the expected end of a move, and often after it.
+
+        Args:
+            now_s: The time of the last report.
+            end_s: The expected end of the move.
+        """
+        poll_s, end_poll_s, late_s = (seconds / self._clock.speed for seconds in (POLL_S, END_POLL_S, END_S))
+        if now_s > end_s + late_s:
+            return now_s + poll_s
+        return now_s + min(poll_s, max(end_s - now_s, end_poll_s))
 
     def _wait_for_homing(self) -> bool | None:
         """Send ``$H`` and wait for the end of homing.
@@ -259,8 +383,8 @@ class GrblStage(SerialStage[GrblLink]):
         while (now := self._line.now_s()) < until:
             # The answers come late, but one of them shows that the firmware is homing.
             if now >= ask_at:
-                self._line.write(ASK)
-                ask_at = now + (POLL_S if acknowledged else 0.5)
+                self._link.request()
+                ask_at = now + (max(POLL_S, self._link.answer_s / 4.0) if acknowledged else 0.5)
             answer = self._link.next(max(ask_at - now, 0.0))
             if answer == "ok":
                 if home_reported:
@@ -269,8 +393,9 @@ class GrblStage(SerialStage[GrblLink]):
             elif isinstance(answer, Status):
                 home_reported = home_reported or answer.state == "Home"
                 # The firmware answers at once only if it is not homing. The first answer may be older than the command.
+                # A slow firmware may answer several times before it reads the command.
                 standing += answer.state in ("Idle", "Alarm")
-                if standing >= 2:
+                if standing >= (2 if acknowledged else 4):
                     return home_reported if answer.state == "Idle" and (home_reported or acknowledged) else None
             elif answer is not None:
                 if replies.error(answer) not in (None, NO_HOMING):
@@ -315,9 +440,13 @@ class GrblStage(SerialStage[GrblLink]):
         report = self._link.status()
         if report.state == "Alarm":
             self._link.lost = self._link.lost or "the firmware is locked and the stage was not homed"
-        elif report.state in ("Run", "Jog", "Hold", "Home"):
+        elif report.state in ("Run", "Jog", "Hold"):
             # A program that was killed left the carriage moving.
             self.stop()
+            self._leave_hold()
+        elif report.state in ("Home", "Sleep"):
+            self._link.reset()
+            self._link.lost = f"the firmware was in state {report.state}"
 
 
 def _is_aside(at: Point, start: Point, target: Point) -> bool:

@@ -6,10 +6,12 @@ from tacbench_cad.lab.rig import grbl_replies as replies
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, ProtocolError, RigError
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.greeting import Greeting
+from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.serial_stage import Link
 from tacbench_cad.lab.study.spec import Point, plus
 
-#: The wait, in s, before an unanswered status request is repeated. Two requests close together may get one answer.
+#: The shortest wait, in s, before an unanswered status request is repeated. Two requests close together may get one
+#: answer. The wait grows with the time that the device takes to answer, up to a quarter of the timeout.
 ANSWER_S = 0.3
 #: The pause, in s, before the next status request while no report had the work offset.
 OFFSET_S = 0.01
@@ -21,14 +23,32 @@ GREETING_S = 8.0
 ATTEMPT_S = 1.0
 #: The pause after a banner before the next question, in s. More lines may follow the banner.
 BANNER_S = 0.1
+#: The wait for the lines after an unexpected banner, in s. They tell whether an end stop is closed.
+AFTER_BANNER_S = 0.3
+#: The largest number of attempts to read the settings.
+READINGS = 5
+#: The number of GRBL's error for a command that is allowed only at rest.
+NOT_IDLE = 8
 #: The real-time bytes for a feed hold, a reset and a status request.
 HOLD, RESET, ASK = b"!", b"\x18", b"?"
 
 
 class GrblLink(Link):
-    """The connection to GRBL; ``firmware`` is ``GRBL 1.1h.20190825``, for example."""
+    """The connection to GRBL; ``firmware`` is ``GRBL 1.1h.20190825``, for example.
 
-    _offset: Point | None = None
+    Attributes:
+        options: The letters of the build's options, for example ``VZ``; None if unknown.
+        answer_s: The wait before an unanswered status request is repeated, in s.
+    """
+
+    def __init__(self, line: Line, timeout_s: float) -> None:
+        super().__init__(line, timeout_s)
+        self.options: str | None = None
+        self.answer_s = ANSWER_S
+        self._offset: Point | None = None
+        # The number of status requests whose answers may still come, and the time of the first of them.
+        self._pending, self._asked_s = 0, 0.0
+        self._after_banner = False
 
     def greet(self) -> None:
         """Wait for an answer that proves GRBL 1.1.
@@ -43,11 +63,23 @@ class GrblLink(Link):
         greeting = Greeting(
             self.line, self.name, "GRBL 1.1", limit_s=max(GREETING_S, self.timeout_s), attempt_s=ATTEMPT_S
         )
-        version, name = "", "GRBL"
-        for line in greeting.lines(lambda attempt: self.line.write((RESET if attempt > 3 else b"") + b"\n$I\n")):
+        version, name, moving = "", "GRBL", False
+
+        def ask(attempt: int) -> None:
+            # A board that has sent a line is alive and only slow. It must not be reset, unless it was moving.
+            self.line.write((RESET if moving or (attempt > 3 and not greeting.heard) else b"") + b"\n$I\n")
+
+        for line in greeting.lines(ask):
             if replies.is_banner(line):
                 self.lost = "opening the port reset the firmware"
                 greeting.listen(BANNER_S)
+            if replies.error(line) == NOT_IDLE and not moving:
+                # A program that was killed left the carriage moving. It is stopped, and later reset.
+                self.line.write(HOLD)
+                moving = True
+            if replies.is_banner(line) or line == "ok" or replies.error(line) is not None:
+                greeting.heard = greeting.heard or line
+            self.options = replies.options(line) or self.options
             if "HAL" in line.upper() and line[:1] in ("[", "G"):
                 name = "grblHAL"
             version = version or replies.version(line) or ""
@@ -75,43 +107,82 @@ class GrblLink(Link):
         if number is not None:
             self.lost = f"ALARM:{number} ({replies.ALARMS.get(number, 'see the manual of its firmware')})"
             raise AlarmError(f"{self.name}: {self.lost}; find the cause, then home the stage")
-        if replies.is_banner(line):
-            raise self.reset_noticed("was reset")
+        if self._after_banner and replies.is_hint(line):
+            return line
+        if replies.is_banner(line) or replies.is_limit(line):
+            raise self._unexpected_reset(line)
+        self._after_banner = False
         report = replies.status(line)
         if report is None:
             return line
+        if self._pending:
+            took_s = self.line.now_s() - self._asked_s
+            self.answer_s = max(ANSWER_S, min(max(2.0 * took_s, 0.8 * self.answer_s), self.timeout_s / 4.0))
+            self._pending -= 1
         self._offset = report.offset_mm or self._offset
         return report
 
-    def ask(self, command: str) -> list[str]:
-        """Send a line while the stage is at rest, and return the lines up to its ``ok``.
+    def _unexpected_reset(self, line: str) -> RigError:
+        """Return the error for a banner that nobody asked for. The lines after it may report a closed end stop."""
+        self._after_banner = True
+        if replies.is_limit(line) or any(map(replies.is_limit, self.line.lines(AFTER_BANNER_S))):
+            self.lost = "an end stop was hit or stays closed"
+            return AlarmError(
+                f"{self.name}: {self.lost}, and the firmware was reset ([MSG:Check Limits]); find the cause, then home "
+                "the stage"
+            )
+        return self.reset_noticed("was reset")
+
+    def settings(self) -> dict[int, float]:
+        """Ask for the numbered settings, while the stage is at rest.
 
         Raises:
-            RigError: The firmware refused the line, is silent or gone, or was reset.
+            RigError: The firmware refuses to answer, is silent or gone, or was reset.
         """
-        self.line.write(command.encode("ascii") + b"\n")
-        lines: list[str] = []
-        until = self.line.now_s() + self.timeout_s
-        while (left := until - self.line.now_s()) > 0.0:
-            answer = self.next(left)
-            if answer == "ok":
-                return lines
-            if isinstance(answer, str):
-                self.refused(answer, command)
-                lines.append(answer)
-        raise self.silence()
+        for _ in range(READINGS):
+            # The empty line ends whatever was left of an earlier line. Answers to earlier lines may come first.
+            self.line.write(b"\n$$\n")
+            lines: list[str] = []
+            until = self.line.now_s() + self.timeout_s
+            while (left := until - self.line.now_s()) > 0.0:
+                answer = self.next(left)
+                if answer is None:
+                    raise self.silence()
+                if isinstance(answer, str):
+                    lines.append(answer)
+                    settings = replies.settings(lines)
+                    if answer == "ok" and settings:
+                        return settings
+                    if replies.error(answer) is not None:
+                        break
+        raise ProtocolError(f"{self.name}: does not list its settings; it sent {lines[-1]!r} after $$")
+
+    def request(self) -> None:
+        """Send a status request, without waiting for the report.
+
+        Raises:
+            DeviceLostError: The port is gone.
+        """
+        if not self._pending:
+            self._asked_s = self.line.now_s()
+        self._pending += 1
+        self.line.write(ASK)
 
     def status(self) -> Status:
-        """Request a report and return the first one with a position.
+        """Request a report and return the first one with a position. Reports of earlier requests are discarded.
 
         Raises:
             RigError: The firmware is silent or gone, was reset, or raised an alarm.
         """
-        until = self.line.now_s() + self.timeout_s
+        until = self.line.now_s() + self.answer_s
+        while self._pending and (left := until - self.line.now_s()) > 0.0:
+            self.next(left)
+        self._pending = 0
         answered = False
+        until = self.line.now_s() + self.timeout_s
         while self.line.now_s() < until:
-            self.line.write(ASK)
-            again = self.line.now_s() + ANSWER_S
+            self.request()
+            again = self.line.now_s() + self.answer_s
             while (left := again - self.line.now_s()) > 0.0:
                 answer = self.next(left)
                 if isinstance(answer, Status):
@@ -139,11 +210,13 @@ class GrblLink(Link):
             NoAnswerError: No banner came.
             DeviceLostError: The port is gone.
         """
+        self._pending = 0
         for _ in range(4):
             self.line.forget()
             self.line.write(RESET)
-            for line in self.line.lines(RESET_S):
+            for line in self.line.lines(max(RESET_S, self.answer_s)):
                 if replies.is_banner(line):
+                    self._after_banner = True
                     # A late ok and the hint to unlock may follow. The wait is bounded in case the device never pauses.
                     for _ in self.line.lines(0.5, quiet_s=0.05):
                         pass
@@ -159,7 +232,8 @@ class GrblLink(Link):
             return NoAnswerError(f"{self.name}: no answer within {self.timeout_s:g} s; check its power")
         self.lost = "the firmware did not answer and had to be reset"
         return AlarmError(
-            f"{self.name}: answered only after a reset, as after an alarm; find the cause, then home the stage"
+            f"{self.name}: did not answer within {self.timeout_s:g} s, but after a reset; an alarm had stopped it, or "
+            "it was too slow; find the cause, then home the stage"
         )
 
     def refused(self, answer: str, command: str) -> None:

@@ -59,6 +59,7 @@ class Status:
         machine_mm: The machine position, if reported.
         work_mm: The work position, if reported instead.
         offset_mm: The work offset: machine position minus work position. Only some reports contain it.
+        pins: The closed inputs: ``XZ`` if the end stops of x and z are closed.
     """
 
     state: str
@@ -66,6 +67,7 @@ class Status:
     machine_mm: Point | None
     work_mm: Point | None
     offset_mm: Point | None
+    pins: str = ""
 
 
 def status(line: str) -> Status | None:
@@ -74,12 +76,15 @@ def status(line: str) -> Status | None:
     if not match:
         return None
     points: dict[str, Point] = {}
+    pins = ""
     for part in match[3].split("|")[1:]:
         if part.startswith(("MPos", "WPos", "WCO")):
             point = _POINT.fullmatch(part)
             if not point or point[1] in points:
                 return None
             points[point[1]] = (float(point[2]), float(point[3]), float(point[4]))
+        elif part.startswith("Pn:"):
+            pins = part[3:]
     if "MPos" not in points and "WPos" not in points:
         return None
     return Status(
@@ -88,12 +93,23 @@ def status(line: str) -> Status | None:
         machine_mm=points.get("MPos"),
         work_mm=points.get("WPos"),
         offset_mm=points.get("WCO"),
+        pins=pins,
     )
 
 
 def is_banner(line: str) -> bool:
     """Return whether the firmware sends this line after a reset. The first bytes of the line may be lost."""
     return line.lower().startswith("grbl") or "for help]" in line or "to unlock]" in line
+
+
+def is_hint(line: str) -> bool:
+    """Return whether the firmware sends this line after its banner."""
+    return line.startswith("[MSG:") or "to unlock]" in line
+
+
+def is_limit(line: str) -> bool:
+    """Return whether the firmware reports a closed end stop after its banner."""
+    return "Check Limits" in line
 
 
 def alarm(line: str) -> int | None:
@@ -120,6 +136,13 @@ def version(line: str) -> str | None:
     """Return the version in a ``[VER:...]`` line: ``1.1h.20190825``; None for other lines."""
     if line.startswith("[VER:") and line.endswith("]"):
         return line[5:-1].strip(":")
+    return None
+
+
+def options(line: str) -> str | None:
+    """Return the letters of the build's options in an ``[OPT:...]`` line; None for other lines."""
+    if line.startswith("[OPT:") and line.endswith("]"):
+        return line[5:-1].split(",")[0]
     return None
 
 

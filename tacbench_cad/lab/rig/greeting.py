@@ -24,11 +24,12 @@ class Greeting:
     Attributes:
         answered: Whether the answer has come; the caller sets it.
         unexpected: Another text that came instead, for the error message; the caller sets it.
+        heard: A line that only the expected board sends, but that is not the answer; the caller sets it.
     """
 
     def __init__(self, line: Line, name: str, expected: str, *, limit_s: float, attempt_s: float) -> None:
         self.answered = False
-        self.unexpected = ""
+        self.unexpected = self.heard = ""
         self._line, self._name, self._expected = line, name, expected
         self._until, self._attempt_s = line.now_s() + limit_s, attempt_s
         self._next_attempt = 0.0
@@ -45,17 +46,13 @@ class Greeting:
             hint: Additional advice if no answer comes.
 
         Raises:
-            NoAnswerError: The board sends no line.
-            ProtocolError: The board sends lines, but no answer.
+            NoAnswerError: The board sends no line, or only one that is not an answer.
+            ProtocolError: Another board sends lines.
         """
         attempt = 0
         while not self.answered:
             if self._line.now_s() >= self._until:
-                if self.unexpected:
-                    raise ProtocolError(
-                        f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.unexpected!r}"
-                    )
-                raise NoAnswerError(f"{self._name}: does not answer. Check power, cable, baud rate and driver{hint}")
+                raise self._unanswered(hint)
             attempt += 1
             ask(attempt)
             self._next_attempt = self._line.now_s() + self._attempt_s
@@ -64,3 +61,21 @@ class Greeting:
                 if line is None:
                     break
                 yield line
+
+    def _unanswered(self, hint: str) -> NoAnswerError | ProtocolError:
+        """Return the error for a board that did not answer in time."""
+        if self.heard:
+            return NoAnswerError(
+                f"{self._name}: sent {self.heard!r} but answers no question, so the line to it is disturbed or broken; "
+                "check the cable"
+            )
+        if "\ufffd" in self.unexpected or not self.unexpected.isprintable():
+            return NoAnswerError(
+                f"{self._name}: sent unreadable text, so the line is disturbed or the baud rate is wrong; "
+                f"it sent {self.unexpected!r}"
+            )
+        if self.unexpected:
+            return ProtocolError(
+                f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.unexpected!r}"
+            )
+        return NoAnswerError(f"{self._name}: does not answer. Check power, cable, baud rate and driver{hint}")

@@ -110,7 +110,7 @@ def test_trait_02_silence_after_a_garbled_alarm_is_an_alarm() -> None:
 
     with opened(script) as stage:
         script.on_move = on_move
-        with pytest.raises(AlarmError, match="answered only after a reset"):
+        with pytest.raises(AlarmError, match="but after a reset"):
             stage.move(THERE, 20.0)
         with pytest.raises(PositionLostError):
             stage.position()
@@ -214,6 +214,68 @@ def test_a_garbled_move_is_sent_again() -> None:
         script.on_move = once
         assert stage.move(THERE, 20.0) == THERE
         assert refused == 3
+
+
+def test_trait_21_an_empty_line_precedes_the_repetition_of_a_refused_move() -> None:
+    script = ScriptedGrbl()
+    answer, refusing, moves = script.answer, False, 0
+
+    def refuse_until_an_empty_line(command: bytes) -> Iterator[bytes | float]:
+        nonlocal refusing, moves
+        moves += command.startswith(b"G21")
+        if command == b"":
+            refusing = False
+            yield b"ok\r\n"
+        elif command.startswith(b"G") and (refusing or moves == 1):
+            refusing = True
+            yield b"error:2\r\n"
+        else:
+            yield from answer(command)
+
+    script.answer = refuse_until_an_empty_line  # type: ignore[method-assign]
+    with opened(script) as stage:
+        assert stage.move(THERE, 20.0) == THERE
+        assert moves == 2
+
+
+def test_a_standstill_before_the_ok_is_not_the_end_of_a_move() -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        yield 0.3
+        yield b"ok\r\n"
+        yield 0.05
+        script.at = target
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_a_hint_that_comes_late_after_our_own_reset_is_not_another_reset() -> None:
+    script = ScriptedGrbl()
+    script.on_reset = lambda: [script.banner, 0.15, b"[MSG:'$H'|'$X' to unlock]\r\n"]
+    with opened(script) as stage:
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_trait_22_motors_that_are_switched_off_at_rest_are_refused() -> None:
+    script = ScriptedGrbl()
+    script.settings = b"$1=25\r\n" + script.settings
+    with script.peer() as peer, pytest.raises(ProtocolError, match=r"\(\$1=25\).*send it \$1=255"):
+        GrblStage(peer.port)
+    script.settings = script.settings.replace(b"$1=25\r", b"$1=255\r")
+    with script.peer() as peer, GrblStage(peer.port) as stage:
+        assert stage.settings[1] == 255
+
+
+def test_unplugging_while_homing_warns_that_the_carriage_may_still_move() -> None:
+    script = ScriptedGrbl()
+    script.on_home = list
+    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
+        threading.Timer(0.2, peer.unplug).start()
+        with pytest.raises(DeviceLostError, match="the carriage may still move"):
+            stage.home()
 
 
 @pytest.mark.parametrize("answer", [b"error:3\r\n", b"error:9\r\n", b"ok\r\n", b""])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import sys
 import threading
+import time
 
 import pytest
 
@@ -15,7 +18,14 @@ from helpers.driver_faults import SPEED, survive
 from tacbench_cad.lab.rig import grbl_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
-from tacbench_cad.lab.rig.errors import NotThereError, OutOfRangeError, PositionLostError
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    NoAnswerError,
+    NotThereError,
+    OutOfRangeError,
+    PositionLostError,
+)
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.virtual_rig.faults import Fault
@@ -87,6 +97,134 @@ def test_the_reset_button_between_moves_is_detected() -> None:
         rig.inject(Fault(kind="reset"))
         with pytest.raises(PositionLostError):
             stage.move(CENTER, 20.0)
+
+
+def test_an_interruption_stops_homing() -> None:
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    with launch("grbl", speed=10.0, start_mm=(60.0, 45.0, -80.0)) as rig, opener(rig.port) as stage:
+        before = signal.signal(signal.SIGALRM, interrupt)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.2)
+            with pytest.raises(KeyboardInterrupt) as caught:
+                stage.home()
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        assert caught.value.__notes__ == ["homing was stopped, so the position is unknown"]
+        where = rig.true_position()
+        time.sleep(0.2)
+        assert rig.true_position() == where
+        assert where[2] < -1.0, "homing had ended before the interruption"
+        with pytest.raises(PositionLostError):
+            stage.position()
+
+
+@pytest.mark.parametrize(("quiet", "message"), [(False, "ALARM:1"), (True, "Check Limits")])
+def test_a_limit_is_an_alarm_even_if_only_the_lines_after_the_banner_report_it(quiet: bool, message: str) -> None:
+    with launch("grbl", speed=SPEED, quiet_limits=quiet) as rig, opener(rig.port) as stage:
+        stage.home()
+        stage.move(CENTER, 20.0)
+        rig.inject(Fault(kind="switch", axis="x", seconds=20.0))
+        with pytest.raises(AlarmError, match=message):
+            stage.move((51.0, 60.0, -30.0), 20.0)
+
+
+def test_homing_does_not_press_deeper_when_the_switch_of_z_is_stuck() -> None:
+    with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
+        stage.home()
+        stage.move(CENTER, 20.0)
+        rig.inject(Fault(kind="switch", axis="z"))
+        where = rig.true_position()
+        with pytest.raises(AlarmError):
+            stage.move(CENTER, 20.0)
+        with pytest.raises(AlarmError, match=r"z stays closed although the carriage is 30\.0 mm below it"):
+            stage.home()
+        assert rig.true_position() == where
+
+
+@pytest.mark.parametrize("kind", ["drop", "garble"])
+def test_a_dead_or_disturbed_line_to_the_device_is_not_another_device(kind: str) -> None:
+    fault = Fault(kind=kind, chance=1.0, direction="in")
+    with launch("grbl", speed=SPEED, faults=[fault]) as rig, pytest.raises(NoAnswerError, match="disturbed or broken"):
+        opener(rig.port)
+
+
+def test_a_disturbed_line_from_the_device_is_not_another_device() -> None:
+    fault = Fault(kind="garble", chance=1.0)
+    with launch("grbl", speed=SPEED, faults=[fault]) as rig, pytest.raises(NoAnswerError, match="line is disturbed"):
+        opener(rig.port)
+
+
+def test_the_default_build_keeps_clear_of_the_switch_at_the_top() -> None:
+    with launch("grbl", speed=SPEED, origin="switch", seed=4) as rig:
+        limits = ((-200.0, 0.0), (-200.0, 0.0), (-100.0, 0.0))
+        settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=limits, options={"speed": SPEED})
+        with open_stage(settings, Clock(speed=SPEED)) as stage:
+            assert stage.limits_mm[2] == (-100.0, -1.0)
+            assert stage.move((-100.0, -100.0, -1.0), 20.0)[2] == -1.0
+            with pytest.raises(OutOfRangeError, match="nothing was sent"):
+                stage.move((-100.0, -100.0, 0.0), 20.0)
+
+
+def test_a_stage_that_a_killed_program_left_in_motion_is_stopped_and_usable() -> None:
+    with launch("grbl", speed=30.0, resets_on_open=False) as rig:
+        with opener(rig.port) as stage:
+            stage.home()
+            stage._line.write(b"G53G1X100Y100Z-50F200\n")
+        with opener(rig.port) as stage:
+            where = rig.true_position()
+            time.sleep(0.1)
+            assert rig.true_position() == where
+            with pytest.raises(PositionLostError):
+                stage.position()
+            stage.home()
+            assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
+
+
+#: Faults after which a run must be able to go on.
+STOPPING = {
+    "nothing": None,
+    "reset": Fault(kind="reset"),
+    "lost byte": Fault(kind="drop", direction="in", count=1),
+    "silence": Fault(kind="silence", direction="both", seconds=3.0 * SPEED),
+    "unplugged": Fault(kind="unplug", seconds=0.5 * SPEED),
+}
+
+
+def resume_slowly(kind: str, fault: Fault | None, late_s: tuple[float, float], timeout_s: float) -> None:
+    """Move, have a fault, open the port again, and move, while each reply comes late. The times are real ones."""
+    with launch(kind, speed=SPEED, late_s=(late_s[0] * SPEED, late_s[1] * SPEED)) as rig:
+
+        def slow_stage() -> GrblStage:
+            return GrblStage(rig.port, clock=Clock(speed=SPEED), timeout_s=timeout_s, home_timeout_s=20.0)
+
+        with slow_stage() as stage:
+            stage.home()
+            assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
+            if fault is not None:
+                rig.inject(fault)
+                with contextlib.suppress(PositionLostError, DeviceLostError):
+                    stage.move((51.0, 60.0, -30.0), 20.0)
+        if fault is not None and fault.kind == "unplug":
+            time.sleep(1.0)
+        with slow_stage() as stage:
+            stage.home()
+            assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
+            assert rig.true_position() == pytest.approx(CENTER, abs=0.01)
+
+
+def test_a_slow_stage_is_used_again_after_a_reset() -> None:
+    resume_slowly("grblhal", STOPPING["reset"], (0.03, 0.1), 2.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", STOPPING)
+@pytest.mark.parametrize("kind", ["grbl", "grblhal"])
+def test_a_very_slow_stage_is_used_again(kind: str, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, seconds in (("RESET_S", 1.5), ("GREETING_S", 8.0), ("ATTEMPT_S", 1.0)):
+        monkeypatch.setattr(grbl_link, name, seconds)
+    resume_slowly(kind, STOPPING[fault], (0.3, 1.0), 10.0)
 
 
 #: The seeds drop bytes, double bytes and reset grblHAL. The quick tests of the other drivers cover the other faults,
