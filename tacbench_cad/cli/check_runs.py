@@ -121,6 +121,12 @@ def _print(reports: Sequence[RunReport]) -> None:
         more = f" and {len(empty) - MAX_FIELDS} more (all with --json)" if len(empty) > MAX_FIELDS else ""
         where = f"print.toml ({counted(incomplete, 'run')})"
         print_lines(f"{where}: {counted(len(empty), 'empty field')}: {', '.join(empty[:MAX_FIELDS])}{more}")
+    for presses, text in (
+        (sum(report.unchecked for report in reports), "was not checked afterwards"),
+        (sum(report.unchecked_sideways for report in reports), "was checked in z only, not in x and y"),
+    ):
+        if presses:
+            print_lines(f"position: of {counted(presses, 'press')}, the position {text}")
     findings = sum(len(report.findings) for report in reports)
     presses = sum(report.presses for report in reports)
     verdict = counted(findings, "finding") if findings else "nothing wrong"

@@ -45,6 +45,7 @@ class FakeStage(Closing):
     Attributes:
         slips: For numbers of calls, the axis (0 to 2) that slips halfway through the move, and by how many mm.
         stalls: For numbers of calls, the axis whose motor does not turn during the move.
+        measures_offset: Whether homing measures the error that the position had before.
         true: The true position in mm, which the stage does not know after a slip. Homing makes it known again.
         true_path: The true positions after all moves.
     """
@@ -66,6 +67,7 @@ class FakeStage(Closing):
         self.path: list[Point] = [at]
         self.slips: dict[int, tuple[int, float]] = {}
         self.stalls: dict[int, int] = {}
+        self.measures_offset = False
         self.true = at
         self.true_path: list[Point] = [at]
         self.calls = 0
@@ -86,6 +88,11 @@ class FakeStage(Closing):
         self.true = (self.at[0], self.at[1], self.true[2])
         self._go((self.at[0], self.at[1], 20.0))
         self.true = self.at
+
+    def home_offset_mm(self) -> Point | None:
+        x, y, z = (true - at for true, at in zip(self.true, self.at, strict=True))
+        self.home()
+        return (x, y, z) if self.measures_offset else None
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         error = self._call()

@@ -36,13 +36,14 @@ LIMITS = ((-100.0, 300.0), (-100.0, 300.0), (-50.0, 50.0))
 
 
 def small_protocol(**changes: Any) -> Protocol:
-    """Return a protocol of 16 presses (four positions, two forces, two repeats) with few stationary frames."""
+    """Return a protocol of 16 presses (four positions, two forces, two repeats) without checks of the position."""
     values: dict[str, Any] = {
         "grid": PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)),
         "forces_n": (0.08045, 1.91295),
         "bands_n": (0.00195, 0.00985),
         "depths_mm": (0.35, 1.2),
         "stationary_frames": 3,
+        "home_every": 0,
         **changes,
     }
     return Protocol(**values)

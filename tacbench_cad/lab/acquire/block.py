@@ -14,13 +14,16 @@ from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, Signals
+from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
-from tacbench_cad.lab.rig.errors import NotReachedError, SensorError
+from tacbench_cad.lab.rig.errors import ContactError, NotReachedError, SensorError, SlipError
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.util.text import counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +114,7 @@ class _BlockSession:
     presses: int = 0
     missed: int = 0
     _in_a_row: int = 0
+    _checked: bool = False
     _previous: Frame | None = None
 
     def __post_init__(self) -> None:
@@ -120,21 +124,32 @@ class _BlockSession:
             felt = self.progress.felt
             self.force = ContactForce(gauge, self.carriage, self.protocol, self.rig.clock, felt)
         self.presser = Presser(self.protocol, self.carriage, self.force, self._touch())
+        self._plan = {press.number: press for press in self.run.info.presses}
+        self.watch = HeightWatch(self.run.info)
+        self.watch.add(self.run.rows if self.protocol.home_every else ())
 
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
-        plan = self.run.info.presses
-        missing = self.run.missing(plan)
         middle = self.run.info.middle_press
         self.carriage.over(middle.x_mm, middle.y_mm)
         if self.force is not None:
             self.force.tare()
         self._reference()
         self._stationary("start", middle)
-        for press in missing:
-            self.progress.before(press, self.carriage.check)
-            self._reference_if_due(press)
-            self._press(press)
+        # Presses that an earlier session left unchecked may turn out to be wrong. They are then missing again.
+        self._check_position("resumed")
+        self._checked = False
+        try:
+            for press in self.run.missing(self.run.info.presses):
+                self.progress.before(press, self.carriage.check)
+                self._reference_if_due(press)
+                self._press(press)
+                self._check_position_if_due(press)
+        except ContactError as error:
+            self._check_position_after(error)
+            raise
+        self._check_position("end")
+        self._repeat_first_press()
         self._stationary("end", middle)
 
     def _press(self, press: Press) -> None:
@@ -148,6 +163,71 @@ class _BlockSession:
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
+
+    def _check_position_if_due(self, press: Press) -> None:
+        if not self.protocol.home_every:
+            return
+        row = self.run.rows[-1]
+        if row.pose_z is not None and row.in_band and self.watch.is_suspicious(press, row.pose_z):
+            self._check_position("height")
+            # The position is right, so the block has moved or is not what the formula says.
+            self.watch.forget()
+        elif not self._checked:
+            self._check_position("start")
+        elif len(self.run.unchecked) >= self.protocol.home_every:
+            self._check_position("interval")
+        self.watch.add([row])
+
+    def _check_position(self, reason: Reason) -> None:
+        """Check the position of the presses that no check has followed yet.
+
+        Raises:
+            SlipError: The position was wrong. These presses were set aside.
+        """
+        unchecked = self.run.unchecked
+        if not unchecked or not self.protocol.home_every:
+            return
+        time_utc = datetime.now(UTC)
+        error = position_error(self.carriage, self.presser, unchecked, self._plan)
+        self._lift()
+        self._checked = True
+        if not error.is_known:
+            return
+        wrong = error.exceeds(self.protocol.slip_mm)
+        aside = self.run.position_check(reason, error.offset_mm, error.height_change_mm, not wrong, time_utc)
+        if wrong and reason == "resumed":
+            self.progress.say(self._aside_text(error, aside))
+        elif wrong:
+            raise SlipError(
+                f"a motor has slipped, or homing is not repeatable: {self._aside_text(error, aside)}; find the cause, "
+                "then run the command again to make these presses again"
+            )
+
+    def _check_position_after(self, contact: ContactError) -> None:
+        """Check the position after the sensor met something unexpectedly. Without a measurement, it counts as wrong."""
+        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
+            return
+        time_utc = datetime.now(UTC)
+        error = PositionError(offset_mm=self.carriage.home_again(), height_change_mm=None)
+        wrong = error.offset_mm is None or error.exceeds(self.protocol.slip_mm)
+        aside = self.run.position_check("contact", error.offset_mm, None, not wrong, time_utc)
+        if wrong:
+            raise SlipError(f"{contact}; {self._aside_text(error, aside)}") from contact
+
+    def _aside_text(self, error: PositionError, aside: int) -> str:
+        text = f"{counted(aside, 'press')} since the last good check {'were' if aside > 1 else 'was'} set aside"
+        return "; ".join([str(error)] * error.is_known + [f"{text} in {self.run.folder.name}/{ASIDE_FOLDER}"])
+
+    def _repeat_first_press(self) -> None:
+        """Repeat the first press of the run at its end, since a sensor, a block or a gauge may change slowly."""
+        rows = self.run.rows
+        if not (self.protocol.home_every and self.presses and rows[0].in_band):
+            return
+        time_utc = datetime.now(UTC)
+        change = height_change(self.presser, self._plan[rows[0].number], rows[0])
+        self._lift()
+        if change is not None:
+            self.run.position_check("first", None, change, abs(change) <= self.protocol.slip_mm, time_utc)
 
     def _lift(self) -> None:
         """Lift the sensor and check that it is free, before it moves sideways."""

@@ -15,8 +15,8 @@ from typing import Any
 
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
-from tacbench_cad.lab.rig.stage import Stage
-from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame
+from tacbench_cad.lab.rig.stage import Stage, home_again
+from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame, plus
 from tacbench_cad.util.text import counted
 
 #: The allowed distance of a reported height below the depth limit, in mm, for firmware that rounds to micrometres.
@@ -142,6 +142,24 @@ class Carriage:
             )
         return self.at[2]
 
+    def home_again(self) -> Point | None:
+        """Home the stage; see :func:`tacbench_cad.lab.rig.stage.home_again`.
+
+        Returns:
+            The true position minus the reported position before, in mm of the work frame; None if it is unknown.
+
+        Raises:
+            RigError: The stage failed.
+        """
+        with self._in_motion():
+            offset = home_again(self.stage)
+            self.at = self.frame.to_work(self.stage.position())
+        self.aim_mm = self.at[2]
+        self.check()
+        if offset is None:
+            return None
+        return self.frame.to_work(plus(self.frame.origin_mm, offset))
+
     def retreat(self, *, slipped: bool = False) -> str:
         """Lift the sensor after a failure, if the stage still answers.
 
@@ -195,17 +213,22 @@ class Carriage:
         x, y, z = self.at = self.frame.to_work(self.stage.position())
         self._go((x, y, max(z, self.travel_mm) + self.protocol.clearance_mm), self.travel_mm_s)
 
-    def _go(self, target_mm: Point, speed_mm_s: float) -> None:
+    @contextlib.contextmanager
+    def _in_motion(self) -> Iterator[None]:
         self.check()
         self._moving = True
         try:
-            reported = self.stage.move(self.frame.to_stage(target_mm), speed_mm_s)
+            yield
         except RigError:
             # A move that a signal interrupted ends in some error of the driver. The signal is the cause.
             self.check()
             raise
         finally:
             self._moving = False
+
+    def _go(self, target_mm: Point, speed_mm_s: float) -> None:
+        with self._in_motion():
+            reported = self.stage.move(self.frame.to_stage(target_mm), speed_mm_s)
         self.at, self.aim_mm = self.frame.to_work(reported), target_mm[2]
         self.check()
 

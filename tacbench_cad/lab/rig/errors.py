@@ -51,6 +51,10 @@ class ContactError(RigError):
     """A force where the sensor should be free: it touches something, a motor has slipped, or the gauge is faulty."""
 
 
+class SlipError(RigError):
+    """The position was wrong: a motor has slipped, or homing is not repeatable."""
+
+
 class DepthLimitError(RigError):
     """The target is below the depth limit."""
 

@@ -69,6 +69,28 @@ class Stage(Device, Protocol):
         """Stop all motion at once. Signal handlers may call this during another call. Never raises."""
 
 
+def home_again(stage: Stage) -> Point | None:
+    """Home a stage, and return the error that its position had before.
+
+    A stage can have the optional method ``home_offset_mm()``, which measures the error at the end stops and homes.
+
+    Returns:
+        The true position minus the reported position in mm; None if the stage cannot measure it.
+
+    Raises:
+        RigError: The stage failed.
+    """
+    measure = getattr(stage, "home_offset_mm", None)
+    if measure is None:
+        stage.home()
+        return None
+    offset = measure()
+    if offset is None:
+        return None
+    x, y, z = (float(value) for value in offset)
+    return (x, y, z)
+
+
 class LimitedStage(Closing):
     """A stage with limits. It refuses targets beyond them before any command is sent.
 
@@ -86,6 +108,10 @@ class LimitedStage(Closing):
     def home(self) -> None:
         """See :class:`Stage`."""
         self.stage.home()
+
+    def home_offset_mm(self) -> Point | None:
+        """See :func:`home_again`."""
+        return home_again(self.stage)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """See :class:`Stage`.

@@ -16,7 +16,7 @@ from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.quality import Judge, Measured, beside_each_other
-from tacbench_cad.lab.runs.reading import Run, planned, shape_fault
+from tacbench_cad.lab.runs.reading import Run, planned, shape_fault, since_good_check
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.table import cut_torn_line, read_table
 from tacbench_cad.lab.vision.region import REGION_FILE, SURE, Region
@@ -38,7 +38,7 @@ class Finding:
     Args:
         kind: ``missing``, ``extra``, ``duplicate``, ``unreadable``, ``dark``, ``blurred``, ``saturated``,
             ``brightness``, ``flicker``, ``drift``, ``moved``, ``stuck``, ``checksum``, ``shape``, ``gap``, ``row``,
-            ``torn`` or ``record``.
+            ``torn``, ``slip`` or ``record``.
         where: The file, relative to the run folder, or the part of the protocol.
         text: The fault, as the end of a sentence that begins with ``where``.
     """
@@ -62,6 +62,8 @@ class RunReport:
         stationary: The number of frames without motion.
         out_of_band: The number of presses that did not reach their target force. The rows record this, so it is not a
             fault.
+        unchecked: The number of presses that no good check of the position has followed. This is not a fault.
+        unchecked_sideways: The number of the other presses whose check did not compare x and y with the end stops.
         findings: The faults.
         repaired: The repairs.
         empty_fields: The empty fields of ``print.toml``, which are not a fault.
@@ -75,6 +77,8 @@ class RunReport:
     references: int = 0
     stationary: int = 0
     out_of_band: int = 0
+    unchecked: int = 0
+    unchecked_sideways: int = 0
     findings: tuple[Finding, ...] = ()
     repaired: tuple[str, ...] = ()
     empty_fields: tuple[str, ...] = field(default=(), metadata={"key": "empty_print_fields"})
@@ -107,6 +111,7 @@ def check_run(
     run = Run.open(folder)
     check = _Check(run)
     targets, references, still = check.tables(repair)
+    unchecked, unchecked_sideways = check.position(targets)
     check.extra_files()
     check.frames(workers or os.cpu_count() or 1, progress)
     empty = check.print_record()
@@ -120,6 +125,8 @@ def check_run(
         references=len(references),
         stationary=len(still),
         out_of_band=sum(row.in_band is False for row in targets),
+        unchecked=unchecked,
+        unchecked_sideways=unchecked_sideways,
         findings=tuple(check.findings),
         repaired=tuple(check.repaired),
         empty_fields=empty,
@@ -190,6 +197,34 @@ class _Check:
                 contact = "in contact" if in_contact else "without contact"
                 text = f"lacks {missing} of {counted(count, 'frame')} {contact} at the {when} of the run"
                 self.add("gap", schema.STATIONARY_FOLDER, text)
+
+    def position(self, rows: Sequence[Row]) -> tuple[int, int]:
+        """Examine the checks of the position.
+
+        Returns:
+            The number of presses without a good check after them, and of the others without one of x and y.
+        """
+        try:
+            checks = self.run.position_checks
+        except InputError as error:
+            self.add("row", schema.CHECKS_FILE, str(error).removeprefix(f"{self.run.folder}{os.sep}"))
+            return 0, 0
+        if checks and not checks[-1].ok:
+            last = checks[-1]
+            if last.reason == "first":
+                text = f"the first press, repeated at the end, ended {last.height_change_mm:+.2f} mm away"
+                self.add("slip", schema.CHECKS_FILE, f"{text}; the sensor, the block or the gauge has changed")
+            else:
+                text = "ends with a position that was wrong; resume the run to repeat the presses set aside"
+                self.add("slip", schema.CHECKS_FILE, text)
+        unchecked = len(since_good_check(rows, checks))
+        # The next good check decides about a press.
+        good = [check for check in checks if check.ok and check.reason != "first"]
+        sideways = 0
+        for row in rows:
+            following = next((check for check in good if row.time_utc and check.time_utc >= row.time_utc), None)
+            sideways += following is not None and not following.covers_all_axes
+        return unchecked, sideways
 
     def extra_files(self) -> None:
         """Find files without a row, and files with several rows."""

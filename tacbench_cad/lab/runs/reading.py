@@ -13,7 +13,7 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
-from tacbench_cad.lab.runs.schema import PressKey, Reference, Row, Stationary
+from tacbench_cad.lab.runs.schema import PositionCheck, PressKey, Reference, Row, Stationary
 from tacbench_cad.lab.runs.table import RunTable, read_table
 from tacbench_cad.spec.printrecord import PrintRecord, read_record
 from tacbench_cad.util import door
@@ -96,6 +96,15 @@ class Run:
             InputError: ``stationary.csv`` cannot be read.
         """
         return read_table(self.folder, Stationary).rows
+
+    @cached_property
+    def position_checks(self) -> tuple[PositionCheck, ...]:
+        """The checks of the position, in the order in which they were made.
+
+        Raises:
+            InputError: ``position_checks.csv`` cannot be read.
+        """
+        return read_table(self.folder, PositionCheck).rows
 
     @cached_property
     def print_record(self) -> PrintRecord:
@@ -263,3 +272,9 @@ def _walk(folder: Path) -> Iterator[Path]:
 def _require_folder(folder: Path) -> None:
     if not folder.is_dir():
         raise InputError("run", str(folder), "is not a folder" if folder.exists() else "does not exist")
+
+
+def since_good_check(rows: Iterable[Row], checks: Iterable[PositionCheck]) -> list[Row]:
+    """Return the presses that no good check of the position has followed, in the order of ``rows``."""
+    good = [check.time_utc for check in checks if check.ok and check.reason != "first"]
+    return [row for row in rows if row.time_utc is not None and (not good or row.time_utc > good[-1])]

@@ -27,6 +27,10 @@ FRAME_FOLDERS = (IMAGE_FOLDER, DATA_FOLDER, REFERENCE_FOLDER, STATIONARY_FOLDER)
 #: The tables of the frames without contact and of the frames without motion.
 REFERENCES_FILE = f"{REFERENCE_FOLDER}/references.csv"
 STATIONARY_FILE = f"{STATIONARY_FOLDER}/stationary.csv"
+#: The table of the checks of the position. It exists from the first check on.
+CHECKS_FILE = "position_checks.csv"
+#: The folder of the presses that were set aside, since a check showed that the position was wrong.
+ASIDE_FOLDER = "set_aside"
 
 #: The columns of a press's pose, in mm and degrees, and of its shear, which is always 0. The TacTip toolchains use the
 #: same names.
@@ -37,6 +41,10 @@ SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear
 #: unknown, the repeat is the number of the frame.
 PressKey = tuple[int, int, int]
 When = Literal["start", "end"]
+#: The reasons for a check of the position: presses that an earlier session left unchecked, the first press of a
+#: session, the protocol's interval, an unexpected height of contact, a force where the sensor should be free, and the
+#: end of the block. ``first`` is the repetition of the run's first press at its end, without homing.
+Reason = Literal["resumed", "start", "interval", "height", "contact", "end", "first"]
 #: The four groups of frames without motion, as (when, in contact), in the order in which they are taken.
 STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), ("end", True), ("end", False))
 
@@ -234,6 +242,37 @@ class Stationary(_FrameRow):
     def key(self) -> tuple[str, bool, int]:
         """The identity of the frame, which occurs in only one row."""
         return (self.when, self.in_contact, self.index)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionCheck(TableRow):
+    """A check of the position. Unknown values are None.
+
+    Args:
+        time_utc: The time of the check.
+        reason: See :data:`Reason`.
+        after_press: The number of the press before it.
+        offset_x_mm: The true x minus the reported x, measured at the end stops; None if the stage cannot measure it.
+        offset_y_mm: The same for y.
+        offset_z_mm: The same for z.
+        height_change_mm: The height of a repeated press minus its first height.
+        ok: Whether none of the four numbers is above the protocol's ``slip_mm``.
+    """
+
+    FILE = CHECKS_FILE
+    time_utc: datetime
+    reason: Reason
+    after_press: int = field(metadata={"low": 0})
+    offset_x_mm: float | None
+    offset_y_mm: float | None
+    offset_z_mm: float | None
+    height_change_mm: float | None
+    ok: bool
+
+    @property
+    def covers_all_axes(self) -> bool:
+        """Whether x, y and z were compared with the end stops."""
+        return None not in (self.offset_x_mm, self.offset_y_mm, self.offset_z_mm)
 
 
 def block_values(printed: Pressed) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import csv
 import errno
 import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic
@@ -133,6 +133,13 @@ def read_lines(
             raise fault
         faults.append(fault)
     return TableText(header=tuple(header), rows=tuple(rows), torn=content[end:], whole_bytes=end)
+
+
+def table_text(kind: type[T], rows: Iterable[T]) -> str:
+    """Return the text of a CSV file with rows."""
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([columns(kind), *(cells(row) for row in rows)])
+    return text.getvalue()
 
 
 def cut_torn_line(path: Path, text: TableText) -> None:

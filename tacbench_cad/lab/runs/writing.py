@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,9 +26,9 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
 from tacbench_cad.lab.runs.pictures import encoded, sha256
-from tacbench_cad.lab.runs.reading import Run, planned
-from tacbench_cad.lab.runs.schema import Reference, Row, Stationary, T, When
-from tacbench_cad.lab.runs.table import GrowingTable, sync_folder
+from tacbench_cad.lab.runs.reading import Run, planned, since_good_check
+from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationary, T, When
+from tacbench_cad.lab.runs.table import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.printrecord import form
@@ -75,18 +76,20 @@ class RunWriter:
     """
 
     def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack) -> None:
-        def table(kind: type[T], check: Callable[[int, T], None] | None = None) -> GrowingTable[T]:
-            return stack.enter_context(GrowingTable(folder, kind, check, durable=durable))
-
         self.folder = folder
         self.info = info
         self.seconds = {"encode": 0.0, "sync": 0.0}
         self._durable = durable
-        self._targets = table(Row, planned(info))
-        self._references = table(Reference)
-        self._stationary = table(Stationary)
+        self._stack = stack
+        self._targets = self._table(Row, planned(info))
+        self._references = self._table(Reference)
+        self._stationary = self._table(Stationary)
+        self._checks: GrowingTable[PositionCheck] | None = None
         rows, references = self._targets.rows, self._references.rows
         self.done = {row.number for row in rows}
+        #: The rows in the order of the presses, and the checks of the position.
+        self.rows = list(rows)
+        self.checks = list(read_table(folder, PositionCheck).rows)
         self._last_press = rows[-1].number if rows else 0
         self._reference_count = len(references)
         self.reference_time: datetime | None = references[-1].time_utc if references else None
@@ -101,6 +104,12 @@ class RunWriter:
         if lost is not None:
             advice = "restore the file, or delete its row to repeat the press"
             raise InputError(str(lost), None, f"is missing, but targets.csv has a row for it; {advice}")
+        # The last session may have ended between a bad check and its consequence.
+        if self.checks and not self.checks[-1].ok:
+            self._set_aside([row for row in self.unchecked if _earlier(row, self.checks[-1])])
+
+    def _table(self, kind: type[T], check: Callable[[int, T], None] | None = None) -> GrowingTable[T]:
+        return self._stack.enter_context(GrowingTable(self.folder, kind, check, durable=self._durable))
 
     @classmethod
     @contextmanager
@@ -255,9 +264,81 @@ class RunWriter:
         row = Row(**schema.block_values(self.info.printed), sensor_image=name, image_sha256=file.sha256, **values)
         self._store(file, row.path)
         self._append(self._targets, row)
+        self.rows.append(row)
         self.done.add(number)
         self._last_press = number
         return row.path
+
+    @property
+    def unchecked(self) -> list[Row]:
+        """The rows of the presses since the last good check of the position."""
+        return since_good_check(self.rows, self.checks)
+
+    def position_check(
+        self,
+        reason: schema.Reason,
+        offset_mm: Point | None,
+        height_change_mm: float | None,
+        ok: bool,
+        time_utc: datetime,
+    ) -> int:
+        """Store a check of the position. After a bad one, set aside all presses since the last good one.
+
+        Their rows and frames are moved to ``set_aside/NN``, where NN is the number of the check. The presses are then
+        missing in the run.
+
+        Args:
+            reason: The reason for the check.
+            offset_mm: The true minus the reported position, measured at the end stops; None if it is unknown.
+            height_change_mm: The height of a repeated press minus its first height; None if it is unknown.
+            ok: Whether the position was right.
+            time_utc: The time of the check.
+
+        Returns:
+            The number of presses that were set aside.
+
+        Raises:
+            InputError: The disk is full, or the folder cannot be written.
+        """
+        x, y, z = (None,) * 3 if offset_mm is None else (round(value, 4) for value in offset_mm)
+        if self._checks is None:
+            self._checks = self._table(PositionCheck)
+        check = PositionCheck(
+            time_utc=time_utc,
+            reason=reason,
+            after_press=self._last_press,
+            offset_x_mm=x,
+            offset_y_mm=y,
+            offset_z_mm=z,
+            height_change_mm=None if height_change_mm is None else round(height_change_mm, 4),
+            ok=ok,
+        )
+        self._append(self._checks, check)
+        wrong = [] if ok else self.unchecked
+        self.checks.append(check)
+        self._set_aside(wrong)
+        return len(wrong)
+
+    def _set_aside(self, wrong: Sequence[Row]) -> None:
+        """Move presses out of the run. This can be interrupted at any moment and is then completed on resuming."""
+        if not wrong:
+            return
+        aside = self.folder / schema.ASIDE_FOLDER / f"{len(self.checks):02d}"
+        numbers = {row.number for row in wrong}
+        kept = [row for row in self.rows if row.number not in numbers]
+        with timed(self.seconds, "sync"), refusing(self.folder):
+            aside.mkdir(parents=True, exist_ok=True)
+            for row in wrong:
+                shutil.copyfile(self.folder / row.path, aside / row.sensor_image)
+            write_text(aside / schema.TARGETS_FILE, table_text(Row, wrong), durable=self._durable)
+            self._targets.close()
+            write_text(self.folder / schema.TARGETS_FILE, table_text(Row, kept), durable=self._durable)
+            for row in wrong:
+                (self.folder / row.path).unlink()
+        self._targets = self._table(Row, planned(self.info))
+        self.rows = kept
+        self.done -= numbers
+        self._last_press = kept[-1].number if kept else 0
 
     def _encoded(self, frame: Frame) -> FrameFile:
         """Encode a frame.
@@ -315,6 +396,10 @@ def software() -> dict[str, str]:
         if number is not None:
             versions[package] = number
     return versions
+
+
+def _earlier(row: Row, check: PositionCheck) -> bool:
+    return row.time_utc is not None and row.time_utc <= check.time_utc
 
 
 def _begin(folder: Path, info: RunInfo, durable: bool) -> None:

@@ -233,6 +233,9 @@ class Protocol:
         settle_s: The waiting time after a step, before a force or a frame is read.
         force_window_s: The time over which a force is averaged.
         misses_allowed: The number of consecutive presses outside the band that ends the run.
+        home_every: The number of presses after which the position is checked: the stage is homed and a press is
+            repeated; 0 for no checks.
+        slip_mm: The largest error of the position that such a check accepts.
     """
 
     contact: ContactMode = "force"
@@ -256,6 +259,8 @@ class Protocol:
     settle_s: Annotated[float, Bounds(0.0, 60.0)] = 0.2
     force_window_s: Annotated[float, Bounds(0.0, 60.0)] = 0.1
     misses_allowed: Annotated[int, Bounds(1, 10_000)] = 5
+    home_every: Annotated[int, Bounds(0, MAX_PRESSES)] = 50
+    slip_mm: Annotated[float, Bounds(0.001, 10.0)] = 0.1
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -1,0 +1,168 @@
+"""Slipping motors: the heights of contact that are expected, and checks of the position.
+
+A stage counts the steps that it sends to its motors, so it does not notice a motor that slips. Two things show it:
+
+* The height of contact changes. Each press is compared with the height that the texture's formula gives, relative to
+  the earlier presses with the same force. This shows a slip of z at the next press. It does not show a slip of x or y:
+  the dome is so large that the height changes by only about 0.01 mm if the sensor moves by 0.2 mm.
+* The end stops are no longer where the stage expects them. A stage that can measure this shows a slip of any axis, but
+  only when it is homed again. A stage that cannot is homed, and a press is repeated at the same force.
+
+A suspicious height is no proof. It is the reason for a check, and only a check decides.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from tacbench_cad.lab.acquire.press import Presser
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.rig.errors import ContactError
+from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.schema import Row
+from tacbench_cad.lab.simulate.contact import DomeContact
+from tacbench_cad.lab.simulate.heights import centres, held, on_block
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import HolderRim, Point
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
+
+#: A height is suspicious if it differs from the expected one by more than this multiple of the standard deviation of
+#: the earlier differences (and by more than the protocol's ``slip_mm``).
+DEVIATIONS = 5.0
+#: The number of earlier differences from which their standard deviation is estimated.
+MIN_HEIGHTS = 5
+
+
+class HeightWatch:
+    """Compares the height of each press with the height that the formula of the texture gives.
+
+    The sensor, the print and the origin differ from their nominal values. Only the difference between a press and the
+    earlier presses with the same force is therefore judged.
+
+    Args:
+        info: The description of the run.
+    """
+
+    def __init__(self, info: RunInfo) -> None:
+        self._plan = info.plan
+        self._presses = {press.number: press for press in info.presses}
+        self._contact: DomeContact | None = None
+        self._expected_mm: dict[tuple[int, int], float] = {}
+        self._differences_mm: dict[int, list[float]] = {}
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Learn from presses that are in order."""
+        for row in rows:
+            press = self._presses[row.number]
+            if row.pose_z is not None and row.in_band:
+                self._differences_mm.setdefault(press.force_level, []).append(row.pose_z - self._expected(press))
+
+    def forget(self) -> None:
+        """Forget all heights, since they no longer apply: the block may have been moved."""
+        self._differences_mm.clear()
+
+    def is_suspicious(self, press: Press, z_mm: float) -> bool:
+        """Return whether a press ended at an unexpected height."""
+        earlier = self._differences_mm.get(press.force_level)
+        if not earlier or press.target_n is None:
+            return False
+        allowed = self._plan.protocol.slip_mm
+        if len(earlier) >= MIN_HEIGHTS:
+            allowed = max(allowed, DEVIATIONS * statistics.pstdev(earlier))
+        return abs(z_mm - self._expected(press) - statistics.median(earlier)) > allowed
+
+    def _expected(self, press: Press) -> float:
+        key = (press.force_level, press.position)
+        if key not in self._expected_mm:
+            if self._contact is None:
+                self._contact = _nominal_contact(self._plan.printed.block, self._plan.holder)
+            try:
+                height = self._contact.z_for_force(press.x_mm, press.y_mm, press.target_n or 0.0)
+            except InputError:
+                # The force is beyond the model of the dome. The presses are then compared with each other only.
+                height = 0.0
+            self._expected_mm[key] = height
+        return self._expected_mm[key]
+
+
+def _nominal_contact(block: Block, holder: HolderRim) -> DomeContact:
+    """Return the nominal dome over the formula of a block."""
+    x, y = centres(block)
+    heights = block.height_at(x[None, :], y[:, None])
+    return DomeContact(held(block, on_block(block, heights - heights.max()), holder))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionError:
+    """The result of a check of the position.
+
+    Args:
+        offset_mm: The true minus the reported position, measured at the end stops; None if the stage cannot do this.
+        height_change_mm: The height of a repeated press minus its first height; None if it could not be repeated.
+        touched: Whether the sensor met the block too early when the press was repeated.
+    """
+
+    offset_mm: Point | None
+    height_change_mm: float | None
+    touched: bool = False
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the check says anything about the position."""
+        return self.touched or self.offset_mm is not None or self.height_change_mm is not None
+
+    def exceeds(self, allowed_mm: float) -> bool:
+        """Return whether one of the errors is above a limit, in mm."""
+        errors = [*(self.offset_mm or ()), self.height_change_mm or 0.0]
+        return self.touched or any(abs(error) > allowed_mm for error in errors)
+
+    def __str__(self) -> str:
+        parts = []
+        if self.offset_mm is not None:
+            x, y, z = self.offset_mm
+            parts.append(f"at the end stops, x, y and z are off by {x:z.2f}, {y:z.2f} and {z:z.2f} mm")
+        if self.touched:
+            parts.append("the sensor touched something too early")
+        elif self.height_change_mm is not None:
+            parts.append(f"a repeated press ended {self.height_change_mm:+z.2f} mm from its first height")
+        return "; ".join(parts)
+
+
+def position_error(
+    carriage: Carriage, presser: Presser, unchecked: Sequence[Row], plan: dict[int, Press]
+) -> PositionError:
+    """Home the stage if that is allowed, and repeat a press that no check has followed yet.
+
+    After homing, the last of these presses is repeated: it was made with the error that homing has removed. Without
+    homing, the first one is repeated: it was made before the error.
+
+    Args:
+        carriage: The lifted sensor.
+        presser: Repeats the press.
+        unchecked: The rows of the presses.
+        plan: The presses of the run by their numbers.
+
+    Raises:
+        RigError: A device failed.
+    """
+    offset = carriage.home_again() if carriage.may_home else None
+    row = next((row for row in (reversed(unchecked) if carriage.may_home else unchecked) if row.in_band), None)
+    try:
+        change = None if row is None else height_change(presser, plan[row.number], row)
+    except ContactError:
+        return PositionError(offset_mm=offset, height_change_mm=None, touched=True)
+    return PositionError(offset_mm=offset, height_change_mm=change)
+
+
+def height_change(presser: Presser, press: Press, row: Row) -> float | None:
+    """Repeat a press, and return its height minus the height in its row, in mm; None if its force was not reached.
+
+    Raises:
+        ContactError: The sensor touches the block above the expected height.
+        RigError: A device failed.
+    """
+    contact = presser.press(press)
+    return contact.pose_mm[2] - row.pose_z if contact.in_band and row.pose_z is not None else None
