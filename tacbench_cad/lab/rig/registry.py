@@ -31,6 +31,7 @@ OWN: Mapping[Kind, Mapping[str, str]] = {
         "marlin": "tacbench_cad.lab.rig.drivers:MARLIN",
         "arduino": "tacbench_cad.lab.rig.drivers:ARDUINO",
         "klipper": "tacbench_cad.lab.rig.klipper:DRIVER",
+        "ur": "tacbench_cad.lab.rig.universal_robots:DRIVER",
     },
     "gauge": {"serial": "tacbench_cad.lab.rig.drivers:SERIAL"},
     "sensor": {

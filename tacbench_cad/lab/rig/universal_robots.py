@@ -1,0 +1,204 @@
+"""An arm of Universal Robots as a stage, by the package ur-rtde.
+
+Frame: x, y and z are those of the tool centre point in the robot's base frame, in mm, with z upwards if the base stands
+upright. The orientation of the tool at opening is kept in every move, so turn the tool down before the run.
+
+Proof of a move: the robot must be at rest, and the measured position of the tool centre point must be at the target.
+An arm knows its position at all times. :meth:`UniversalRobot.home` therefore does not move: it only makes the arm ready
+again after a stop. Write ``home = false`` in ``[stage]`` and lift the tool by hand after a fault.
+
+``stop()`` decelerates the tool in a straight line. For emergencies, use the robot's own button.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    NoAnswerError,
+    NotThereError,
+    OutOfRangeError,
+    PositionLostError,
+)
+from tacbench_cad.lab.rig.registry import Context, Driver
+from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.errors import InputError, one_line
+
+#: The pause between two questions while the arm moves, in s.
+POLL_S = 0.01
+#: The largest acceleration of a stop, in m/s^2.
+STOP_M_S2 = 10.0
+#: A move may take this many times its distance divided by its speed, in addition to the timeout.
+SLOWNESS = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """The options of an arm in ``[stage.options]``.
+
+    Args:
+        acceleration_mm_s2: The acceleration of the tool.
+        tolerance_mm: The allowed distance of the tool from its target. The repeatability of an UR3e or UR5e is 0.03 mm.
+    """
+
+    acceleration_mm_s2: Annotated[float, Bounds(1.0, 5000.0)] = 200.0
+    tolerance_mm: Annotated[float, Bounds(0.001, 5.0)] = 0.05
+
+
+class UniversalRobot(Closing):
+    """An arm. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's description.
+
+    Args:
+        address: The name or the number of the robot in the network.
+        options: See :class:`RobotOptions`.
+        clock: The rig's time.
+        timeout_s: The longest wait for the end of a move, in addition to its duration.
+
+    Raises:
+        DeviceLostError: The robot cannot be reached.
+        AlarmError: The robot is stopped or not switched on.
+    """
+
+    simulated = ""
+
+    def __init__(
+        self,
+        address: str,
+        options: RobotOptions | None = None,
+        *,
+        clock: Clock | None = None,
+        timeout_s: float = StageSettings.timeout_s,
+    ) -> None:
+        import rtde_control
+        import rtde_receive
+
+        self._name, self._timeout_s = f"arm at {address}", timeout_s
+        self._options, self._clock = options or RobotOptions(), clock or Clock()
+        self._stopped = self._closed = False
+        try:
+            self._state: Any = rtde_receive.RTDEReceiveInterface(address)
+            self._arm: Any = rtde_control.RTDEControlInterface(address)
+        except RuntimeError as error:
+            raise DeviceLostError(f"{self._name}: {one_line(error, 200)}; switch remote control on") from None
+        self.identity = f"ur: Universal Robots arm at {address}"
+        try:
+            self._require_ready()
+            self._orientation = self._pose()[3:]
+        except BaseException:
+            self.close()
+            raise
+
+    def home(self) -> None:
+        """Make the arm ready again after a stop. It does not move.
+
+        Raises:
+            AlarmError: The robot is stopped or not switched on.
+        """
+        self._require_ready()
+        if not self._arm.isProgramRunning() and not self._arm.reuploadScript():
+            raise AlarmError(f"{self._name}: does not run the program that moves it; switch remote control on")
+        self._stopped = False
+
+    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
+        """Move the tool in a straight line; finished when the arm is at rest at the target.
+
+        Raises:
+            OutOfRangeError: The target is beyond the reach or the safety limits of the arm.
+            NotThereError: The move was stopped, or ended at another position.
+            AlarmError: The robot has stopped itself.
+            NoAnswerError: The arm does not come to rest.
+        """
+        self._require_ready()
+        if self._stopped:
+            raise PositionLostError(f"{self._name}: was stopped on request; home the stage first")
+        start = self.position()
+        pose = [value / 1000.0 for value in target_mm] + self._orientation
+        if not self._arm.isPoseWithinSafetyLimits(pose):
+            shown = "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*target_mm)
+            raise OutOfRangeError(f"{self._name}: {shown} is beyond its reach or its safety limits; nothing moved")
+        try:
+            at = self._go(pose, target_mm, speed_mm_s, math.dist(start, target_mm) / speed_mm_s)
+        except BaseException:
+            self._halt()
+            raise
+        return at
+
+    def position(self) -> Point:
+        """Return the measured position of the tool centre point in mm."""
+        x, y, z = (1000.0 * float(value) for value in self._pose()[:3])
+        return (x, y, z)
+
+    def stop(self) -> None:
+        """Stop the tool in a straight line. Never raises."""
+        self._stopped = True
+        self._halt()
+
+    def close(self) -> None:
+        """End the program on the robot and disconnect. Never raises; a second call has no effect."""
+        if self._closed:
+            return
+        self._closed = True
+        for end in (self._arm.stopScript, self._arm.disconnect, self._state.disconnect):
+            with contextlib.suppress(Exception):
+                end()
+
+    def _go(self, pose: list[float], target_mm: Point, speed_mm_s: float, seconds: float) -> Point:
+        acceleration = self._options.acceleration_mm_s2 / 1000.0
+        if not self._arm.moveL(pose, speed_mm_s / 1000.0, acceleration, True):
+            raise AlarmError(f"{self._name}: refuses the move; look at its panel")
+        until_s = self._clock.now_s() + SLOWNESS * seconds + self._timeout_s * self._clock.speed
+        while True:
+            self._clock.sleep(POLL_S)
+            self._require_ready()
+            at = self.position()
+            off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
+            at_rest = self._arm.isSteady()
+            if self._stopped:
+                raise NotThereError(f"{self._name}: the move was stopped on request; home the stage first")
+            if at_rest and off_mm <= self._options.tolerance_mm:
+                return at
+            if self._clock.now_s() > until_s:
+                if at_rest:
+                    raise NotThereError(f"{self._name}: is at rest {off_mm:.3f} mm away from its target")
+                raise NoAnswerError(f"{self._name}: does not come to rest; look at its panel")
+
+    def _halt(self) -> None:
+        with contextlib.suppress(Exception):
+            self._arm.stopL(STOP_M_S2)
+
+    def _pose(self) -> list[float]:
+        if self._closed or not self._state.isConnected():
+            raise DeviceLostError(f"{self._name}: is not connected; look at the network and the robot")
+        return [float(value) for value in self._state.getActualTCPPose()]
+
+    def _require_ready(self) -> None:
+        if self._closed or not self._state.isConnected():
+            raise DeviceLostError(f"{self._name}: is not connected; look at the network and the robot")
+        if self._state.isEmergencyStopped():
+            raise AlarmError(f"{self._name}: its emergency stop is pressed; release it and start the robot again")
+        if self._state.isProtectiveStopped():
+            raise AlarmError(f"{self._name}: is in a protective stop; look at its panel, then release the stop")
+
+
+def _open(settings: StageSettings, context: Context) -> UniversalRobot:
+    if settings.port is None:
+        raise InputError("[stage] port", None, "is missing; write the address of the robot in the network")
+    options = from_plain(RobotOptions, dict(settings.options), "[stage.options] ")
+    return UniversalRobot(settings.port, options, clock=context.clock, timeout_s=settings.timeout_s)
+
+
+DRIVER = Driver(
+    open=_open,
+    summary="arms of Universal Robots (e-series, CB3)",
+    connection="network",
+    modules=("rtde_control", "rtde_receive"),
+    install="pip install ur-rtde",
+)
