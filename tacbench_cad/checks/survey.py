@@ -8,14 +8,13 @@ key, the cylinders of a holder), the slower functions of the kernel measure it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tacbench_cad.checks import solidcheck
 from tacbench_cad.checks.solidcheck import Measured
-from tacbench_cad.checks.splineface import SplineFace, spline_face
-from tacbench_cad.checks.trimmedface import trimmed_face
+from tacbench_cad.checks.splineface import Bases, SplineFace, box, spline_face
 from tacbench_cad.geometry import kernel
 from tacbench_cad.util.types import Floats
 
@@ -50,7 +49,7 @@ def survey(shape: TopoDS_Shape, outlined: bool = False, points: bool = True) -> 
     if outlined and (result := _survey_outlined(shape)) is not None:
         return result
     faces = kernel.distinct(shape, "FACE")
-    bases: dict[Any, Any] = {}
+    bases: Bases = {}
     planes, patches = [], []
     for face in faces:
         if kernel.surface_kind(face) == "Plane":
@@ -70,7 +69,9 @@ def _survey_outlined(shape: TopoDS_Shape) -> Survey | None:
 
     Upright walls do not contribute to the integral of ``z dx dy``.
     """
-    bases: dict[Any, Any] = {}
+    from tacbench_cad.checks.trimmedface import trimmed_face
+
+    bases: Bases = {}
     volume, tops = 0.0, []
     for face in kernel.distinct(shape, "FACE"):
         upright, level = _upright_or_level(face)
@@ -121,8 +122,7 @@ def _measured(shape: TopoDS_Shape, volume: float, patches: list[SplineFace]) -> 
 
     This box also contains the plane faces, because their edges are straight lines or borders of patches.
     """
-    corners = [solidcheck.vertices(shape), *(np.array(patch.box()) for patch in patches)]
-    points = np.concatenate(corners)
+    points = np.concatenate([solidcheck.vertices(shape), *([box(patches)] if patches else [])])
     return Measured(volume_mm3=volume, low_mm=points.min(axis=0), high_mm=points.max(axis=0))
 
 

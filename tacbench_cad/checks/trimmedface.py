@@ -48,8 +48,7 @@ class TrimmedFace:
     def is_graph(self) -> bool:
         """Whether the parameters u and v of the patch are x and y, so that its z is a function of them."""
         for axis in (0, 1):
-            degree, knots = self.patch.degrees[axis], self.patch.knots[axis]
-            places = greville(knots, degree)
+            places = greville(self.patch.axes[axis].knots, self.patch.axes[axis].degree)
             across = places[:, None] if axis == 0 else places[None, :]
             if np.abs(self.patch.poles[:, :, axis] - across).max() > _SAME_MM:
                 return False
@@ -60,7 +59,7 @@ class TrimmedFace:
         """The volume between the patch and the plane z = 0; negative if the patch faces down."""
         u, v, weight = self.border
         low = self.patch.bounds[0][0]
-        knots, degree = self.patch.knots[0], self.patch.degrees[0]
+        knots, degree = self.patch.axes[0].knots, self.patch.axes[0].degree
         inner = np.clip(u, knots[degree], knots[-degree - 1])
         rising = BSpline(knots, np.eye(self.patch.poles.shape[0]), degree).antiderivative()
         along_u = rising(inner) - rising(low)
@@ -69,7 +68,7 @@ class TrimmedFace:
         return self.patch.sign * float(weight @ heights)
 
     def _basis(self, axis: int, at: Floats) -> Floats:
-        knots, degree = self.patch.knots[axis], self.patch.degrees[axis]
+        knots, degree = self.patch.axes[axis].knots, self.patch.axes[axis].degree
         inner = np.clip(at, knots[degree], knots[-degree - 1])
         return np.asarray(BSpline(knots, np.eye(self.patch.poles.shape[axis]), degree)(inner))
 
@@ -136,7 +135,7 @@ def trimmed_face(face: TopoDS_Face, patch: SplineFace) -> TrimmedFace:
     for wire in kernel.each(forward, "WIRE"):
         explorer, run = BRepTools_WireExplorer(wire, forward), []
         while explorer.More():
-            points, border = _edge(explorer.Current(), forward, patch.knots)
+            points, border = _edge(explorer.Current(), forward, (patch.axes[0].knots, patch.axes[1].knots))
             run.append(points[:-1])
             rows.append(border)
             explorer.Next()
