@@ -1,4 +1,4 @@
-"""B-spline faces of a solid as arrays: points, contributions to the volume, and bounding boxes.
+"""B-spline faces of a solid as arrays: points, volumes, and bounding boxes.
 
 For a block of 156 patches, the kernel needs about four seconds to compute its default volume, bounding box and points.
 This module needs less than half a second. It does not import SciPy, which would take as long, and it does not use BLAS:
@@ -27,6 +27,8 @@ GAUSS_POINTS = 5
 #: The number of samples along u and along v around the highest and the lowest sample of a patch. They give the extreme
 #: heights more accurately.
 FINE = 33
+#: Two coordinates that differ by less are the same, in mm. A file has twelve decimals.
+SAME_MM = 1e-9
 #: Basis functions at some places: the knots, the degree and the places as bytes, and the values.
 Bases = dict[tuple[bytes, int, bytes], tuple[Ints, Floats]]
 
@@ -72,6 +74,32 @@ class SplineFace:
         return self(np.linspace(u0, u1, side), np.linspace(v0, v1, side)).reshape(-1, 3)
 
     @cached_property
+    def is_graph(self) -> bool:
+        """Whether the parameters are x and y, so that z is a function of them."""
+        x, y = self.axes[0].greville[:, None], self.axes[1].greville[None, :]
+        return bool(max(np.abs(self.poles[..., 0] - x).max(), np.abs(self.poles[..., 1] - y).max()) <= SAME_MM)
+
+    @cached_property
+    def is_wall(self) -> bool:
+        """Whether the surface is vertical: one of its coordinates x and y is constant, or all normals are level."""
+        if min(np.ptp(self.poles[..., axis]) for axis in (0, 1)) <= SAME_MM:
+            return True
+        if self.is_graph:
+            return False
+        z = np.abs(self._normals[..., 2])
+        return bool(np.all(z <= WALL_FRACTION * np.sqrt(np.einsum("nmc,nmc->nm", self._normals, self._normals))))
+
+    @cached_property
+    def volume_mm3(self) -> float:
+        """The volume between the face and the plane z = 0, the integral of ``z dx dy``; negative if it faces down."""
+        if self.is_graph:
+            along_u, along_v = (axis.integrals(*ends) for axis, ends in zip(self.axes, self.bounds, strict=True))
+            return self.sign * float(np.einsum("n,nm,m->", along_u, self.poles[..., 2], along_v))
+        (u, weight_u), (v, weight_v) = self._places
+        z = self._grid(self.poles[..., 2:], u, v)[..., 0]
+        return self.sign * float(np.einsum("n,nm,nm,m->", weight_u, z, self._normals[..., 2], weight_v))
+
+    @cached_property
     def _places(self) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
         """Along u and along v, the Gauss points of all knot spans between the two ends, with weights of 0 there."""
         places = []
@@ -85,63 +113,43 @@ class SplineFace:
         return places[0], places[1]
 
     @cached_property
-    def _points(self) -> Floats:
-        """The points at the Gauss points and on the borders, shape (n, m, 3)."""
-        (u, _), (v, _) = self._places
-        return self(u, v)
-
-    @cached_property
     def _normals(self) -> Floats:
-        """The products of both derivatives at the same places, not of unit length, shape (n, m, 3)."""
+        """The products of both derivatives at the Gauss points and on the borders, shape (n, m, 3)."""
         (u, _), (v, _) = self._places
         (ax, ay, az), (bx, by, bz) = (np.moveaxis(self(u, v, order), -1, 0) for order in ((1, 0), (0, 1)))
         return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
-    @property
-    def is_wall(self) -> bool:
-        """Whether the surface is vertical at all Gauss points."""
-        z = np.abs(self._normals[..., 2])
-        return bool(np.all(z <= WALL_FRACTION * np.sqrt(np.einsum("nmc,nmc->nm", self._normals, self._normals))))
+    def highest_mm(self, axis: int, sign: float) -> float:
+        """Return the largest coordinate x, y or z, or with the sign -1 the largest negative coordinate.
 
-    @property
-    def volume_mm3(self) -> float:
-        """The contribution of the face to the volume about the origin, ``1/3 integral of P . (P_u x P_v)``."""
-        (_, weight_u), (_, weight_v) = self._places
-        triple = np.einsum("nmc,nmc->nm", self._points, self._normals)
-        return self.sign * float(np.einsum("n,nm,m->", weight_u, triple, weight_v)) / 3.0
-
-    @cached_property
-    def rough_box(self) -> tuple[Floats, Floats]:
-        """The lowest and the highest x, y and z of the Gauss points and the borders."""
-        points = self._points.reshape(-1, 3)
-        return points.min(axis=0), points.max(axis=0)
-
-    def extreme_z(self, highest: bool) -> float:
-        """Return the highest or the lowest z, from fine samples around the extreme one of the Gauss points."""
+        It is computed at the Gauss points and on the borders, and at fine samples around the best of these points.
+        """
+        poles = sign * self.poles[..., axis : axis + 1]
         (u, _), (v, _) = self._places
-        z = self._points[..., 2]
-        i, j = divmod(int(z.argmax() if highest else z.argmin()), len(v))
+        rough = self._grid(poles, u, v)
+        i, j = divmod(int(rough.argmax()), len(v))
         near_u = np.linspace(u[max(i - 1, 0)], u[min(i + 1, len(u) - 1)], FINE)
         near_v = np.linspace(v[max(j - 1, 0)], v[min(j + 1, len(v) - 1)], FINE)
-        fine = self._grid(self.poles[..., 2:], near_u, near_v)
-        return float(max(z.max(), fine.max()) if highest else min(z.min(), fine.min()))
+        return float(max(rough.max(), self._grid(poles, near_u, near_v).max()))
 
 
-def box(patches: Sequence[SplineFace]) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest x, y and z of some faces.
+def box(patches: Sequence[SplineFace], points: Floats) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest x, y and z of some faces and points.
 
-    A spline lies between its lowest and its highest pole. Fine samples are therefore only needed on the faces with a
-    pole beyond the extreme z that is known.
+    A spline lies between its lowest and its highest pole. A face is therefore only measured if it has a pole outside of
+    the box of everything that was measured before it.
     """
-    low = np.min([patch.rough_box[0] for patch in patches], axis=0)
-    high = np.max([patch.rough_box[1] for patch in patches], axis=0)
-    for patch in sorted(patches, key=lambda patch: -float(patch.rough_box[1][2])):
-        if patch.poles[..., 2].max() > high[2]:
-            high[2] = max(high[2], patch.extreme_z(highest=True))
-    for patch in sorted(patches, key=lambda patch: float(patch.rough_box[0][2])):
-        if patch.poles[..., 2].min() < low[2]:
-            low[2] = min(low[2], patch.extreme_z(highest=False))
-    return low, high
+    ends = []
+    for sign in (-1.0, 1.0):
+        end = (sign * points).max(axis=0)
+        outer = np.array([(sign * patch.poles).max(axis=(0, 1)) for patch in patches]).reshape(-1, 3)
+        for axis in range(3):
+            for place in np.argsort(-outer[:, axis]):
+                if outer[place, axis] <= end[axis] + SAME_MM:
+                    break
+                end[axis] = max(end[axis], patches[place].highest_mm(axis, sign))
+        ends.append(sign * end)
+    return ends[0], ends[1]
 
 
 @lru_cache(maxsize=1)

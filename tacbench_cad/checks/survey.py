@@ -60,7 +60,7 @@ def survey(shape: TopoDS_Shape, outlined: bool = False, points: bool = True) -> 
             on_top = solidcheck.points_on(solidcheck.curved(shape)) if points else np.empty((0, 3))
             return Survey(measured=solidcheck.measure(shape), points=on_top, exact=False)
         patches.append(patch)
-    volume = sum(_cone(face) for face in planes) + sum(patch.volume_mm3 for patch in patches)
+    volume = sum(_below(face) for face in planes) + sum(patch.volume_mm3 for patch in patches)
     return Survey(measured=_measured(shape, volume, patches), points=_points(patches), exact=True)
 
 
@@ -74,15 +74,13 @@ def _survey_outlined(shape: TopoDS_Shape) -> Survey | None:
     bases: Bases = {}
     volume, tops = 0.0, []
     for face in kernel.distinct(shape, "FACE"):
-        upright, level = _upright_or_level(face)
-        if level is not None:
-            volume += level
-        elif not upright:
+        if kernel.surface_kind(face) == "Plane":
+            volume += _below(face)
+        elif not _is_upright_cylinder(face):
             patch = spline_face(face, bases)
-            top = None if patch is None else trimmed_face(face, patch)
-            if top is None or not top.is_graph:
+            if patch is None or not patch.is_graph:
                 return None
-            tops.append(top)
+            tops.append(trimmed_face(face, patch))
     if not tops:
         return None
     side = solidcheck.lattice_side(len(tops))
@@ -97,24 +95,14 @@ def _survey_outlined(shape: TopoDS_Shape) -> Survey | None:
     )
 
 
-def _upright_or_level(face: TopoDS_Face) -> tuple[bool, float | None]:
-    """Return whether a face is a plane wall or an upright cylinder, and the integral of z dx dy over a level face."""
+def _is_upright_cylinder(face: TopoDS_Face) -> bool:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_SurfaceType
-    from OCP.TopAbs import TopAbs_Orientation
 
     surface = BRepAdaptor_Surface(face, False)
-    if surface.GetType() == GeomAbs_SurfaceType.GeomAbs_Cylinder:
-        return bool(abs(surface.Cylinder().Axis().Direction().Z()) > 1.0 - 1e-12), None
-    if surface.GetType() != GeomAbs_SurfaceType.GeomAbs_Plane:
-        return False, None
-    position = surface.Plane().Position()
-    up = position.XDirection().Crossed(position.YDirection()).Z()
-    if abs(up) < 1e-9:
-        return True, None
-    sign = -1.0 if face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED else 1.0
-    height = surface.Plane().Location().Z()
-    return False, sign * up * height * kernel.area_mm2([face]) if height else 0.0
+    if surface.GetType() != GeomAbs_SurfaceType.GeomAbs_Cylinder:
+        return False
+    return bool(abs(surface.Cylinder().Axis().Direction().Z()) > 1.0 - 1e-12)
 
 
 def _measured(shape: TopoDS_Shape, volume: float, patches: list[SplineFace]) -> Measured:
@@ -122,8 +110,8 @@ def _measured(shape: TopoDS_Shape, volume: float, patches: list[SplineFace]) -> 
 
     This box also contains the plane faces, because their edges are straight lines or borders of patches.
     """
-    points = np.concatenate([solidcheck.vertices(shape), *([box(patches)] if patches else [])])
-    return Measured(volume_mm3=volume, low_mm=points.min(axis=0), high_mm=points.max(axis=0))
+    low, high = box(patches, solidcheck.vertices(shape))
+    return Measured(volume_mm3=volume, low_mm=low, high_mm=high)
 
 
 def _points(patches: list[SplineFace]) -> Floats:
@@ -134,14 +122,18 @@ def _points(patches: list[SplineFace]) -> Floats:
     return np.concatenate([patch.lattice(side) for patch in tops])
 
 
-def _cone(face: TopoDS_Face) -> float:
-    """Return the contribution of a plane face to the volume: a third of its area times its distance from the origin."""
+def _below(face: TopoDS_Face) -> float:
+    """Return the volume between a plane face and the plane z = 0; negative if the face looks down."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
     from OCP.TopAbs import TopAbs_Orientation
 
-    plane = BRepAdaptor_Surface(face, False).Plane()
-    position, place = plane.Position(), plane.Location()
-    normal = position.XDirection().Crossed(position.YDirection())
-    distance = normal.X() * place.X() + normal.Y() * place.Y() + normal.Z() * place.Z()
+    position = BRepAdaptor_Surface(face, False).Plane().Position()
+    up = position.XDirection().Crossed(position.YDirection()).Z()
+    if abs(up) < 1e-9:
+        return 0.0
     sign = -1.0 if face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED else 1.0
-    return float(sign * distance * kernel.area_mm2([face]) / 3.0)
+    properties = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(face, properties)
+    return float(sign * up * properties.Mass() * properties.CentreOfMass().Z())

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from tacbench_cad.checks.splineface import SplineFace
-from tacbench_cad.spec.spline import greville
 from tacbench_cad.util.types import Bools, Floats
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 _GAUSS_POINTS = 8
 #: The smallest number of pieces of a border that is not a straight line.
 _PIECES = 24
-#: The largest distance of a coordinate of a pole from its place if the parameters are x and y, in mm.
+#: Two coordinates that differ by less are the same, in mm.
 _SAME_MM = 1e-6
 #: The number of samples along each side of the square around the highest point of a patch, and the number of squares.
 _FINE, _ROUNDS = 17, 4
@@ -35,7 +34,7 @@ class TrimmedFace:
     """A patch of a block that fills a part of its parameter rectangle.
 
     Args:
-        patch: The patch.
+        patch: The patch. Its parameters are x and y.
         border: Gauss points u, v on the border and their weights of dv, shape (3, k).
         loops: Points around each loop of the border in their order, shape (n, 2) each.
     """
@@ -43,16 +42,6 @@ class TrimmedFace:
     patch: SplineFace
     border: Floats
     loops: tuple[Floats, ...]
-
-    @property
-    def is_graph(self) -> bool:
-        """Whether the parameters u and v of the patch are x and y, so that its z is a function of them."""
-        for axis in (0, 1):
-            places = greville(self.patch.axes[axis].knots, self.patch.axes[axis].degree)
-            across = places[:, None] if axis == 0 else places[None, :]
-            if np.abs(self.patch.poles[:, :, axis] - across).max() > _SAME_MM:
-                return False
-        return True
 
     @cached_property
     def volume_mm3(self) -> float:

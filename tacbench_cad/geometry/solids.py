@@ -156,13 +156,9 @@ def weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
 
     Such triangles occur where a cone or a seam has two nodes at the same position.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(nodes).query_pairs(WELD_MM, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(nodes), len(nodes)))
-    count, group = connected_components(links, directed=False)
+    places = np.column_stack([_numbered(column) for column in nodes.T])
+    different, group = np.unique(places, axis=0, return_inverse=True)
+    group, count = group.reshape(-1), len(different)
     # A group is represented by its lowest node, so that the result does not depend on the order of the faces.
     order = np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0]))
     chosen = np.full(count, -1)
@@ -178,6 +174,14 @@ def weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
     start = welded.argmin(axis=1)[:, None]
     welded = np.take_along_axis(welded, (start + np.arange(3)) % 3, axis=1)
     return vertices, np.ascontiguousarray(welded[np.lexsort(welded.T[::-1])])
+
+
+def _numbered(values: Floats) -> Indices:
+    """Number values in ascending order. Neighbours that are closer than :data:`WELD_MM` have the same number."""
+    order = np.argsort(values)
+    numbers = np.empty(len(values), dtype=np.int32)
+    numbers[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > WELD_MM)
+    return numbers
 
 
 def require_closed(vertices: Floats, triangles: Indices) -> None:

@@ -8,7 +8,7 @@ of pixels and not on the shapes of the triangles.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -245,8 +245,6 @@ def _light(depth: Floats, owner: Ints, whole: Mesh, bodies: Sequence[Body], view
 
     The depth of samples on a body's relief is moved from the triangles onto the relief.
     """
-    from scipy.ndimage import uniform_filter
-
     solid = owner >= 0
     light = _light_of_triangles(owner[solid], whole, view)
     first = 0
@@ -259,17 +257,32 @@ def _light(depth: Floats, owner: Ints, whole: Mesh, bodies: Sequence[Body], view
             light[on_relief], depths[where] = _light_of_relief(where, depths[where], body, view)
         first += len(body.mesh.faces)
     ground = depth[solid].min(initial=0.0)
-    # Single precision is finer than a thousandth of a sample here, and takes half the time.
-    filled = np.where(solid, depth, ground).astype(np.float32)
-    fraction = solid.astype(np.float32)
-    for reach, strength in _HOLLOWS:
-        size = max(3, int(reach * depth.shape[0]) * 2 + 1)
-        mean = uniform_filter(filled * fraction, size) / np.maximum(uniform_filter(fraction, size), 1e-9)
-        light *= np.clip(1.0 - strength * (mean[solid] - filled[solid]) / size, 0.45, 1.12)
+    filled = np.where(solid, depth, ground)
+    sizes = [max(3, int(reach * depth.shape[0]) * 2 + 1) for reach, _ in _HOLLOWS]
+    sums = zip(_window_sums(np.where(solid, filled, 0.0), sizes), _window_sums(solid, sizes), strict=True)
+    for (_, strength), size, (total, count) in zip(_HOLLOWS, sizes, sums, strict=True):
+        mean = total[solid] / count[solid]
+        light *= np.clip(1.0 - strength * (mean - filled[solid]) / size, 0.45, 1.12)
     light *= 1.0 - 0.55 * _edges(filled, solid)[solid]
     image = np.zeros(depth.shape)
     image[solid] = light
     return image
+
+
+def _window_sums(values: NDArray[Any], sizes: Sequence[int]) -> Iterator[Floats]:
+    """Yield the sums of an image over a square window around each pixel, for each odd size of the window.
+
+    Outside of the image, the values are 0.
+    """
+    most = max(sizes) // 2
+    table = np.pad(values.astype(np.float64), ((most + 1, most), (most + 1, most)))
+    for axis in (0, 1):
+        np.cumsum(table, axis=axis, out=table)
+    rows, columns = values.shape
+    for size in sizes:
+        low = most - size // 2
+        columns_of = table[low + size : low + size + rows] - table[low : low + rows]
+        yield columns_of[:, low + size : low + size + columns] - columns_of[:, low : low + columns]
 
 
 def _light_of_triangles(triangles: Ints, whole: Mesh, view: _View) -> Floats:
