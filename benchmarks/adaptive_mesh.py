@@ -146,7 +146,7 @@ def compare_texture(name: str, texture: Texture | str, tolerance: float, rounds:
     print(
         f"{name:12}{'ours':12}{ours:9}{1:7.2f}   {busy:.2f} s of the processor; {limit:.5f} mm measured, "
         f"{expected.certificate.distance_mm:.5f} mm {expected.certificate.evidence}; "
-        f"{'closed' if edges_ok else 'OPEN'}; footprint covered once up to {covered:.0e}",
+        f"{'closed' if edges_ok else 'OPEN'}; footprint covered once, up to {abs(covered):.0e}",
         flush=True,
     )
     start = start_mesh(block, limit)
