@@ -32,7 +32,7 @@ def _part(number: int = 2, preset: str = "paper") -> Part:
 
 def _write_as(part: Part, mesh: Mesh, path: Path) -> Path:
     """Write a file for a part, but with another mesh."""
-    write_stl(dataclasses.replace(part, make_mesh=lambda: (mesh, part.mesh[1])), path)
+    FORMATS[path.suffix[1:]].write(dataclasses.replace(part, make_mesh=lambda: (mesh, part.mesh[1])), path)
     return path
 
 
@@ -160,6 +160,24 @@ def test_every_fault_is_reported(fault: Callable[[Mesh], Mesh], name: str, tmp_p
     report = verify(part, _write_as(part, fault(part.mesh[0]), tmp_path / "a.stl"))
     assert not report.ok
     assert name in _faults(report)
+
+
+def test_an_equal_mesh_in_another_format_is_not_checked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    part, calls = block_part(Block.of(2)), []
+    monkeypatch.setattr(meshcheck, "solidity", lambda mesh: calls.append(mesh) or ("NoError", 0))
+    reports = []
+    for form in ("stl", "3mf"):
+        FORMATS[form].write(part, tmp_path / f"a.{form}")
+        reports.append(verify(part, tmp_path / f"a.{form}"))
+    assert len(calls) == 1
+    assert reports[1] == dataclasses.replace(reports[0], path=tmp_path / "a.3mf")
+    # Other coordinates, other neighbours of equal triangles, and another part are checked.
+    mesh = part.mesh[0]
+    faces = mesh.faces.copy()
+    faces[tuple(np.argwhere(faces == 0)[0])] = len(mesh.vertices)
+    for other in (_move_top_vertex(mesh), Mesh(np.concatenate([mesh.vertices, mesh.vertices[:1]]), faces)):
+        assert not verify(part, _write_as(part, other, tmp_path / "a.3mf")).ok
+    assert not verify(block_part(Block.of(3)), tmp_path / "a.stl").ok
 
 
 def test_a_moved_sample_of_a_coarse_grid_is_reported(tmp_path: Path) -> None:
