@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.design_page import served
+from helpers.served_pages import served
 
 pytest.importorskip("starlette", reason="the design page needs the extra web")
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
@@ -37,7 +37,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(out: Path) -> Iterator[str]:
-    with served("2", out=out) as found:
+    with served("design", "2", "-o", str(out)) as found:
         yield found
 
 
@@ -202,7 +202,7 @@ def test_a_phone_shows_everything_without_scrolling_sideways(page: Any) -> None:
 
 def test_the_page_says_when_the_server_has_stopped(browser: Any, tmp_path: Path) -> None:
     tab = browser.new_page()
-    with served("1", out=tmp_path) as address:
+    with served("design", "1", "-o", str(tmp_path)) as address:
         tab.goto(address)
         tab.wait_for_selector("body[data-ready]", state="attached", timeout=MAX_MS)
     tab.get_by_role("alert").filter(has_text="The server has stopped").wait_for(timeout=MAX_MS)

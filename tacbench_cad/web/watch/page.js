@@ -42,7 +42,7 @@
       document.body.dataset.states = 1 + Number(document.body.dataset.states || 0);
     };
     socket.onclose = () => {
-      const over = state && state.session && state.session.over;
+      const over = state && state.buttons && state.session && state.session.over;  // the server ends with the run
       if (over) { say("status", `${status()} The server of this page has ended.`); buttons(false); return; }
       complain("The page has lost its connection and tries again. A run that is under way goes on.");
       buttons(false);

@@ -1,0 +1,213 @@
+"""The watch page in a real browser: a whole study, Stop, Pause, a closed browser, the keyboard, names, a phone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.served_pages import address_of, command, served
+
+pytest.importorskip("starlette", reason="the watch page needs the extra web")
+pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
+
+from tacbench_cad.lab.acquire.events import PROGRESS_FILE, ProgressReader
+from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.runs.reading import Run, find_runs
+
+pytestmark = [
+    pytest.mark.real,
+    pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"),
+]
+
+MAX_S = 60.0
+AUDIT, MIN_CONTRAST = Path(__file__).parents[1] / "helpers" / "page_audit.js", 4.5
+STUDY = """
+out = "runs"
+[study]
+textures = [1, 4]
+prints = [{ printer = "bambu-p1p", filament = "pla-minus" }]
+[protocol]
+grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
+forces_n = [0.5, 1.5]
+bands_n = [0.02, 0.02]
+repeats = 1
+stationary_frames = 1
+[stage]
+driver = "virtual-grbl"
+options = { speed = SPEED }
+[gauge]
+driver = "serial"
+port = "virtual"
+[sensor]
+driver = "simulated"
+"""
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    deadline = time.monotonic() + MAX_S
+    while time.monotonic() < deadline:
+        if value := condition():
+            return value
+        time.sleep(0.02)
+    raise AssertionError("it did not happen in time")
+
+
+def file_of(folder: Path, speed: float) -> Path:
+    path = folder / "study.toml"
+    path.write_text(STUDY.replace("SPEED", str(speed)))
+    return path
+
+
+@contextmanager
+def pressing(folder: Path, speed: float) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run the study with its page; yield the process and the address of the page."""
+    with command("acquire", str(file_of(folder, speed)), "--page") as process:
+        try:
+            yield process, address_of(process)
+        finally:
+            process.kill()
+
+
+def open_tab(browser: Any, address: str, **options: Any) -> Any:
+    tab = browser.new_page(**{"viewport": {"width": 1280, "height": 900}, **options})
+    tab.set_default_timeout(1000.0 * MAX_S)
+    tab.goto(address)
+    return tab
+
+
+def confirm(tab: Any, label: str) -> None:
+    tab.get_by_text(f"Put the block with the label {label} into the holder").wait_for()
+    assert tab.get_by_role("img", name=f"The underside of the block, with the label {label}").is_visible()
+    tab.get_by_role("button", name="Block is in").click()
+
+
+def rows(folder: Path) -> int:
+    return sum(len(Run.open(path).rows) for path in find_runs([folder / "runs"]))
+
+
+def test_a_whole_study_is_made_by_the_page(browser: Any, tmp_path: Path) -> None:
+    with pressing(tmp_path, 50.0) as (process, address):
+        tab = open_tab(browser, address)
+        requests: list[str] = []
+        messages: list[str] = []
+        tab.on("request", lambda request: requests.append(request.url))
+        tab.on("console", lambda message: messages.append(message.text))
+        tab.on("pageerror", lambda error: messages.append(str(error)))
+        for label in ("T1 PAPER X1 01", "T4 PAPER X1 01"):
+            confirm(tab, label)
+            tab.locator("#status", has_text="Pressing").wait_for()
+        tab.locator("#status", has_text="The session has ended (done): 2 runs complete").wait_for()
+        assert process.wait(timeout=MAX_S) == 0
+        assert tab.locator("#runs li").all_inner_texts() == [
+            f"texture-{number}_paper_x1_bambu-p1p_pla-minus_copy01 8 of 8 presses" for number in (1, 4)
+        ]
+        assert all(url.startswith(address) or url == "data:," for url in requests)
+        assert [text for text in messages if "WebSocket" not in text] == [], "the socket ends with the run"
+    assert [check_run(folder).findings for folder in find_runs([tmp_path / "runs"])] == [(), ()]
+
+
+def test_stop_in_the_middle_of_an_approach_is_ctrl_c(browser: Any, tmp_path: Path) -> None:
+    with pressing(tmp_path, 4.0) as (process, address):
+        tab = open_tab(browser, address)
+        confirm(tab, "T1 PAPER X1 01")
+        reader = ProgressReader(tmp_path / "runs" / PROGRESS_FILE)
+
+        def in_contact() -> bool:
+            progress = reader.read()
+            return progress is not None and progress.press > 1 and any(n > 0.1 for _, n in progress.curve)
+
+        until(in_contact)
+        tab.get_by_role("button", name="Stop").click()
+        assert process.wait(timeout=MAX_S) == 130
+        assert process.stderr is not None
+        error = process.stderr.read()
+        saved = rows(tmp_path)
+        assert f"error: interrupted; the sensor is lifted; {saved} of 16 presses are saved\nresume with" in error
+        tab.locator("#status", has_text=f"(interrupted): the sensor is lifted; {saved} of 16 presses").wait_for()
+        assert not tab.get_by_role("button", name="Stop").is_visible() or tab.locator("#stop").is_disabled()
+    events = (tmp_path / "runs" / PROGRESS_FILE).read_text().splitlines()
+    last = [line.split('"')[3] for line in events]
+    assert last[-2:] == ["end", "over"] and last[-3] == "felt", "no press was saved after the signal"
+    assert len(Run.open(find_runs([tmp_path / "runs"])[0]).rows) == saved
+
+
+def test_the_run_goes_on_when_the_browser_or_the_page_goes_away(browser: Any, tmp_path: Path) -> None:
+    with pressing(tmp_path, 25.0) as (process, address):
+        tab = open_tab(browser, address)
+        confirm(tab, "T1 PAPER X1 01")
+        tab.locator("#newest").wait_for()
+        tab.close()
+        before = rows(tmp_path)
+        until(lambda: rows(tmp_path) > before)
+        again = open_tab(browser, address)
+        confirm(again, "T4 PAPER X1 01")
+        again.locator("#status", has_text="Pressing").wait_for()
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (server,) = [int(child) for child in children if b"web.watch" in Path(f"/proc/{child}/cmdline").read_bytes()]
+        os.kill(server, signal.SIGKILL)
+        again.get_by_role("alert").filter(has_text="A run that is under way goes on").wait_for()
+        assert process.wait(timeout=MAX_S) == 0
+        assert process.stderr is not None
+        assert "the page has ended; the run goes on" in process.stderr.read()
+    assert rows(tmp_path) == 16
+
+
+def test_the_keyboard_pauses_and_continues_and_controls_have_names(browser: Any, tmp_path: Path) -> None:
+    with pressing(tmp_path, 10.0) as (_, address):
+        tab = open_tab(browser, address)
+        button = tab.get_by_role("button", name="Block is in")
+        button.wait_for()
+        assert tab.locator("#question-text").get_attribute("role") == "alert"
+        button.focus()
+        tab.keyboard.press("Enter")
+        tab.locator("#newest").wait_for()
+        tab.get_by_role("button", name="Pause").focus()
+        tab.keyboard.press("Space")
+        tab.get_by_role("button", name="Continue").wait_for()
+        assert tab.locator("#status").inner_text().startswith("Paused.")
+        assert tab.locator("#status").get_attribute("aria-live") == "polite"
+        tab.wait_for_timeout(3000)  # a press that is under way is finished
+        held = rows(tmp_path)
+        tab.wait_for_timeout(2500)
+        assert rows(tmp_path) == held
+        audit = tab.evaluate(AUDIT.read_text(encoding="utf-8").partition("\n")[2])
+        assert (audit["nameless"], audit["repeated"]) == ([], [])
+        assert len(audit["contrasts"]) > 20
+        assert [row for row in audit["contrasts"] if row[1] < MIN_CONTRAST] == []
+        pictures = tab.locator("img:visible, svg[role=img]:visible").all()
+        assert all(picture.get_attribute("alt") or picture.get_attribute("aria-label") for picture in pictures)
+        tab.set_viewport_size({"width": 390, "height": 844})
+        tab.wait_for_timeout(300)
+        assert tab.evaluate("document.scrollingElement.scrollWidth") == 390
+        columns = {round(box["x"]) for box in (each.bounding_box() for each in tab.locator("section:visible").all())}
+        assert len(columns) == 1, "a phone shows one column"
+        assert tab.locator("#stop").bounding_box()["height"] >= 40
+        tab.keyboard.press("Space")
+        tab.get_by_role("button", name="Pause").wait_for()
+        until(lambda: rows(tmp_path) > held)
+
+
+def test_watch_shows_a_study_that_is_over_without_buttons(browser: Any, tmp_path: Path) -> None:
+    assert subprocess.run([sys.executable, "-m", "tacbench_cad", "acquire", file_of(tmp_path, 100.0)]).returncode == 0
+    with served("watch", str(tmp_path / "runs")) as address:
+        tab = open_tab(browser, address)
+        tab.locator("#newest").wait_for()
+        tab.locator("#marker-words", has_text="markers found").wait_for()
+        tab.locator("#findings-words", has_text="Nothing is wrong").wait_for()
+        assert tab.locator("#map td").count() == 4
+        assert all(abs(float(text)) <= 1.0 for text in tab.locator("#map td").all_inner_texts())
+        assert tab.locator("#force polyline.old").count() == 8 and tab.locator("#force circle").count() == 8
+        assert tab.locator("#newest").evaluate("image => image.naturalWidth") > 100
+        assert [tab.locator(name).is_visible() for name in ("#buttons", "#question")] == [False, False]
+        tab.get_by_role("link", name="texture-1_paper").click()
+        tab.locator("#counts", has_text="texture-1_paper").wait_for()
+        assert tab.locator("#runs a[aria-current]").inner_text().startswith("texture-1")
+    tab.get_by_role("alert").filter(has_text="The page has lost its connection").wait_for()
