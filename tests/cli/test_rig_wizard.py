@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,6 +24,7 @@ from tacbench_cad.util.errors import InputError
 pytest.importorskip("serial")
 pytest.importorskip("cv2")
 
+EXAMPLES = Path(__file__).parents[2] / "examples" / "rigs"
 BLOCK = ("1", "ender-3", "pla-minus")
 
 
@@ -85,19 +88,39 @@ def test_five_wrong_answers_end_it_with_exit_code_2(
     assert message.splitlines()[-1].startswith("error: answer: is missing: which is the stage?")
 
 
-def test_ports_of_virtual_firmware_are_set_up_like_real_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("machine", "firmware", "limits", "top_mm"),
+    [
+        ("ender-3", {"kind": "marlin", "start_mm": (80.0, 80.0, 60.0)}, "0 200, 0 200, 0 100", 40.0),
+        (
+            "cnc-3018",
+            {"kind": "grbl", "origin": "switch", "start_mm": (-100.0, -100.0, -40.0), "settings": {1: 255.0}},
+            "-199 -1, -199 -1, -99 -1",
+            -60.0,
+        ),
+    ],
+)
+def test_the_files_of_two_machines_are_set_up_at_ports_of_virtual_firmware(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    machine: str,
+    firmware: dict[str, Any],
+    limits: str,
+    top_mm: float,
+) -> None:
     """The stage is identified at its port, the load cell is calibrated, and the press reaches its force."""
     from tacbench_cad.virtual_rig import launch
 
     path, stiffness = tmp_path / "rig.toml", 0.4
-    with launch("marlin", speed=20.0, start_mm=(80.0, 80.0, 60.0)) as virtual:
+    middle = 80.0 if top_mm > 0.0 else -120.0
+    with launch(**firmware, speed=20.0) as virtual:
 
         def calibrate(port: str, file: Path) -> None:
             points = []
             with open_load_cell(port, None, clock=Clock(), options=LoadCellOptions()) as cell:
                 for mass_g in (0.0, 100.0, 200.0):
                     # A spring that is compressed by 1 mm replaces the mass.
-                    virtual.put({"flat_z_mm": 61.0, "n_per_mm": 9.80665e-3 * mass_g})
+                    virtual.put({"flat_z_mm": firmware["start_mm"][2] + 1.0, "n_per_mm": 9.80665e-3 * mass_g})
                     cell.mean(0.2)
                     raw = cell.mean(0.3)
                     point = CalibrationPoint(
@@ -105,19 +128,21 @@ def test_ports_of_virtual_firmware_are_set_up_like_real_ones(tmp_path: Path, mon
                     )
                     points.append(point)
             write_calibration(file, fit(points, date_utc="2026-01-01T00:00:00Z", device=port))
-            virtual.put({"flat_z_mm": 40.0, "n_per_mm": stiffness})
+            virtual.put({"flat_z_mm": top_mm, "n_per_mm": stiffness})
 
         def align(study: Path) -> None:
-            store_keys(study, "stage", {"origin_mm": [80.0, 80.0, 40.0]})
+            store_keys(study, "stage", {"origin_mm": [middle, middle, top_mm]})
 
-        rig_wizard.write_template(path)
+        # The limits are those of the virtual machine, so the wizard asks for them.
+        text = (EXAMPLES / f"{machine}.toml").read_text()
+        path.write_text(re.sub(r"^limits_mm = .*$", "limits_mm = []", text, flags=re.MULTILINE))
         store_keys(path, "sensor", {"driver": "simulated", "exposure": None})
-        limits = "0 200, 200 0, 0 100", "0 200, 0 200, 0 100"
-        typed(monkeypatch, *BLOCK, virtual.port, *limits, virtual.gauge_port, "kilograms", "counts", "", "")
+        answers = (virtual.port, "0 200, 200 0, 0 100", limits, virtual.gauge_port, "kilograms", "counts", "", "")
+        typed(monkeypatch, *BLOCK, *answers)
         rig_wizard.run(path, calibrate, align)
         document = tomllib.loads(path.read_text())
-        assert document["stage"]["driver"] == "marlin"
-        assert document["stage"]["limits_mm"] == [[0.0, 200.0], [0.0, 200.0], [0.0, 100.0]]
+        assert document["stage"]["driver"] == firmware["kind"]
+        assert [f"{low:g} {high:g}" for low, high in document["stage"]["limits_mm"]] == limits.split(", ")
         assert document["gauge"] == {"driver": "serial", "port": virtual.gauge_port, "calibration": "gauge.json"}
         (folder,) = (path for path in (tmp_path / "first-press").iterdir() if path.is_dir())
         (row,) = Run.open(folder).rows
@@ -126,6 +151,20 @@ def test_ports_of_virtual_firmware_are_set_up_like_real_ones(tmp_path: Path, mon
         # Everything is done: the second time, only the blocks have to be put in.
         typed(monkeypatch, "")
         rig_wizard.run(path, no_calibration, no_alignment)
+
+
+@pytest.mark.parametrize("machine", ["ender-3", "cnc-3018"])
+def test_only_values_that_the_user_knows_are_missing_in_the_files_of_machines(tmp_path: Path, machine: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text((EXAMPLES / f"{machine}.toml").read_text())
+    with pytest.raises(
+        InputError, match=r"\[block\] texture, \[block\] printer, \[block\] filament, \[sensor\] exposure"
+    ):
+        read_study(path, teaching=True)
+    store_keys(path, "block", {"texture": "1", "printer": "ender-3", "filament": "petg"})
+    store_keys(path, "sensor", {"exposure": 100})
+    rig = read_study(path, teaching=True).required_rig
+    assert rig.stage.driver == {"ender-3": "marlin", "cnc-3018": "grbl"}[machine]
 
 
 def test_the_first_press_is_careful_whatever_the_study_says() -> None:
