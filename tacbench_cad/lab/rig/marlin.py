@@ -28,18 +28,29 @@ homed first and upwards. With one only at the bottom (as usual on a printer), z 
 raises the sensor by ``home_lift_mm``, then homes x, y and z. Nothing may be below the sensor at that corner.
 
 ``stop()`` sends ``M410``. Motion ends without deceleration. About a second of silence follows, and Marlin would execute
-lines sent during it twice, so the next call waits until it is over. After a stop during homing the position is unknown.
+lines sent during it twice, so the next call waits until it is over. After a stop during homing the position is unknown,
+and most builds halt. If an exception (Ctrl-C) interrupts homing, the driver sends ``M410``, then ``M112``, and adds a
+note to the exception that says whether the firmware has stopped.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
+from collections.abc import Iterator
 from typing import Unpack
 
 from tacbench_cad.lab.rig import marlin_replies as replies
-from tacbench_cad.lab.rig.errors import AlarmError, NotThereError, ProtocolError
-from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
+from tacbench_cad.lab.rig.errors import (
+    AlarmError,
+    DeviceLostError,
+    NoAnswerError,
+    NotThereError,
+    ProtocolError,
+    RigError,
+)
+from tacbench_cad.lab.rig.marlin_link import BAUDS, STILL_HOMING, MarlinLink
 from tacbench_cad.lab.rig.marlin_replies import Place
 from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
 from tacbench_cad.lab.study.spec import Point
@@ -53,6 +64,8 @@ LIFT_MM_S = 5.0
 PART_STEPS = 7
 #: The smallest length of a detour in mm. Answers to ``M114``, with two decimals, can show whether it was possible.
 DETOUR_MM = 0.03
+#: The distance below the upper end of z, in mm, from which a closed end stop is faulty.
+SWITCH_MM = 1.0
 #: The time without motion, in s, after which a build without ``M84`` may have switched its motors off.
 IDLE_S = 60.0
 
@@ -79,6 +92,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._rates_mm_s: Point | None = None
         self._counts = self._settled = False
         self._highest_mm = -math.inf
+        self._home_z_mm: float | None = None
         self._idle_since_s: float | None = None
         with self._opening():
             self._link.greet(self._bauds)
@@ -98,24 +112,23 @@ class MarlinStage(SerialStage[MarlinLink]):
             AlarmError: The firmware halted (an end stop was not found), or homing was stopped.
             RigError: The device is gone or silent, or was reset.
         """
-        self._link.resume()
-        self._link.greet(())
+        self._link.resume(may_reset=True)
         self._link.lost = "homing was not completed"
+        self._link.greet(())
         self._prepare()
         stops = self._link.command("M119")
-        try:
+        self._require_free_switch(stops)
+        with self._stoppable_homing():
             rise = ("G91", f"G1 Z{self._home_lift_mm:.3f} F{60.0 * LIFT_MM_S:.0f}", "G90")
             z_first = any(line.startswith("z_max") for line in stops)
             order = ("G28 Z", "G28 X", "G28 Y") if z_first else (*rise, "G28 X", "G28 Y", "G28 Z")
             for command in (*order, "M400"):
                 self._require(command, self._home_timeout_s)
-        except NotThereError:
-            raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
         place = self._place()
         counted = self._counted(place)
         self._counts = counted is not None
         self._link.lost = ""
-        self._settle_at(counted or place.planned_mm)
+        self._home_z_mm = self._settle_at(counted or place.planned_mm)[2]
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line. The end is proved by ``M400`` and ``M114``.
@@ -163,6 +176,38 @@ class MarlinStage(SerialStage[MarlinLink]):
     def stop(self) -> None:
         """Stop all motion at once. Signal handlers may call this method. Never raises."""
         self._link.stop()
+
+    @contextlib.contextmanager
+    def _stoppable_homing(self) -> Iterator[None]:
+        """Stop homing if the body is interrupted. Marlin would go on even after this program has ended."""
+        try:
+            yield
+        except NotThereError:
+            raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
+        except (DeviceLostError, NoAnswerError) as error:
+            self.stop()
+            raise type(error)(f"{error}; {STILL_HOMING}") from None
+        except RigError:
+            raise
+        except BaseException as error:
+            error.add_note(self._link.stop_homing())
+            raise
+
+    def _require_free_switch(self, stops: list[str]) -> None:
+        """Refuse to home if the end stop at the top of z is closed far below it. Homing would then move down from it.
+
+        Raises:
+            AlarmError: The end stop is closed although the carriage was last seen below it.
+        """
+        if self._last is None or self._home_z_mm is None or not any("z_max: TRIGGERED" in line for line in stops):
+            return
+        below_mm = self._home_z_mm - self._last[2]
+        if below_mm > SWITCH_MM:
+            self._link.lost = "the end stop of z stays closed"
+            raise AlarmError(
+                f"{self._link.name}: {self._link.lost} although the carriage is {below_mm:.1f} mm below it, so homing "
+                "would press the sensor deeper; check the switch and its cable"
+            )
 
     def _start(self) -> Point:
         """Return the position at rest. It is read only if the last move failed; a reset shows in the line numbers."""

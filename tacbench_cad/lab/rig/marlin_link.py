@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 
 from tacbench_cad.lab.rig import marlin_replies as replies
-from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, ProtocolError
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, ProtocolError, RigError
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.serial_stage import Link
@@ -21,6 +22,12 @@ ATTEMPT_S = 1.5
 BANNER_S = 0.3
 #: The silence, in s, after which a line counts as lost. Marlin reports every 2 s that it is busy.
 QUIET_S = 3.0
+#: The longest total wait for a command whose limit restarts with every ``busy``, as a multiple of this limit.
+BUSY_LIMITS = 10.0
+#: The wait, in s, for a sign that homing has stopped: the acknowledgement or a halt.
+HOMING_STOP_S = 3.0
+#: The hint after homing that could not be stopped.
+STILL_HOMING = "homing may still go on, so the carriage may still move: keep clear, or switch the motors off"
 #: The silence after ``M410``, in s. Marlin would execute a command in its first second twice.
 AFTER_STOP_S = 1.5
 #: The largest number of repetitions of one line, since a disturbance may last some seconds.
@@ -36,6 +43,10 @@ NUMBERS = 1000
 
 #: A test of a line.
 Test = Callable[[str], bool] | None
+
+
+def _is_place(line: str) -> bool:
+    return replies.place(line) is not None
 
 
 class _OutOfStepError(Exception):
@@ -79,15 +90,19 @@ class MarlinLink(Link):
                 self.line.set_baud(bauds[attempt // 3 % len(bauds)])
             self.line.write(b"\nM115\n")
 
-        self.firmware = ""
+        names: list[str] = []
         for line in greeting.lines(ask, hint=". A halted board needs a reset"):
             if replies.is_banner(line):
                 self.lost = "opening the port reset the firmware"
                 # The start-up text has many lines, and a question sent meanwhile may be lost.
                 greeting.listen(BANNER_S)
-            self.firmware = self.firmware or replies.firmware(line) or ""
-            greeting.answered = self.firmware != ""
+            name = replies.firmware(line)
+            if name is not None:
+                # Another name may be damaged, so it must come twice.
+                greeting.answered = greeting.answered or name.startswith("Marlin") or name in names
+                names.append(name)
             greeting.unexpected = greeting.unexpected or line[:60]
+        self.firmware = next((name for name in names if name.startswith("Marlin")), names[-1])
         if not self.firmware.startswith("Marlin"):
             raise ProtocolError(f"{self.name}: {self.firmware!r} is not Marlin 2")
         self.renumber()
@@ -101,7 +116,8 @@ class MarlinLink(Link):
         """Agree on new line numbers with the firmware.
 
         Marlin may refuse a garbled ``M110`` because of the old numbers, or acknowledge it as an unknown command.
-        Therefore a first line with the new numbers must prove that they are valid.
+        Therefore a first line with the new numbers must prove that they are valid. Late answers to earlier commands
+        may follow; the position that ``M114`` reports shows where they end.
 
         Raises:
             RigError: The device is silent or gone, was reset or halted, or lines were garbled too often.
@@ -113,6 +129,7 @@ class MarlinLink(Link):
             try:
                 # This command also makes the firmware report every 2 s that it is busy.
                 self._exchange("M113 S2")
+                self._exchange("M114", expecting=_is_place)
             except _OutOfStepError:
                 # The acknowledgement after a refusal must not count as that of the next line.
                 for line in self.line.lines(1.0, quiet_s=0.1):
@@ -127,20 +144,46 @@ class MarlinLink(Link):
         self._stopped_at = time.monotonic()
         self.line.write_now(b"\nM410\n")
 
-    def resume(self) -> None:
-        """Prepare for commands after :meth:`stop` or after an interrupted write: wait, then set new line numbers.
+    def stop_homing(self) -> str:
+        """Stop homing, with ``M410`` or else ``M112``, before this program ends. Never raises.
+
+        Returns:
+            What became of it, for the user.
+        """
+        with contextlib.suppress(RigError):
+            for stop, seconds in ((self.stop, HOMING_STOP_S), (self._halt, 1.0)):
+                stop()
+                for line in self.line.lines(seconds):
+                    if replies.is_halted(line):
+                        return "homing was stopped and the firmware halted; press its reset button"
+                    if replies.is_ok(line):
+                        return "homing was stopped, so the position is unknown"
+        return STILL_HOMING
+
+    def _halt(self) -> None:
+        self.line.write_now(b"\nM112\n")
+
+    def resume(self, *, may_reset: bool = False) -> None:
+        """Prepare for commands after :meth:`stop`, an interrupted write or a command without answer.
+
+        After a stop it waits. Then it sets new line numbers.
+
+        Args:
+            may_reset: Whether a reset is expected; :meth:`greet` must then follow, which sets the line numbers.
 
         Raises:
             RigError: The device is silent or gone, or was reset or halted.
         """
-        if not self.stopping and not self.line.torn:
+        if not (self.stopping or self.line.torn or self.unsure):
             return
         for line in self.line.lines(self._stopped_at + AFTER_STOP_S - time.monotonic()):
-            self._take(line)
+            if not may_reset:
+                self._take(line)
         self.stopping = False
         # This ends a line that was sent only in part. Its checksum cannot be right.
         self.line.write(b"\n")
-        self.renumber()
+        if not may_reset:
+            self.renumber()
 
     def command(
         self, text: str, *, within_s: float = 0.0, limit_s: float | None = None, expecting: Test = None
@@ -148,13 +191,14 @@ class MarlinLink(Link):
         """Send a command and wait for its ``ok``.
 
         A line is repeated if the firmware refuses it, and repeated once if the firmware is silent. A firmware that has
-        already accepted the line does not answer the repetition; its answer to ``M114`` then shows that it works. Every
-        ``busy`` restarts the wait.
+        already accepted the line does not answer the repetition; its answers to ``M114`` and ``M115`` then show that it
+        works. They also show where late answers end: without them, a late ``ok`` would count for the next command.
+        Every ``busy`` restarts the waits.
 
         Args:
             text: The command.
             within_s: The time, in s, that the firmware may work without a message.
-            limit_s: The longest total time in s; None for three waits and the repetitions.
+            limit_s: The longest time in s, from the last ``busy`` if there was one; None for the waits and repetitions.
             expecting: A test of a line that must arrive before the ``ok`` counts.
 
         Returns:
@@ -178,20 +222,23 @@ class MarlinLink(Link):
             _OutOfStepError: The firmware expects a line that was never sent or is too old.
         """
         self._old_lines()
+        if self.stopping:
+            raise NotThereError(f"{self.name}: the motion was stopped on request")
         self._number += 1
         # The command counts as given up until it is acknowledged.
         self._given_up += 1
         framed = replies.framed(self._number, text)
         self.line.write(framed)
         quiet = min(self.timeout_s, QUIET_S) + within_s
-        begun = time.monotonic()
-        until = begun + (limit_s if limit_s is not None else 4.0 * (quiet + self.timeout_s))
+        begun = self.line.now_s()
+        limit = limit_s if limit_s is not None else 4.0 * (quiet + self.timeout_s)
+        until, last = begun + limit, begun + BUSY_LIMITS * limit
         quiet_until = begun + quiet
         lines: list[str] = []
         again: list[bytes] = []
         # The number of pending acknowledgements of other lines: each refusal is also acknowledged.
-        resends, foreign, tried, has_come = 0, 0, 0, expecting is None
-        while (now := time.monotonic()) < until:
+        resends, foreign, tried, has_come, caught_up = 0, 0, 0, expecting is None, True
+        while (now := self.line.now_s()) < min(until, last):
             line = self._take(self.line.read_line(0.05))
             if self.stopping:
                 raise NotThereError(f"{self.name}: the motion was stopped on request")
@@ -199,8 +246,8 @@ class MarlinLink(Link):
                 if now >= quiet_until:
                     if tried == 2:
                         break
-                    self.line.write((framed, b"M114\n")[tried])
-                    tried, quiet_until = tried + 1, now + quiet
+                    self.line.write((framed, b"M114\nM115\n")[tried])
+                    tried, quiet_until, caught_up = tried + 1, now + quiet, tried == 0
                 continue
             quiet_until = now + quiet
             number = replies.resend(line)
@@ -221,13 +268,16 @@ class MarlinLink(Link):
                         self.line.write(data)
                     foreign += len(again[1:]) - 1
                     again = []
-                elif has_come:
+                elif has_come and caught_up:
                     self._previous, self._given_up = framed, 0
                     return lines
-            elif not replies.is_busy(line):
+            elif replies.is_busy(line):
+                until = now + limit
+            else:
+                caught_up = caught_up or replies.firmware(line) is not None
                 has_come = has_come or (expecting is not None and expecting(line))
                 lines.append(line)
-        raise NoAnswerError(f"{self.name}: no answer to {text} within {time.monotonic() - begun:.1f} s")
+        raise NoAnswerError(f"{self.name}: no answer to {text} within {self.line.now_s() - begun:.1f} s")
 
     def _again(self, number: int, text: str, framed: bytes) -> list[bytes]:
         """Return the lines to send when the firmware requests a line: this one, or also the previous one.

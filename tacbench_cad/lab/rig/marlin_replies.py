@@ -68,8 +68,8 @@ def resend(line: str) -> int | None:
 
 
 def is_busy(line: str) -> bool:
-    """Return whether the firmware reports that it is busy."""
-    return "busy:" in line
+    """Return whether the firmware reports that it is working. While it waits for a person, it reports ``paused``."""
+    return "busy: processing" in line
 
 
 def is_banner(line: str) -> bool:

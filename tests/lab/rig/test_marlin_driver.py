@@ -15,7 +15,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from helpers.scripted_marlin import ScriptedMarlin
+from helpers.scripted_marlin import FIRMWARE, ScriptedMarlin
 
 from tacbench_cad.lab.rig import greeting, marlin_link
 from tacbench_cad.lab.rig.errors import (
@@ -334,10 +334,23 @@ def test_trait_19_busy_restarts_the_timeout() -> None:
 
 def test_trait_19_endless_busy_causes_a_timeout() -> None:
     script = ScriptedMarlin()
-    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.5) as stage:
-        script.on[b"G28"] = lambda line: [0.1, b"echo:busy: processing\n"] * 8
-        with pytest.raises(NoAnswerError, match="G28"):
-            stage.home()
+    for busy, pause_s, times in ((b"processing", 0.04, 30), (b"paused for user", 0.04, 10)):
+        script.on[b"G28"] = lambda line, busy=busy, more=(pause_s, times): (
+            [more[0], b"echo:busy: %s\n" % busy] * more[1]
+        )
+        with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.1) as stage:
+            begin = time.monotonic()
+            with pytest.raises(NoAnswerError, match=r"G28.*the carriage may still move"):
+                stage.home()
+            assert 0.1 < time.monotonic() - begin < 1.3
+
+
+def test_trait_19_busy_restarts_the_homing_timeout() -> None:
+    script = ScriptedMarlin()
+    script.on[b"G28"] = lambda line: [*([0.1, b"echo:busy: processing\n"] * 5), *script.obey(line)]
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.3, home_timeout_s=0.3) as stage:
+        stage.home()
+        assert stage.position() == (0.0, 0.0, 100.0)
 
 
 def test_trait_19_both_baud_rates_are_attempted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,6 +383,56 @@ def test_opening_a_port_that_resets_waits_for_the_end_of_the_boot() -> None:
                 stage.position()
             stage.home()
             assert stage.move(THERE, 20.0) == THERE
+
+
+def test_a_banner_whose_lines_come_late_is_one_reset(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(marlin_link, "AFTER_STOP_S", 0.2)
+    script = ScriptedMarlin()
+
+    def slowly(banner: bytes) -> list[bytes | float]:
+        return [part for line in banner.splitlines(keepends=True) for part in (line, 0.05)]
+
+    with opened(script) as stage:
+        script.on[b"M400"] = lambda line: slowly(script.reset())
+        with pytest.raises(PositionLostError, match="was reset"):
+            stage.move(THERE, 20.0)
+        script.on.clear()
+        stage.stop()
+        stage.home()
+        assert stage.move(THERE, 20.0) == THERE
+
+
+def test_a_late_ok_does_not_count_for_the_next_command() -> None:
+    script = ScriptedMarlin()
+    with opened(script, home=False) as stage:
+        # The link repeats the line and asks for the position before the acknowledgement arrives. If a later ok counted
+        # for M119, its answer would be lost, and z would be homed downwards.
+        script.on[b"M203"] = lambda line: [2.2 * TIMEOUT_S, b"ok\n"]
+        script.on[b"M114"] = lambda line: [0.05, script.report(), b"ok\n"]
+        stage.home()
+        assert next(command for command in script.accepted if command.startswith(b"G28")) == b"G28 Z"
+
+
+def test_a_closed_switch_far_below_the_top_prevents_homing() -> None:
+    script = ScriptedMarlin()
+    with opened(script) as stage:
+        script.on[b"M119"] = lambda line: [b"Reporting endstop status\nx_min: open\nz_max: TRIGGERED\nok\n"]
+        stage.home()
+        stage.move(THERE, 20.0)
+        moves = len(script.accepted)
+        with pytest.raises(AlarmError, match=r"95\.0 mm below it, so homing would press the sensor deeper"):
+            stage.home()
+        assert not any(command.startswith(b"G28") for command in script.accepted[moves:])
+        with pytest.raises(PositionLostError, match="stays closed"):
+            stage.position()
+
+
+def test_a_disturbed_name_of_the_firmware_is_asked_for_again() -> None:
+    script = ScriptedMarlin()
+    names = iter([b"FIRMWARE_NAME:Nerlin 2.1.2.7 (x)\nok\n"])
+    script.on[b"M115"] = lambda line: [next(names, FIRMWARE + b"ok\n")]
+    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
+        assert stage.identity.startswith("marlin: Marlin 2.1.2.7")
 
 
 def test_unplugging_in_motion_is_detected() -> None:

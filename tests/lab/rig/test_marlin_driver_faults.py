@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import threading
+import time
 
 import pytest
 
@@ -18,6 +20,7 @@ from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import NotThereError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.process import launch
 
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
@@ -48,6 +51,59 @@ def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
             assert stage.position() == pytest.approx(rig.true_position(), abs=0.05)
             assert stage.position()[0] < 149.0
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
+
+
+def test_every_reply_may_come_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The replies come later than the driver waits before it repeats a line.
+    monkeypatch.setattr(marlin_link, "QUIET_S", 0.05)
+    late_s = (0.02 * SPEED, 0.08 * SPEED)
+    with launch("marlin", speed=SPEED, resets_on_open=False, late_s=late_s) as rig, opener(rig.port) as stage:
+        stage.home()
+        for target in (CENTER, (50.0, 60.0, 69.995)):
+            assert stage.move(target, 50.0) == pytest.approx(target, abs=0.013)
+            assert rig.true_position() == pytest.approx(target, abs=0.03)
+
+
+def interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("emergency_parser", [False, True])
+def test_an_interruption_stops_homing(emergency_parser: bool) -> None:
+    with (
+        launch("marlin", speed=5.0, resets_on_open=False, emergency_parser=emergency_parser) as rig,
+        opener(rig.port) as stage,
+    ):
+        before = signal.signal(signal.SIGALRM, interrupt)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.6)
+            with pytest.raises(KeyboardInterrupt) as caught:
+                stage.home()
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        assert caught.value.__notes__ == ["homing was stopped and the firmware halted; press its reset button"]
+        stopped = rig.true_position()
+        assert stopped[2] < 99.0
+        time.sleep(0.2)
+        assert rig.true_position() == stopped
+
+
+def test_homing_that_cannot_be_stopped_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(marlin_link, "HOMING_STOP_S", 0.3)
+    with launch("marlin", speed=5.0, resets_on_open=False) as rig, opener(rig.port) as stage:
+
+        def cut(*_: object) -> None:
+            rig.inject(Fault(kind="silence", direction="both"))
+            raise KeyboardInterrupt
+
+        before = signal.signal(signal.SIGALRM, cut)
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.6)
+            with pytest.raises(KeyboardInterrupt) as caught:
+                stage.home()
+        finally:
+            signal.signal(signal.SIGALRM, before)
+        assert "the carriage may still move" in caught.value.__notes__[0]
 
 
 #: The seeds garble bytes, silence the line and raise an alarm. The quick tests of the other drivers cover the other
