@@ -94,15 +94,8 @@ def added_volume_mm3(region: OutlinedRegion, height: Height) -> float:
         return float(weight_s @ h @ weight_t)
     if height.fade.inside is None:
         return _along_outline(region, height, partial(_along_s, height))
-    grid: list[Floats] = []
-    step = 1.0
-    for size, finest in zip(height.size_mm, height.surface.highest_frequency, strict=True):
-        shortest = min(math.tau / max(finest, 1e-9), height.fade.length_mm)
-        count = math.ceil(size / shortest * _PER_FADE)
-        middles: Floats = (np.arange(count, dtype=np.float64) + 0.5) * (size / count)
-        grid.append(middles)
-        step *= size / count
-    s, t = grid
+    s, t = (_uniform(height, axis) for axis in (0, 1))
+    step = float((s[1] - s[0]) * (t[1] - t[0]))
     above = (height.grid(s, t) - height.start_mm)[height.fade.inside(s, t)]
     return height.start_mm * _along_outline(region, height, lambda points: points[:, 0]) + float(above.sum()) * step
 
@@ -124,6 +117,13 @@ def _along_outline(region: OutlinedRegion, height: Height, along_s: Callable[[Fl
                 continue
             total += (1.0 if edge.forward else -1.0) * float(weight * slope @ along_s(points))
     return total
+
+
+def _uniform(height: Height, axis: int) -> Floats:
+    """Return the middles of equal intervals along an axis, at least 32, because a fade takes at most half of it."""
+    shortest = min(math.tau / max(height.surface.highest_frequency[axis], 1e-9), height.fade.length_mm)
+    count = math.ceil(height.size_mm[axis] / shortest * _PER_FADE)
+    return np.asarray((np.arange(count) + 0.5) * (height.size_mm[axis] / count), dtype=np.float64)
 
 
 def _along_s(height: Height, points: Floats) -> Floats:

@@ -33,8 +33,12 @@ _BEYOND = 0.05
 _APART = 0.02
 #: The spans on the length of a fade, or on the finest wave, with which the search for a grid begins.
 _SPANS_AT_FIRST = 2.5
+#: The largest number of spans of a sampled patch, approximately. The kernel's volume of larger patches is wrong.
+_MAX_SAMPLED_SPANS = 32
 #: The number of steps of the error test between two neighbouring knots.
 _TEST_STEPS = 3
+#: The factor of the largest measured error, because the error can be a little larger between the tested points.
+_BETWEEN = 1.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +130,7 @@ class Height:
         for distance in self.fade.distances(np.stack([a.ravel(), b.ravel()], axis=1)):
             near = distance < self.fade.length_mm
             part = distance[near] / self.fade.length_mm
-            window[near] *= part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+            window[near] *= part**4 * (35.0 - 84.0 * part + 70.0 * part**2 - 20.0 * part**3)
         return window.reshape(a.shape)
 
     def _along(self, axis: int, at: Floats) -> Floats:
@@ -352,9 +356,11 @@ class SampledField:
             )
             for k in (0, 1)
         ]
-        lines = [lines_along(size[k], max(counts[k], 3 if closed[k] else 1), avoid[k], closed[k]) for k in (0, 1)]
         density = _SPANS_AT_FIRST
         while True:
+            fewest = [math.ceil(size[k] / finest[k] * density / _MAX_SAMPLED_SPANS) for k in (0, 1)]
+            numbers = [max(counts[k], fewest[k], 3 if closed[k] else 1) for k in (0, 1)]
+            lines = [lines_along(size[k], numbers[k], avoid[k], closed[k]) for k in (0, 1)]
             spans = [max(MIN_SPANS, math.ceil(np.diff(lines[k]).max() / finest[k] * density)) for k in (0, 1)]
             axes = [Axis(lines[k], basis(DEGREE, spans[k])) for k in (0, 1)]
             _require_few(axes[0], axes[1], tolerance_mm, False)
@@ -393,7 +399,7 @@ class SampledField:
         off = np.abs((right @ (left @ poles).T).T - self._exact(*tests))
         if self._height.fade.inside is not None:
             off = off[self._height.fade.inside(*tests)]
-        error = float(off.max())
+        error = _BETWEEN * float(off.max())
         values = {
             (i, j): (to_patches[1][j] @ (to_patches[0][i] @ poles).T).T
             for i in range(axes[0].patches)

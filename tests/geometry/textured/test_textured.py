@@ -62,13 +62,16 @@ def largest_error_mm(result: TexturedSolid) -> float:
             if surface.GetType() != GeomAbs_SurfaceType.GeomAbs_BSplineSurface:
                 continue
             s0, s1, t0, t1 = BRepTools.UVBounds_s(face)
-            values = [surface.Value(s, t) for s in np.linspace(s0, s1, 15) for t in np.linspace(t0, t1, 15)]
+            lines = np.linspace(s0, s1, 15), np.linspace(t0, t1, 15)
+            values = [surface.Value(s, t) for s in lines[0] for t in lines[1]]
             points = np.array([(p.X(), p.Y(), p.Z()) for p in values])
             s, t = region.frame.local(points).T
             own = (points - region.frame.origin) @ region.frame.axes.T
             radius = region.frame.radius_mm
             h = own[:, 2] if radius is None else region.frame.side * (np.hypot(own[:, 0], own[:, 1]) - radius)
             inside = (s >= 0.0) & (s <= region.size_mm[0]) & (t >= 0.0) & (t <= region.size_mm[1])
+            if height.fade.inside is not None:
+                inside &= height.fade.inside(*lines).ravel()
             worst = max(worst, float(np.abs(h - height.at(s, t))[inside].max(initial=0.0)))
     return worst
 
