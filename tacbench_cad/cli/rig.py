@@ -14,9 +14,12 @@ from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
     from tacbench_cad.lab.rig.loadcell import LoadCell
     from tacbench_cad.lab.rig.plugged import ListedDriver
+    from tacbench_cad.lab.study.spec import Point
 
 
 @options.group("rig")
@@ -261,14 +264,18 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
     file.
 
+    After an error, Ctrl-C or a lost terminal, the command lifts the stage and ends. It keeps the markers that you have
+    taught in a file beside the study file, and the next call offers to use them.
+
     Examples:
       tacbench rig align study.toml
       tacbench rig align study.toml --tolerance-mm 0.2
     """
     from dataclasses import replace
 
-    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, store_frame
-    from tacbench_cad.lab.rig.errors import OutOfRangeError
+    from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, TaughtMarkers, Teaching, corner_markers, store_frame
+    from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
     from tacbench_cad.lab.rig.reach import require_reach
     from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.lab.study.presses import block_order
@@ -282,20 +289,51 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
     stage, protocol = settings.stage, study.study.protocol
     printed = block_order(study.study)[0].printed
-    with located(f"{study_file}: ", fields="["), open_rig(settings, printed, stage.frame) as opened:
+    markers = corner_markers(protocol.grid)
+    kept = study_file.with_suffix(".align.json")
+    # Without homing, the positions of an earlier session may mean other places.
+    taught = TaughtMarkers.read(kept, markers) if stage.home else ()
+    if taught:
+        shown = counted(len(taught), "marker")
+        question = f"{kept} has {shown} of an interrupted call. Type ok to use them, or Enter to teach all again: "
+        taught = taught if ask_line(question) == "ok" else ()
+
+    def keep(points: Sequence[Point]) -> None:
+        if stage.home:
+            TaughtMarkers(markers=markers, taught_mm=tuple(points)).write(kept)
+
+    with (
+        located(f"{study_file}: ", fields="["),
+        Signals() as signals,
+        open_rig(settings, printed, stage.frame) as opened,
+    ):
         gauge = opened.gauge
         if gauge is not None:
             gauge.tare()
         teaching = Teaching(
             stage=opened.stage,
-            limits_mm=stage.limits_mm,
+            # The driver may have lowered the upper limit, to keep clear of the end stop.
+            limits_mm=getattr(opened.stage, "limits_mm", stage.limits_mm),
             ask=ask_line,
             say=click.echo,
             travel_mm_s=stage.travel_mm_s,
             approach_mm_s=stage.approach_mm_s,
             force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
+            may_home=stage.home,
+            taught=taught,
+            keep=keep,
+            uninterrupted=signals.ignored,
         )
-        fit = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
+        try:
+            fit = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
+        except RunInterruptedError:
+            state = teaching.not_lifted or "the sensor is lifted"
+            hint = f"; the taught markers are in {kept}" if kept.exists() else ""
+            raise KeyboardInterrupt(f"{state}{hint}") from None
+        except RigError as error:
+            if teaching.not_lifted:
+                error.args = (f"{error}; {teaching.not_lifted}",)
+            raise
     origin, turns = fit.frame.origin_mm, fit.frame.quarter_turns
     aligned = replace(stage, origin_mm=origin, quarter_turns=turns)
     try:
@@ -303,6 +341,7 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     except InputError as error:
         raise OutOfRangeError(f"{error}; nothing is stored") from None
     store_frame(study_file, fit.frame)
+    keep(())
     x, y, z = fit.frame.origin_mm
     click.echo(
         f"stored in {study_file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {fit.frame.quarter_turns} quarter turns\n"

@@ -242,6 +242,7 @@ class Signals:
 
     def __init__(self) -> None:
         self._carriage: Carriage | None = None
+        self._ignoring = False
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Signals:
@@ -265,8 +266,19 @@ class Signals:
         finally:
             self._carriage = None
 
+    @contextlib.contextmanager
+    def ignored(self) -> Iterator[None]:
+        """Ignore the signals while the body runs."""
+        self._ignoring = True
+        try:
+            yield
+        finally:
+            self._ignoring = False
+
     def _caught(self, number: int, _: FrameType | None) -> None:
         name = signal.Signals(number).name
+        if self._ignoring:
+            return
         if self._carriage is None:
             raise RunInterruptedError(name)
         self._carriage.interrupt(name)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from tacbench_cad.lab.rig.aligning import (
     FittedFrame,
+    TaughtMarkers,
     Teaching,
     corner_markers,
     fit_frame,
@@ -23,6 +24,7 @@ from tacbench_cad.lab.rig.aligning import (
     parse_step,
     store_frame,
 )
+from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
 from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
@@ -194,7 +196,7 @@ class Person:
 
     def _lines(self) -> Iterator[str]:
         for i, goal in enumerate(self.goals):
-            if i == 4:
+            if i == len(self.goals) - 1:
                 yield "what?"
                 yield "ok"
             yield "hello"
@@ -274,6 +276,62 @@ def test_the_stage_is_lifted_after_an_interruption() -> None:
     with pytest.raises(KeyboardInterrupt):
         teaching(stage, person).frame(Protocol(), Block.of("1", "paper"), 0.3)
     assert stage.here == (60.0, 60.0, 0.0)
+
+
+def test_the_stage_is_homed_if_it_cannot_be_lifted_otherwise() -> None:
+    class Lost(FakeStage):
+        homed = 0
+
+        def home(self) -> None:
+            self.homed += 1
+
+        def position(self) -> Point:
+            raise PositionLostError("the position is unknown")
+
+    for may_home in (False, True):
+        stage = Lost()
+        person = Person(stage, WorkFrame(origin_mm=(80.0, 80.0, -60.0)), Block.of("1", "paper"))
+        dialogue = teaching(stage, person)
+        dialogue.may_home = may_home
+        with pytest.raises(PositionLostError):
+            dialogue.frame(Protocol(), Block.of("1", "paper"), 0.3)
+        assert stage.homed == may_home
+        assert bool(dialogue.not_lifted) != may_home
+
+
+def test_taught_markers_are_kept_and_used_after_an_interruption(tmp_path: Path) -> None:
+    frame, block, path = WorkFrame(origin_mm=(80.5, 79.25, -61.125)), Block.of("1", "paper"), tmp_path / "kept.json"
+    markers = corner_markers(PressGrid.paper())
+
+    def dialogue() -> tuple[Teaching, Person]:
+        stage = FakeStage()
+        person = Person(stage, frame, block)
+        session = teaching(stage, person)
+        session.taught = TaughtMarkers.read(path, markers)
+        session.keep = lambda points: TaughtMarkers(markers=markers, taught_mm=tuple(points)).write(path)
+        return session, person
+
+    session, person = dialogue()
+
+    def interrupt(prompt: str) -> str:
+        if len(TaughtMarkers.read(path, markers)) == 2:
+            raise KeyboardInterrupt
+        return next(person.lines)
+
+    session.ask = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        session.frame(Protocol(), block, 0.3)
+    assert TaughtMarkers.read(path, markers[:3]) == (), "the markers of another jig are not used"
+    session, person = dialogue()
+    assert len(session.taught) == 2
+    person.goals[:2] = []
+    fit = session.frame(Protocol(), block, 0.3)
+    assert fit.frame.origin_mm[:2] == pytest.approx(frame.origin_mm[:2], abs=1e-4)
+    session, person = dialogue()
+    person.lines = iter(["quit"])
+    with pytest.raises(InputError, match="nothing is stored"):
+        session.frame(Protocol(), block, 0.3)
+    assert not path.exists()
 
 
 def test_a_step_beyond_the_limits_is_refused_and_the_dialogue_continues() -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import json
+import signal
 import sys
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from subprocess import PIPE, Popen
 from types import SimpleNamespace
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -354,6 +356,46 @@ def test_align_stores_nothing_unless_it_succeeds(
         run("align", str(path))
     assert path.read_text() == STUDY
     assert stage.here[2] == 0.0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows")
+@pytest.mark.parametrize(
+    "name", ["SIGHUP", *(pytest.param(name, marks=pytest.mark.long) for name in ("SIGTERM", "SIGINT"))]
+)
+def test_a_signal_lifts_the_stage_and_keeps_the_taught_markers(tmp_path: Path, name: str) -> None:
+    """GRBL's default build has the switch of z at 0. With this seed, a lift to 0 would close it."""
+    from tacbench_cad.virtual_rig import launch
+
+    path = tmp_path / "study.toml"
+    with launch("grbl", speed=100.0, origin="switch", seed=4) as rig:
+        text = STUDY.replace('"P"', f'"{rig.port}"').replace("[[0, 200], [0, 200]", "[[-200, 0], [-200, 0]")
+        path.write_text(text.replace('driver = "serial"\nport = "Q"', 'driver = "simulated"'))
+        command = [sys.executable, "-m", "tacbench_cad", "rig", "align", str(path)]
+        with Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True) as align:
+            assert align.stdin is not None and align.stdout is not None and align.stderr is not None
+            for typed_line, prompt in (("x 20 y 20", "marker 1 "), ("z -2", "-1.000 mm"), ("ok", "-3.000 mm")):
+                wait_for(align.stdout, prompt)
+                align.stdin.write(typed_line + "\n")
+                align.stdin.flush()
+            wait_for(align.stdout, "-1.000 mm")
+            align.stdin.write("z -2\n")
+            align.stdin.flush()
+            wait_for(align.stdout, "-3.000 mm")
+            align.send_signal(getattr(signal, name))
+            assert align.wait(timeout=10.0) == 130
+            message = align.stderr.read()
+        assert rig.true_position()[2] == pytest.approx(-1.0, abs=0.01)
+    kept = tmp_path / "study.align.json"
+    assert message == f"error: interrupted; the sensor is lifted; the taught markers are in {kept}\n"
+    assert json.loads(kept.read_text())["taught_mm"] == [[-179.0, -179.0, -3.0]]
+
+
+def wait_for(stream: IO[str], text: str) -> None:
+    shown = ""
+    while text not in shown:
+        letter = stream.read(1)
+        assert letter, shown
+        shown += letter
 
 
 @pytest.mark.parametrize(
