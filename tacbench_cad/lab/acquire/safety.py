@@ -39,8 +39,12 @@ class RunInterruptedError(KeyboardInterrupt):
         self.saved = self.planned = 0
 
     def __str__(self) -> str:
+        saved = f"{self.saved} of {counted(self.planned, 'press')} are saved"
+        if getattr(self, "__notes__", ()):
+            # The note says what became of the stage, whose homing was interrupted.
+            return saved
         sensor = "the sensor is lifted" if self.lifted else "the sensor was NOT lifted: lift it by hand"
-        return f"{sensor}; {self.saved} of {counted(self.planned, 'press')} are saved"
+        return f"{sensor}; {saved}"
 
 
 @dataclass(eq=False)

@@ -6,7 +6,7 @@ import pytest
 from helpers.fakes import FakeStage
 from helpers.rigs import LIMITS, small_protocol
 
-from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.reach import require_reach, travel_height_mm
 from tacbench_cad.lab.study.spec import HolderRim, Protocol, WorkFrame
@@ -84,3 +84,10 @@ def test_positions_must_be_within_the_stage_in_every_slot() -> None:
     limits = ((0.0, 100.0), LIMITS[1], LIMITS[2])
     with pytest.raises(InputError, match=r"limits_mm x = \[0\.0, 100\.0\]: slot 1 needs -23\.000 to -18\.000 mm"):
         require_reach(small_protocol(), HolderRim(), (turned,), limits)
+
+
+def test_an_interruption_of_homing_does_not_claim_that_the_sensor_is_lifted() -> None:
+    error = RunInterruptedError("SIGINT")
+    assert str(error) == "the sensor is lifted; 0 of 0 presses are saved"
+    error.add_note("homing was stopped, so the position is unknown")
+    assert str(error) == "0 of 0 presses are saved"
