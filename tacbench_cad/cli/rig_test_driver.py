@@ -120,7 +120,7 @@ def _checked(
         elif kind == "gauge":
             settings = from_plain(GaugeSettings, {"driver": driver, **table}, "[gauge] ")
         else:
-            device = {key: table.pop(key) for key in ("device",) if key in table}
+            device = {key: table.pop(key) for key in ("device", "colour_order") if key in table}
             settings = from_plain(SensorSettings, {"driver": driver, **device, "options": table}, "[sensor] ")
         simulated = f"stage ({driver})" if driver.startswith("virtual-") else ""
         try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -22,6 +22,7 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.convert import Bounds, from_plain, to_plain
+from tacbench_cad.util.errors import InputError
 
 #: The number of frames that a driver may buffer: four on Linux, and one that is being filled.
 _BUFFERED = 5
@@ -35,6 +36,8 @@ _OLDEST_S = 60.0
 _GLITCHES = 2
 #: The number of frames from which the frame period is measured when the camera is opened.
 _PACE_FRAMES = 12
+#: The settings that must not change by themselves during a run.
+_LOCKED = ("exposure", "gain", "white_balance", "focus")
 #: The allowed relative difference between a requested and an actual setting. Cameras round to their own steps.
 _CLOSE = 0.01
 
@@ -55,20 +58,20 @@ class CameraOptions:
     """The options of a camera in ``[sensor]``.
 
     Args:
-        exposure: The exposure in the camera's own unit (usually 0.1 ms on Linux). It is required, since with automatic
-            exposure the brightness would change with the contact.
+        exposure: The exposure in the camera's own unit (usually 0.1 ms on Linux). It is required for a camera without a
+            driver of its own, since with automatic exposure the brightness would change with the contact.
         width: The width of a frame in pixels.
         height: The height of a frame in pixels.
         fps: Frames per second; None for the camera's default.
         focus: The focus in the camera's own unit; None for a lens that is focused by hand.
         gain: The gain in the camera's own unit; None leaves it unchanged.
-        white_balance: The colour temperature in kelvin; None leaves it unchanged.
+        white_balance: The colour temperature in kelvin; None keeps the present one.
         colour: Whether frames are (height, width, 3) or grey (height, width).
         dark_counts: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
         blur_px: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
     """
 
-    exposure: float
+    exposure: float | None = None
     width: Annotated[int, Bounds(8, 20_000)] = 640
     height: Annotated[int, Bounds(8, 20_000)] = 480
     fps: float | None = None
@@ -96,6 +99,8 @@ class CameraSensor(Closing):
     Args:
         device: The camera's stable name, or its number if the system has no stable names.
         options: The settings of the camera.
+        name: The camera, for people and for ``run.json``; None for the name of the device.
+        extra: Other settings by their names: the number of OpenCV's property and the requested value.
         opener: Opens the device; tests pass their own.
         now_s: Returns the real time in seconds, never decreasing.
 
@@ -111,14 +116,17 @@ class CameraSensor(Closing):
         device: str,
         options: CameraOptions,
         *,
+        name: str | None = None,
+        extra: Mapping[str, tuple[int, float]] | None = None,
         opener: Opener | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.name = f"camera {device}"
+        self.name = name or f"camera {device}"
         self.shape: tuple[int, ...] = (options.height, options.width, 3)[: 3 if options.colour else 2]
         self._device = device
         self._options = options
         self._now_s = now_s
+        self._extra = dict(extra or {})
         self._previous: NDArray[Any] | None = None
         self._capture: Capture | None = (opener or open_capture)(device)
         try:
@@ -127,10 +135,12 @@ class CameraSensor(Closing):
                     f"{self.name}: cannot be opened; check that it is plugged in and not in use by another program"
                 )
             self.settings: dict[str, Any] = {
-                "requested": {**options.requested, "colour": options.colour},
+                "requested": {**self._requested, "colour": options.colour},
                 "actual": self._configure(self._capture),
                 "limits": to_plain(options.limits),
             }
+            present = {setting: self._capture.get(_PROPERTIES[setting]) for setting in _LOCKED}
+            self._locked = {setting: value for setting, value in present.items() if value not in (0.0, -1.0)}
             self._period_s = self._pace()
             self.read()
         except BaseException:
@@ -149,7 +159,8 @@ class CameraSensor(Closing):
 
         Raises:
             DeviceLostError: The camera no longer delivers frames.
-            SensorError: The frames are dark, blurred or stuck, or have another size.
+            SensorError: The frames are dark, blurred or stuck, or have another size, or the camera has changed one of
+                its settings by itself.
         """
         faults: tuple[str, ...] = ()
         for _ in range(1 + _GLITCHES):
@@ -157,6 +168,7 @@ class CameraSensor(Closing):
             faults = frame_faults(image, self._previous, self._options.limits)
             self._previous = image
             if not faults:
+                self._require_unchanged()
                 return image
         raise SensorError(f"{self.name}: {_GLITCHES + 1} frames in a row are {' and '.join(faults)}; {_help(faults)}")
 
@@ -219,39 +231,66 @@ class CameraSensor(Closing):
             raise DeviceLostError(f"{self.name}: is closed")
         return self._capture
 
-    def _configure(self, capture: Capture) -> dict[str, float]:
-        """Apply the requested settings and read them back.
+    def _require_unchanged(self) -> None:
+        """Check the settings that were locked when the camera was opened.
+
+        Raises:
+            SensorError: The camera has changed a setting by itself.
+        """
+        for setting, value in self._locked.items():
+            now = self._open.get(_PROPERTIES[setting])
+            if not abs(now - value) <= _CLOSE * abs(value):
+                shown = setting.replace("_", " ")
+                raise SensorError(
+                    f"{self.name}: the {shown} was {value:g} and is now {now:g}; the camera or another program changed "
+                    f"it. Set [sensor] {setting} to a fixed value, and close other programs that use the camera"
+                )
+
+    @property
+    def _requested(self) -> dict[str, float]:
+        return {**self._options.requested, **{name: value for name, (_, value) in self._extra.items()}}
+
+    def _configure(self, capture: Capture) -> dict[str, Any]:
+        """Switch automatic controls off, apply the requested settings and read them back.
 
         Returns:
-            The settings that the device reports.
+            The settings that the device reports. ``automatic`` lists the controls that it does not switch off.
 
         Raises:
             SensorError: The device reports another value.
         """
-        requested = self._options.requested
+        requested = self._requested
+        properties = {**_PROPERTIES, **{name: prop for name, (prop, _) in self._extra.items()}}
         for prop, off, setting in _AUTOMATISMS:
-            if setting in requested:
+            if setting != "focus" or setting in requested:
                 capture.set(prop, off)
         for setting, value in requested.items():
-            capture.set(_PROPERTIES[setting], value)
+            capture.set(properties[setting], value)
         # OpenCV's return value only tells that the request was sent. Only the value that is read back counts.
-        actual = {setting: float(capture.get(_PROPERTIES[setting])) for setting in requested}
+        actual: dict[str, Any] = {setting: float(capture.get(properties[setting])) for setting in requested}
         for setting, value in requested.items():
             if not abs(actual[setting] - value) <= _CLOSE * abs(value):
                 raise SensorError(
                     f"{self.name}: {setting} = {value:g} was requested, but the device has {actual[setting]:g}; choose "
                     "a value that the device supports, or omit the setting if the device does not have it"
                 )
+        automatic = []
         for prop, off, setting in _AUTOMATISMS:
             state = float(capture.get(prop))
             # A device without this automatic control returns 0 or -1.
-            if setting in requested and state not in (off, 0.0, -1.0):
+            if state in (off, 0.0, -1.0):
+                continue
+            if setting in requested:
                 raise SensorError(
                     f"{self.name}: automatic {setting.replace('_', ' ')} cannot be switched off ({state:g})"
                 )
+            automatic.append(setting)
         if "focus" not in requested and float(capture.get(_AUTOFOCUS)) == 1.0:
             raise SensorError(f"{self.name}: the focus is automatic; set [sensor] focus to a fixed value")
-        return actual
+        for setting in _LOCKED:
+            if setting not in actual and (present := float(capture.get(_PROPERTIES[setting]))) not in (0.0, -1.0):
+                actual[setting] = present
+        return actual | ({"automatic": automatic} if automatic else {})
 
     def _pace(self) -> float:
         """Return the frame period in s: the measured one, or the camera's own value if that is longer."""
@@ -272,6 +311,10 @@ def open_camera(settings: SensorSettings, opener: Opener | None = None) -> Camer
         RigError: The camera fails.
     """
     options = from_plain(CameraOptions, settings.options, "[sensor] ")
+    if options.exposure is None:
+        raise InputError(
+            "[sensor] exposure", None, "is missing; a fixed exposure is required, in the camera's own unit"
+        )
     return CameraSensor(chosen_camera(settings.device), options, opener=opener)
 
 

@@ -19,7 +19,7 @@ from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context, Driver, Kind
-from tacbench_cad.lab.rig.sensor import Frame, Sensor
+from tacbench_cad.lab.rig.sensor import Frame, Sensor, SwappedColours
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import GaugeSettings, Point, SensorSettings, StageSettings
@@ -113,7 +113,7 @@ def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
         RigError: The sensor fails, does not accept a setting, or sends invalid frames.
     """
     sensor: Sensor = open_device("sensor", settings, Context(clock=clock, taken=taken))
-    return sensor
+    return SwappedColours(sensor) if settings.colour_order == "rgb" else sensor
 
 
 def find_driver(kind: Kind, word: str) -> Driver:

@@ -36,6 +36,10 @@ OWN: Mapping[Kind, Mapping[str, str]] = {
     "gauge": {"serial": "tacbench_cad.lab.rig.drivers:SERIAL"},
     "sensor": {
         "opencv": "tacbench_cad.lab.rig.drivers:OPENCV",
+        "digit": "tacbench_cad.lab.rig.usb_sensors:DIGIT",
+        "gelsight-mini": "tacbench_cad.lab.rig.usb_sensors:GELSIGHT_MINI",
+        "raspberry-pi": "tacbench_cad.lab.rig.raspberry_pi_camera:DRIVER",
+        "genicam": "tacbench_cad.lab.rig.genicam:DRIVER",
         "taxels": "tacbench_cad.lab.rig.drivers:TAXELS",
     },
 }

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.stage import Device
+from tacbench_cad.lab.rig.stage import Closing, Device
 
 #: One image or array of a sensor.
 Frame = NDArray[Any]
@@ -47,3 +47,26 @@ def is_image(frame: Frame) -> bool:
     if frame.dtype != np.uint8 or frame.ndim not in (2, 3):
         return False
     return min(frame.shape[:2]) >= 8 and (frame.ndim == 2 or frame.shape[2] == 3)
+
+
+class SwappedColours(Closing):
+    """A sensor whose driver delivers images in the order red, green, blue.
+
+    Args:
+        sensor: The sensor.
+    """
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._sensor = sensor
+        self.name, self.units, self.shape, self.simulated = sensor.name, sensor.units, sensor.shape, sensor.simulated
+        requested = {**sensor.settings.get("requested", {}), "colour_order": "rgb"}
+        self.settings: dict[str, Any] = {**sensor.settings, "requested": requested}
+
+    def read(self) -> Frame:
+        """See :class:`Sensor`. The image is in the order blue, green, red."""
+        frame = self._sensor.read()
+        return np.ascontiguousarray(frame[..., ::-1]) if is_image(frame) and frame.ndim == 3 else frame
+
+    def close(self) -> None:
+        """See :class:`Sensor`."""
+        self._sensor.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +23,7 @@ from tacbench_cad.lab.vision.region import REGION_FILE, SURE, Region
 from tacbench_cad.lab.vision.resting import found_region, region_of
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import read_bytes
-from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
 
@@ -38,7 +38,7 @@ class Finding:
     Args:
         kind: ``missing``, ``extra``, ``duplicate``, ``unreadable``, ``dark``, ``blurred``, ``saturated``,
             ``brightness``, ``flicker``, ``drift``, ``moved``, ``stuck``, ``checksum``, ``shape``, ``gap``, ``row``,
-            ``torn``, ``slip`` or ``record``.
+            ``torn``, ``slip``, ``record`` or ``camera``.
         where: The file, relative to the run folder, or the part of the protocol.
         text: The fault, as the end of a sentence that begins with ``where``.
     """
@@ -116,6 +116,7 @@ def check_run(
     check.frames(workers or os.cpu_count() or 1, progress)
     empty = check.print_record()
     check.parameters()
+    check.camera()
     return RunReport(
         folder=folder,
         name=run.info.printed.name,
@@ -296,6 +297,17 @@ class _Check:
                 self.run.parameters(name)
             except InputError:
                 self.add("unreadable", name, "is not valid JSON")
+
+    def camera(self) -> None:
+        """Look for automatic controls that the camera did not switch off."""
+        actual = self.run.info.sensor.get("settings", {}).get("actual", {})
+        automatic = actual.get("automatic", ()) if isinstance(actual, Mapping) else ()
+        for control in automatic if isinstance(automatic, list) else ():
+            shown = one_line(str(control).replace("_", " "), 40)
+            text = (
+                f"says that the automatic {shown} of the camera was on, so that frames may change without the contact"
+            )
+            self.add("camera", schema.RUN_FILE, text)
 
 
 def _cut(folder: Path, kind: type[Any]) -> int:

@@ -309,9 +309,9 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
     if gauge.calibration is not None:
         gauge = replace(gauge, calibration=str(folder / gauge.calibration))
-    # All keys except driver and device are settings of the driver.
+    # All other keys are settings of the driver.
     values = dict(document.sensor or {})
-    own = {key: values.pop(key) for key in ("driver", "device") if key in values}
+    own = {key: values.pop(key) for key in ("driver", "device", "colour_order") if key in values}
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
     if gauge.port == "virtual" and not stage.is_virtual:
         raise InputError("[gauge] port", gauge.port, "works only with a virtual stage; give the port of your load cell")

@@ -449,7 +449,9 @@ class SensorSettings(_Device):
 
     Args:
         driver: A name that ``tacbench rig drivers`` lists, ``simulated`` or ``module:name``.
-        device: The stable name of the camera or the port.
+        device: The stable name of the camera or the port, or the serial number of the sensor.
+        colour_order: The order of the colours in which the driver delivers images; ``bgr`` for our drivers. Images are
+            always stored in the order blue, green, red.
         options: The driver's own settings: exposure, focus, width and height of a camera; columns and baud rate of
             taxels; keyword arguments of a ``module:name``.
     """
@@ -458,6 +460,7 @@ class SensorSettings(_Device):
     VIRTUAL = ("simulated",)
     driver: str
     device: str | None = None
+    colour_order: Literal["bgr", "rgb"] = "bgr"
     options: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -302,7 +302,7 @@ def test_a_grey_camera_returns_the_requested_shape(fake: FakeCapture) -> None:
 )
 def test_wrong_settings_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        from_plain(CameraOptions, options, "[sensor] ")
+        open_camera(SensorSettings(driver="opencv", options=options))
 
 
 # --- names of cameras ---

@@ -35,7 +35,7 @@ def test_the_project_registers_our_drivers_by_entry_points() -> None:
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in GROUPS for name in OWN[kind]])
 def test_each_of_our_drivers_can_be_loaded_and_describes_itself(kind: registry.Kind, name: str) -> None:
     driver = find_driver(kind, name)
-    assert isinstance(driver, Driver) and driver.summary and driver.install.startswith("pip install")
+    assert isinstance(driver, Driver) and driver.summary and "install" in driver.install
 
 
 def test_a_class_of_another_package_is_a_driver_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

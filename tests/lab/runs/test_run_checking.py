@@ -67,6 +67,13 @@ def _double(folder: Path) -> None:
     path.write_text(path.read_text() + path.read_text().splitlines(keepends=True)[3])
 
 
+def _automatic(folder: Path) -> None:
+    path = folder / "run.json"
+    document = json.loads(path.read_text())
+    document["sensor"]["settings"]["actual"]["automatic"] = ["white_balance"]
+    path.write_text(json.dumps(document))
+
+
 def _folder_for_image(folder: Path) -> None:
     path = folder / "sensor_images" / "image_3.png"
     path.unlink()
@@ -123,6 +130,7 @@ CASES: dict[str, tuple[Callable[[Path], object], list[tuple[str, str]]]] = {
         lambda folder: (folder / "print.toml").write_text('photos = ["top.jpg"]'),
         [("record", "print.toml")],
     ),
+    "automatic control of the camera": (_automatic, [("camera", "run.json")]),
     "no parameters": (lambda folder: (folder / "env_params.json").unlink(), [("missing", "env_params.json")]),
     "broken parameters": (
         lambda folder: (folder / "env_params.json").write_text("{"),
