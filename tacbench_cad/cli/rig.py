@@ -45,9 +45,15 @@ def command() -> None:
     options.INPUT,
     multiple=True,
 )
+@options.option(
+    "--study",
+    options.file("FILE.toml"),
+    "Compare the settings of the firmware with the limits and speeds of this study file.",
+    options.INPUT,
+)
 @options.json
-def probe(ask: tuple[str, ...], json: bool) -> None:
-    """List serial ports and cameras.
+def probe(ask: tuple[str, ...], study: Path | None, json: bool) -> None:
+    """List serial ports and cameras, and check the settings of a firmware.
 
     Write the listed names into the study file. They stay the same when you unplug a device and plug it in again.
 
@@ -55,24 +61,32 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
     stage then loses its position. The command never sends anything that moves the stage. It opens each camera for a
     moment to read its image size.
 
+    If a named port has a stage with GRBL or grblHAL, the command lists the settings of its firmware. It says which
+    ones to change and why. It changes nothing itself.
+
     Examples:
       tacbench rig probe
       tacbench rig probe --ask /dev/serial/by-id/usb-1a86_USB_Serial-if00-port0
+      tacbench rig probe --ask /dev/ttyUSB0 --study my-rig.toml
       tacbench rig probe --json
     """
     from tacbench_cad.lab.rig.ports import candidates
     from tacbench_cad.lab.rig.probing import identify, plugged_cameras
+    from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.util.convert import to_plain
 
+    stage = None if study is None else read_study(study, teaching=True).required_rig.stage
     ports = candidates()
     answers = {}
     for port in ask:
         note(f"asking {port}; if no device answers, this takes half a minute")
-        answers[port] = identify(port)
+        answers[port] = identify(port, stage)
     cameras = plugged_cameras()
     if json:
         listed = [{name: value for name, value in to_plain(port).items() if name != "hardware"} for port in ports]
-        print_json({"ports": listed, "asked": answers, "cameras": to_plain(cameras)})
+        asked = {port: answer.identity for port, answer in answers.items()}
+        settings = {port: to_plain(answer.settings) for port, answer in answers.items() if answer.settings}
+        print_json({"ports": listed, "asked": asked, "settings": settings, "cameras": to_plain(cameras)})
         return
     if ports:
         rows = [(port.name, port.device, port.description) for port in ports]
@@ -85,7 +99,13 @@ def probe(ask: tuple[str, ...], json: bool) -> None:
         print_table("Cameras", ("name", "size"), zip(names, sizes, strict=True))
     else:
         print_lines("No camera with a stable name is plugged in.")
-    print_lines(*(f"{port}: {answer}" for port, answer in answers.items()))
+    for port, answer in answers.items():
+        print_lines(f"{port}: {answer.identity}")
+        if answer.settings:
+            checked = [(each.name, each.value, each.meaning, each.change, each.reason) for each in answer.settings]
+            print_table("Settings of the firmware", ("setting", "value", "meaning", "send", "why"), checked)
+            changes = sum(bool(each.change) for each in answer.settings)
+            print_lines(f"{counted(changes, 'setting')} to change" if changes else "No setting must be changed.")
     print_next("acquire", "--init", "study.toml")
 
 

@@ -87,8 +87,12 @@ def _stage(path: Path) -> None:
 
 def _driver(port: str) -> str:
     note(f"asking {port}; if no device answers, this takes half a minute")
-    identity = identify(port)
+    answer = identify(port)
+    identity = answer.identity
     note(identity)
+    for setting in answer.settings:
+        if setting.change:
+            note(f"send {setting.change} with a serial terminal, because {setting.reason}")
     driver = identity.partition(":")[0]
     if driver not in ("grbl", "marlin"):
         raise InputError(port, identity, "is not a stage with GRBL or Marlin; check the cable and the baud rate")
@@ -108,7 +112,7 @@ def _gauge(path: Path, calibrate: Callable[[str, Path], None]) -> None:
             store_keys(path, "protocol", {"contact": "depth", "touch": "sensor"})
             return
         note(f"asking {port}")
-        note(identify(port))
+        note(identify(port).identity)
         store_keys(path, "gauge", {"port": port})
     port = _table(path, "gauge")["port"]
     if port == _PRACTICE or _table(path, "gauge").get("calibration"):

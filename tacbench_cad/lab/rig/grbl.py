@@ -36,10 +36,11 @@ from tacbench_cad.lab.rig.errors import (
     ProtocolError,
     RigError,
 )
+from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings
 from tacbench_cad.lab.rig.grbl_link import ANSWER_S, HOLD, RESET, GrblLink
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, StageSettings
 
 #: The baud rate of the port.
 BAUD = 115200
@@ -71,6 +72,7 @@ class GrblStage(SerialStage[GrblLink]):
         port: The path, name or pyserial URL of the port.
         tolerance_mm: The allowed distance of a coordinate from its target, in mm; None for half a motor step plus the
             rounding of the report.
+        checks_settings: Whether settings with which the sensor must not press are refused.
         options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`.
 
     Attributes:
@@ -79,10 +81,17 @@ class GrblStage(SerialStage[GrblLink]):
     Raises:
         InputError: The port cannot be opened.
         NoAnswerError: The device does not answer.
-        ProtocolError: The device is not GRBL 1.1, or it reports inches.
+        ProtocolError: The device is not GRBL 1.1, reports inches, or switches its motors off at rest.
     """
 
-    def __init__(self, port: str, *, tolerance_mm: float | None = None, **options: Unpack[SerialOptions]) -> None:
+    def __init__(
+        self,
+        port: str,
+        *,
+        tolerance_mm: float | None = None,
+        checks_settings: bool = True,
+        **options: Unpack[SerialOptions],
+    ) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
         self._stopping = self._homing = False
         self._home_z_mm: float | None = None
@@ -91,13 +100,8 @@ class GrblStage(SerialStage[GrblLink]):
             self.identity = f"grbl: {self._link.firmware} at {port}"
             self._look_around()
             self.settings = self._link.settings()
-            if self.settings.get(13, 0.0) != 0.0:
-                raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")
-            if (delay_ms := self.settings.get(1, ALWAYS_ON)) != ALWAYS_ON:
-                raise ProtocolError(
-                    f"{self._link.name}: switches its motors off {delay_ms:g} ms after each move ($1={delay_ms:g}), so "
-                    f"the sensor would press without power; send it $1={ALWAYS_ON} once with a serial terminal"
-                )
+            if checks_settings:
+                self._require_settings()
             self._tolerance_mm = tuple(tolerance_mm or self._resolution(axis) for axis in range(3))
 
     def home(self) -> None:
@@ -183,22 +187,42 @@ class GrblStage(SerialStage[GrblLink]):
         self._stopping = True
         self._line.write_now(RESET if self._homing else HOLD)
 
+    def checked_settings(self, stage: StageSettings | None = None) -> tuple[FirmwareSetting, ...]:
+        """Compare the firmware's settings with those of a press rig, and with a study's ``[stage]`` if given."""
+        return grbl_settings(self.settings, counts_from_switch=self._counts_from_switch, stage=stage)
+
+    def _require_settings(self) -> None:
+        """Refuse settings with which the sensor must not press.
+
+        Raises:
+            ProtocolError: The firmware reports inches, or switches its motors off at rest.
+        """
+        if self.settings.get(13, 0.0) != 0.0:
+            raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")
+        if (delay_ms := self.settings.get(1, ALWAYS_ON)) != ALWAYS_ON:
+            raise ProtocolError(
+                f"{self._link.name}: switches its motors off {delay_ms:g} ms after each move ($1={delay_ms:g}), so "
+                f"the sensor would press without power; send it $1={ALWAYS_ON} once with a serial terminal"
+            )
+
+    @property
+    def _counts_from_switch(self) -> bool | None:
+        """Whether a coordinate is 0 at the switch, and not after homing (a build with the option Z); None: unknown."""
+        return None if self._link.options is None else "Z" not in self._link.options
+
     @property
     def top_mm(self) -> float:
         """The highest z in mm that the stage reaches without closing the end stop of z."""
         pull_off_mm = self.settings.get(27, 1.0)
         is_upwards = not int(self.settings.get(23, 0.0)) & 4
         has_limits = self.settings.get(21, 0.0) != 0.0
-        # A build with the option Z counts from the position after homing, others from the switch.
-        counts_from_switch = self._link.options is not None and "Z" not in self._link.options
-        return -pull_off_mm if is_upwards and has_limits and counts_from_switch else math.inf
+        return -pull_off_mm if is_upwards and has_limits and self._counts_from_switch else math.inf
 
     @property
     def travel_mm(self) -> tuple[tuple[float, float] | None, ...]:
         """The lowest and highest coordinate that the firmware's soft limits allow; None for an axis without them."""
-        if self.settings.get(20, 0.0) == 0.0 or self._link.options is None:
+        if self.settings.get(20, 0.0) == 0.0 or self._counts_from_switch is None:
             return (None, None, None)
-        counts_upwards = "Z" in self._link.options
         ranges: list[tuple[float, float] | None] = []
         for axis in range(3):
             travel_mm = self.settings.get(130 + axis)
@@ -206,7 +230,9 @@ class GrblStage(SerialStage[GrblLink]):
             if travel_mm is None:
                 ranges.append(None)
             else:
-                ranges.append((0.0, travel_mm) if counts_upwards and homes_downwards else (-travel_mm, 0.0))
+                ranges.append(
+                    (0.0, travel_mm) if homes_downwards and not self._counts_from_switch else (-travel_mm, 0.0)
+                )
         return tuple(ranges)
 
     @contextmanager

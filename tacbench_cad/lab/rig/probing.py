@@ -1,15 +1,18 @@
-"""A list of connected devices: the sizes of cameras, and the answer of a serial port."""
+"""A list of connected devices: the sizes of cameras, and the answer of a serial port with its firmware's settings."""
 
 from __future__ import annotations
 
 import contextlib
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 
 from tacbench_cad.lab.rig.camera_devices import STABLE_FOLDERS, Opener, cameras, open_capture
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, HasSettings
 from tacbench_cad.lab.rig.samples import parse_numbers
+from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError, TacbenchError
 from tacbench_cad.util.text import counted
 
@@ -56,7 +59,20 @@ def plugged_cameras(opener: Opener = open_capture) -> tuple[PluggedCamera, ...]:
     return tuple(plugged)
 
 
-def identify(port: str) -> str:
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """The answer of a port.
+
+    Args:
+        identity: The device, for the user.
+        settings: The settings of a stage's firmware; none for other devices.
+    """
+
+    identity: str
+    settings: tuple[FirmwareSetting, ...] = ()
+
+
+def identify(port: str, stage: StageSettings | None = None) -> Answer:
     """Find out which device is at a port. Opening a port restarts many boards, so only named ports are opened.
 
     The function first reads the port at the usual baud rates, since gauges and taxels send samples unrequested. Then it
@@ -64,9 +80,7 @@ def identify(port: str) -> str:
 
     Args:
         port: The path, name or pyserial URL of the port.
-
-    Returns:
-        A text for the user.
+        stage: The table ``[stage]`` of a study file, with which the settings of a firmware are compared.
 
     Raises:
         InputError: The port does not exist.
@@ -76,16 +90,17 @@ def identify(port: str) -> str:
 
     description = _listen(port)
     if description is not None:
-        return description
-    for stage in (GrblStage, MarlinStage):
+        return Answer(identity=description)
+    for factory in (partial(GrblStage, checks_settings=False), MarlinStage):
         try:
-            with stage(port, clock=Clock(), timeout_s=_ANSWER_S) as device:
-                return device.identity
+            with factory(port, clock=Clock(), timeout_s=_ANSWER_S) as device:
+                checked = device.checked_settings(stage) if isinstance(device, HasSettings) else ()
+                return Answer(identity=device.identity, settings=checked)
         except InputError:
             raise
         except TacbenchError:
             continue
-    return "sends no samples and answers neither as GRBL nor as Marlin"
+    return Answer(identity="sends no samples and answers neither as GRBL nor as Marlin")
 
 
 def _listen(port: str) -> str | None:

@@ -24,11 +24,12 @@ from tacbench_cad.lab.rig.aligning import highest_point_mm
 from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, OutOfRangeError
+from tacbench_cad.lab.rig.firmware_settings import grbl_settings
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.rig.ports import Candidate
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
-from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, WorkFrame
+from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, StageSettings, WorkFrame
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 Capture = pytest.CaptureFixture[str]
@@ -189,9 +190,10 @@ class Camera:
 def plugged(monkeypatch: Patch) -> list[str]:
     probed: list[str] = []
 
-    def answer(port: str) -> str:
+    def answer(port: str, stage: StageSettings | None = None) -> probing.Answer:
         probed.append(port)
-        return "grbl: 1.1h"
+        settings = grbl_settings({1: 25.0, 22: 1.0, 23: 3.0}, counts_from_switch=True, stage=stage)
+        return probing.Answer(identity="grbl: 1.1h", settings=settings)
 
     monkeypatch.setattr(ports, "candidates", lambda: [PORT])
     monkeypatch.setattr(probing, "cameras", lambda folders: ("/dev/v4l/by-id/usb-C-video-index0",))
@@ -214,6 +216,28 @@ def test_probe_contacts_the_named_ports(plugged: list[str], capsys: Capture) -> 
     assert document["asked"] == {"P1": "grbl: 1.1h", "P2": "grbl: 1.1h"} and plugged == ["P1", "P2"]
     assert document["ports"][0]["name"] == PORT.name
     assert document["cameras"] == [{"name": "/dev/v4l/by-id/usb-C-video-index0", "size_px": [640, 480]}]
+
+
+def test_probe_lists_the_settings_of_a_firmware_and_what_to_change(
+    plugged: list[str], tmp_path: Path, capsys: Capture, monkeypatch: Patch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    run("probe", "--ask", "P1", "--study", str(path))
+    out = capsys.readouterr().out
+    assert "$1=255" in out and "the sensor must not press without power" in out
+    assert "but this build allows only" in out or "longer than the travel" in out
+    assert "settings to change" in out
+    run("probe", "--ask", "P1", "--json")
+    settings = json.loads(capsys.readouterr().out)["settings"]["P1"]
+    assert settings[0] == {
+        "name": "$1",
+        "value": "25",
+        "meaning": "time until the motors lose their power, in ms; 255: never",
+        "change": "$1=255",
+        "reason": "the sensor must not press without power",
+    }
 
 
 def test_probe_without_devices(monkeypatch: Patch, capsys: Capture) -> None:
@@ -435,9 +459,13 @@ def test_align_refuses_invalid_tolerances_and_studies_without_a_rig(tmp_path: Pa
 def test_firmware_and_gauge_are_identified(kind: str) -> None:
     from tacbench_cad.virtual_rig.process import launch
 
-    with launch(kind, speed=20.0) as virtual:
-        assert probing.identify(virtual.port).startswith(f"{kind}: ")
-        assert "sends samples of 1 number" in probing.identify(virtual.gauge_port)
+    options = {"settings": {1: 25}} if kind == "grbl" else {}
+    with launch(kind, speed=20.0, **options) as virtual:
+        answer = probing.identify(virtual.port)
+        assert answer.identity.startswith(f"{kind}: ")
+        if kind.startswith("grbl"):
+            assert [setting.change for setting in answer.settings if setting.change] == ["$1=255"]
+        assert "sends samples of 1 number" in probing.identify(virtual.gauge_port).identity
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
@@ -451,6 +479,6 @@ def test_a_silent_port_is_not_an_error(monkeypatch: Patch) -> None:
     monkeypatch.setattr("tacbench_cad.lab.rig.grbl.GrblStage", silent)
     monkeypatch.setattr("tacbench_cad.lab.rig.marlin.MarlinStage", silent)
     master, slave = os.openpty()
-    assert probing.identify(os.ttyname(slave)) == "sends no samples and answers neither as GRBL nor as Marlin"
+    assert probing.identify(os.ttyname(slave)).identity == "sends no samples and answers neither as GRBL nor as Marlin"
     os.close(master)
     os.close(slave)

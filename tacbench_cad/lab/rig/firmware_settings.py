@@ -1,0 +1,131 @@
+"""Settings of a stage's firmware, compared with what a press rig and its study file need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from tacbench_cad.lab.study.spec import StageSettings
+
+#: The coarsest step of the z axis, in mm, that reaches the paper's narrowest force band.
+COARSEST_Z_MM = 0.005
+#: The acceleration, in mm/s^2, below which short steps take much longer than their speed explains.
+SLOW_MM_S2 = 50.0
+#: GRBL's own steps per mm, which few machines have.
+GRBL_STEPS_PER_MM = 250.0
+#: The smallest distance by which homing should move away from a switch, in mm.
+MIN_PULL_OFF_MM = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirmwareSetting:
+    """One setting of a firmware.
+
+    Args:
+        name: Its name in the firmware: ``$1``, ``M211``.
+        value: Its value, as text.
+        meaning: What it sets, with the unit.
+        change: The command that sets the needed value. Empty: nothing needs to be changed.
+        reason: Why it should be changed, or what to check by hand; empty if it is right.
+    """
+
+    name: str
+    value: str
+    meaning: str
+    change: str = ""
+    reason: str = ""
+
+
+@runtime_checkable
+class HasSettings(Protocol):
+    """A stage whose firmware lists its settings."""
+
+    def checked_settings(self, stage: StageSettings | None = None) -> tuple[FirmwareSetting, ...]:
+        """Compare the firmware's settings with those of a press rig, and with a study's ``[stage]`` if given."""
+
+
+def grbl_settings(
+    values: Mapping[int, float], *, counts_from_switch: bool | None, stage: StageSettings | None = None
+) -> tuple[FirmwareSetting, ...]:
+    """Compare the settings of GRBL or grblHAL with those of a press rig.
+
+    Args:
+        values: The numbered settings.
+        counts_from_switch: Whether the coordinates count from the switches, as in GRBL's default build, or from the
+            position after homing; None if unknown.
+        stage: The table ``[stage]`` of the study file, if there is one.
+    """
+    rows: list[FirmwareSetting] = []
+
+    def add(number: int, meaning: str, *, change: str = "", reason: str = "") -> None:
+        value = values.get(number)
+        shown = "unknown" if value is None else f"{value:g}"
+        rows.append(FirmwareSetting(name=f"${number}", value=shown, meaning=meaning, change=change, reason=reason))
+
+    def require(number: int, meaning: str, is_right: bool, needed: float, reason: str) -> None:
+        if is_right:
+            add(number, meaning)
+        else:
+            add(number, meaning, change=f"${number}={needed:g}", reason=reason)
+
+    for number, (meaning, needed, reason) in _GRBL_NEEDS.items():
+        require(number, meaning, values.get(number) == needed, needed, reason)
+    inverted, pull_off_mm = int(values.get(23, 0.0)), values.get(27, 0.0)
+    upwards = "z must be homed upwards, because homing lifts the sensor after an alarm"
+    require(23, "directions of homing", not inverted & 4, inverted & ~4, upwards)
+    clear = "the switches must be open after homing"
+    require(27, "distance from the switches after homing, in mm", pull_off_mm >= MIN_PULL_OFF_MM, 1.0, clear)
+    for axis, letter in enumerate("xyz"):
+        reason = _steps_reason(axis, values.get(100 + axis, 0.0))
+        add(100 + axis, f"motor steps per mm of {letter}", reason=reason)
+    for axis, letter in enumerate("xyz"):
+        needed = 0.0 if stage is None else 60.0 * stage.travel_mm_s
+        slow = f"moves are slower than [stage] travel_mm_s, {needed:g} mm/min; raise it if the motor can do it"
+        is_slow = values.get(110 + axis, 0.0) < needed
+        add(110 + axis, f"largest speed of {letter}, in mm/min", reason=slow if is_slow else "")
+    for axis, letter in enumerate("xyz"):
+        is_slow = values.get(120 + axis, 0.0) < SLOW_MM_S2
+        slow = "short steps take long; raise it to 100 if the motor can do it"
+        add(120 + axis, f"acceleration of {letter}, in mm/s2", reason=slow if is_slow else "")
+    for axis, letter in enumerate("xyz"):
+        travel_mm = values.get(130 + axis, 0.0)
+        reason = _limits_reason(axis, travel_mm, pull_off_mm, counts_from_switch, stage)
+        add(130 + axis, f"travel of {letter}, in mm", reason=reason)
+    return tuple(rows)
+
+
+#: The meaning, the needed value and the reason of settings that have one right value.
+_GRBL_NEEDS: Mapping[int, tuple[str, float, str]] = {
+    1: ("time until the motors lose their power, in ms; 255: never", 255, "the sensor must not press without power"),
+    13: ("reports in inches", 0, "the driver needs millimetres"),
+    22: ("homing", 1, "the position is unknown without homing; send this before $20"),
+    20: ("soft limits", 1, "a wrong target must not reach an end of the travel"),
+    21: ("end stops stop every move", 1, "a motor that lost steps must not run into the frame of the machine"),
+}
+
+
+def _steps_reason(axis: int, steps_per_mm: float) -> str:
+    """Return what to check about the steps per mm of an axis."""
+    if steps_per_mm == GRBL_STEPS_PER_MM:
+        return "this is GRBL's default; move 50 mm and measure the distance"
+    if axis == 2 and 0.0 < steps_per_mm < 1.0 / COARSEST_Z_MM:
+        return f"a step of {1000.0 / steps_per_mm:.1f} micrometres is too coarse for the lightest force"
+    return ""
+
+
+def _limits_reason(
+    axis: int, travel_mm: float, pull_off_mm: float, counts_from_switch: bool | None, stage: StageSettings | None
+) -> str:
+    """Return how limits_mm of an axis disagree with the travel; empty if they agree or are unknown."""
+    if stage is None:
+        return ""
+    low, high = stage.limits_mm[axis]
+    shown = f"[stage] limits_mm of {'xyz'[axis]} are [{low:g}, {high:g}]"
+    if high - low > travel_mm:
+        return f"{shown}, longer than the travel; enter the real travel here or shorten the limits"
+    if counts_from_switch and not -travel_mm <= low <= high <= 0.0:
+        return f"{shown}, but this build allows only {-travel_mm:g} to 0"
+    if counts_from_switch and axis == 2 and high > -pull_off_mm:
+        return f"{shown}; the end stop closes at 0, so end them at {-pull_off_mm:g}"
+    return ""

@@ -1,0 +1,67 @@
+"""Test the comparison of a firmware's settings with those that a press rig needs."""
+
+from __future__ import annotations
+
+import pytest
+
+from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings
+from tacbench_cad.lab.study.spec import StageSettings
+
+#: The settings of a CNC machine after a fresh installation of GRBL 1.1h.
+DEFAULTS = {
+    1: 25, 10: 1, 13: 0, 20: 0, 21: 0, 22: 0, 23: 0, 27: 1, 100: 250, 101: 250, 102: 250, 110: 500, 111: 500, 112: 500,
+    120: 10, 121: 10, 122: 10, 130: 200, 131: 200, 132: 200,
+}  # fmt: skip
+PREPARED = {
+    **DEFAULTS, 1: 255, 20: 1, 21: 1, 22: 1, 23: 3, 100: 800, 101: 800, 102: 1600, 110: 1200, 111: 1200, 112: 1200,
+    120: 100, 121: 100, 122: 100, 132: 45,
+}  # fmt: skip
+LIMITS = ((-199.0, -1.0), (-199.0, -1.0), (-44.0, -1.0))
+
+
+def checked(values: dict[int, float], limits: tuple[tuple[float, float], ...] = LIMITS) -> dict[str, FirmwareSetting]:
+    stage = StageSettings(driver="grbl", limits_mm=limits)  # type: ignore[arg-type]
+    return {row.name: row for row in grbl_settings(values, counts_from_switch=True, stage=stage)}
+
+
+def test_a_fresh_grbl_needs_four_changes() -> None:
+    rows = checked(dict(DEFAULTS))
+    assert [row.change for row in rows.values() if row.change] == ["$1=255", "$22=1", "$20=1", "$21=1"]
+    assert all(rows[f"${number}"].reason.startswith("this is GRBL's default") for number in (100, 101, 102))
+    assert "1200 mm/min" in rows["$110"].reason and "short steps" in rows["$122"].reason
+    assert set(rows) == {f"${number}" for number in DEFAULTS if number != 10}
+
+
+def test_a_prepared_grbl_needs_none() -> None:
+    assert [row for row in checked(dict(PREPARED)).values() if row.change or row.reason] == []
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "change"), [(23, 7, "$23=3"), (27, 0.1, "$27=1"), (13, 1, "$13=0"), (21, 0, "$21=1")]
+)
+def test_wrong_settings_have_a_command_and_a_reason(number: int, value: float, change: str) -> None:
+    row = checked({**PREPARED, number: value})[f"${number}"]
+    assert row.change == change and row.reason
+
+
+@pytest.mark.parametrize(
+    ("limits", "axis", "reason"),
+    [
+        (((0.0, 200.0), *LIMITS[1:]), 0, "this build allows only -200 to 0"),
+        ((*LIMITS[:2], (-44.0, 0.0)), 2, "the end stop closes at 0, so end them at -1"),
+        ((*LIMITS[:2], (-60.0, -1.0)), 2, "longer than the travel"),
+    ],
+)
+def test_limits_are_compared_with_the_travel(limits: tuple[tuple[float, float], ...], axis: int, reason: str) -> None:
+    rows = checked(dict(PREPARED), limits)
+    assert reason in rows[f"${130 + axis}"].reason
+    assert sum(bool(row.reason) for row in rows.values()) == 1
+
+
+def test_a_coarse_z_axis_is_named() -> None:
+    assert "10.0 micrometres is too coarse" in checked({**PREPARED, 102: 100})["$102"].reason
+
+
+def test_settings_that_the_firmware_does_not_list_are_unknown() -> None:
+    rows = {row.name: row for row in grbl_settings({}, counts_from_switch=None)}
+    assert rows["$1"].value == "unknown" and rows["$1"].change == "$1=255"
