@@ -53,7 +53,7 @@ def command() -> None:
 )
 @options.json
 def probe(ask: tuple[str, ...], study: Path | None, json: bool) -> None:
-    """List serial ports and cameras, and check the settings of a firmware.
+    """List ports and cameras, and check firmware settings.
 
     Write the listed names into the study file. They stay the same when you unplug a device and plug it in again.
 
