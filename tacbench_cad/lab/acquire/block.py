@@ -17,7 +17,7 @@ from tacbench_cad.lab.acquire.safety import Carriage, Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
-from tacbench_cad.lab.rig.errors import ContactError, NotReachedError, SensorError, SlipError
+from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, NotReachedError, SensorError, SlipError
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
@@ -145,7 +145,7 @@ class _BlockSession:
                 self._reference_if_due(press)
                 self._press(press)
                 self._check_position_if_due(press)
-        except ContactError as error:
+        except (ContactError, ForceLimitError) as error:
             self._check_position_after(error)
             raise
         self._check_position("end")
@@ -203,12 +203,22 @@ class _BlockSession:
                 "then run the command again to make these presses again"
             )
 
-    def _check_position_after(self, contact: ContactError) -> None:
-        """Check the position after the sensor met something unexpectedly. Without a measurement, it counts as wrong."""
+    def _check_position_after(self, contact: ContactError | ForceLimitError) -> None:
+        """Check the position at the end stops after the sensor met something unexpectedly.
+
+        If the stage cannot measure it, the position counts as wrong after a force where the sensor should be free.
+        After a force above the hard limit, which can have other causes, the presses stay unchecked.
+
+        Raises:
+            SlipError: The position was wrong.
+        """
         if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
             return
+        self.carriage.lift()
         time_utc = datetime.now(UTC)
         error = PositionError(offset_mm=self.carriage.home_again(), height_change_mm=None)
+        if error.offset_mm is None and isinstance(contact, ForceLimitError):
+            return
         wrong = error.offset_mm is None or error.exceeds(self.protocol.slip_mm)
         aside = self.run.position_check("contact", error.offset_mm, None, not wrong, time_utc)
         if wrong:

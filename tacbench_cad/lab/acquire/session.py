@@ -14,6 +14,7 @@ from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.runs.info import RunInfo
@@ -130,6 +131,8 @@ def acquire_study(
             for place in tray:
                 if opened is None:
                     opened = devices.enter_context(opener(rig, place.printed, place.frame))
+                    if rig.stage.home and study.protocol.home_every:
+                        require_repeatable_homing(opened.stage, study.protocol.slip_mm)
                 else:
                     opened.put(place.printed, place.frame)
                 info, heights = place.info(**opened.info), taught[place.slot]

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
-from tacbench_cad.lab.rig.errors import ContactError
+from tacbench_cad.lab.rig.errors import ContactError, SlipError
+from tacbench_cad.lab.rig.stage import Stage, home_again, measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import Row
 from tacbench_cad.lab.simulate.contact import DomeContact
@@ -129,6 +130,29 @@ class PositionError:
         elif self.height_change_mm is not None:
             parts.append(f"a repeated press ended {self.height_change_mm:+z.2f} mm from its first height")
         return "; ".join(parts)
+
+
+def require_repeatable_homing(stage: Stage, allowed_mm: float) -> None:
+    """Home a stage that was just homed once more, and compare the two homings, if the stage can do so.
+
+    An end stop that closes too early, even for an instant, ends homing at a wrong place. The first moves of a run go
+    there without any force being read.
+
+    Args:
+        stage: The stage.
+        allowed_mm: The largest allowed difference on each axis.
+
+    Raises:
+        SlipError: The two homings differ.
+        RigError: The stage failed.
+    """
+    offset = home_again(stage) if measures_offset(stage) else None
+    if offset is not None and any(abs(error) > allowed_mm for error in offset):
+        x, y, z = offset
+        raise SlipError(
+            f"two homings differ by {x:z.2f}, {y:z.2f} and {z:z.2f} mm in x, y and z: an end stop has closed too early "
+            "or a motor has slipped; check the end stops and their cables, then run the command again"
+        )
 
 
 def position_error(

@@ -27,6 +27,7 @@ from contextlib import contextmanager, suppress
 from typing import Unpack
 
 from tacbench_cad.lab.rig import grbl_replies as replies
+from tacbench_cad.lab.rig import switches
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
@@ -94,7 +95,7 @@ class GrblStage(SerialStage[GrblLink]):
     ) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
         self._stopping = self._homing = False
-        self._home_z_mm: float | None = None
+        self._home_mm: Point | None = None
         with self._opening():
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"
@@ -142,7 +143,51 @@ class GrblStage(SerialStage[GrblLink]):
             raise PositionLostError(f"{self._link.name}: answered ok to homing but did not home; home it first")
         self._line.torn = False
         self._link.lost = ""
-        self._last, self._home_z_mm = at, at[2]
+        self._last = self._home_mm = at
+
+    def home_offset_mm(self) -> Point | None:
+        """Measure how wrong the position is, and home. See :func:`tacbench_cad.lab.rig.stage.home_again`.
+
+        The carriage moves to the place where homing ended, and from there to each switch in small steps. Homing has
+        found the switch at the pull-off distance (``$27``). The firmware's own limits (``$20``, ``$21``) forbid this,
+        so they are switched off meanwhile. The end of a report names the closed switches (``Pn:``).
+
+        Raises:
+            RigError: The device is gone or silent, was reset, or homing failed.
+        """
+        offset = None
+        if self._home_mm is not None and not self._link.lost:
+            limits = [number for number in (20, 21) if self.settings.get(number)]
+            try:
+                for number in limits:
+                    self._link.set(number, 0.0)
+                offset = self._offset_at_switches(self._home_mm)
+            finally:
+                for number in limits:
+                    with suppress(RigError):
+                        self._link.set(number, self.settings[number])
+        self.home()
+        return offset
+
+    def _offset_at_switches(self, home_mm: Point) -> Point:
+        x, y, _ = self.position()
+        self.move((x, y, home_mm[2]), switches.WAY_MM_S)
+        self.move(home_mm, switches.WAY_MM_S)
+        offsets = []
+        for axis in (2, 0, 1):
+            towards = -1 if int(self.settings.get(23, 0.0)) >> axis & 1 else 1
+
+            def closed_at(coordinate_mm: float, axis: int = axis) -> bool:
+                target = [*home_mm]
+                target[axis] = coordinate_mm
+                self.move((target[0], target[1], target[2]), switches.SEARCH_MM_S)
+                return "XYZ"[axis] in self._link.status().pins
+
+            switch_mm = home_mm[axis] + towards * self.settings.get(27, 1.0)
+            offsets.append(switches.offset_at_switch(closed_at, switch_mm, towards))
+            self.move(home_mm, switches.WAY_MM_S)
+        z, x, y = offsets
+        return (x, y, z)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line. The move is finished when ``Idle`` at the target is reported.
@@ -262,9 +307,9 @@ class GrblStage(SerialStage[GrblLink]):
         Raises:
             AlarmError: The end stop of z is closed although the carriage was last seen below it.
         """
-        if self._last is None or self._home_z_mm is None:
+        if self._last is None or self._home_mm is None:
             return
-        below_mm = self._home_z_mm - self._last[2]
+        below_mm = self._home_mm[2] - self._last[2]
         if below_mm > 2.0 * self.settings.get(27, 1.0) and "Z" in self._link.status().pins:
             self._link.lost = "the end stop of z stays closed"
             raise AlarmError(

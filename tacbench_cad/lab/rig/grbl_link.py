@@ -157,6 +157,29 @@ class GrblLink(Link):
                         break
         raise ProtocolError(f"{self.name}: does not list its settings; it sent {lines[-1]!r} after $$")
 
+    def set(self, number: int, value: float) -> None:
+        """Change a numbered setting, while the stage is at rest.
+
+        Raises:
+            RigError: The firmware refuses the setting, is silent or gone, or was reset.
+        """
+        answer: str | Status | None = ""
+        for _ in range(READINGS):
+            self.line.write(f"\n${number}={value:g}\n".encode("ascii"))
+            until = self.line.now_s() + self.timeout_s
+            # The empty line is answered by an ok of its own.
+            confirmations = 0
+            while (left := until - self.line.now_s()) > 0.0:
+                answer = self.next(left)
+                if answer is None:
+                    raise self.silence()
+                confirmations += answer == "ok"
+                if confirmations == 2:
+                    return
+                if isinstance(answer, str) and replies.error(answer) is not None:
+                    break
+        raise ProtocolError(f"{self.name}: did not accept ${number}={value:g}; it sent {answer!r}")
+
     def request(self) -> None:
         """Send a status request, without waiting for the report.
 

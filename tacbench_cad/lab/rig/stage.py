@@ -91,6 +91,11 @@ def home_again(stage: Stage) -> Point | None:
     return (x, y, z)
 
 
+def measures_offset(stage: Stage) -> bool:
+    """Return whether a stage has the optional method ``home_offset_mm()``."""
+    return hasattr(stage.stage if isinstance(stage, LimitedStage) else stage, "home_offset_mm")
+
+
 class LimitedStage(Closing):
     """A stage with limits. It refuses targets beyond them before any command is sent.
 

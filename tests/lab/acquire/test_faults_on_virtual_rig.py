@@ -14,7 +14,7 @@ from helpers.rigs import small_protocol
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.errors import RigError
+from tacbench_cad.lab.rig.errors import ContactError, RigError, SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import StudyFile, virtual_study
@@ -128,6 +128,23 @@ def test_an_alarm_on_grbl_lifts_the_sensor(tmp_path: Path, monkeypatch: pytest.M
     error, trial = try_fault("virtual-grbl", Fault(kind="alarm"), 1.0, tmp_path, monkeypatch)
     assert error is not None
     assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.messages)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_slip_on_grbl_is_found_and_its_presses_are_made_again(
+    axis: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = short_file("virtual-grbl")
+    file = replace(file, study=replace(file.study, protocol=replace(file.study.protocol, home_every=4)))
+    with pytest.raises((SlipError, ContactError)):
+        Trial(file, Fault(kind="slip", axis=axis, mm=-0.3), 0.0).run(tmp_path, monkeypatch)
+    folder = tmp_path / file.study.blocks[0].printed.name
+    assert [row.number for row in Run.open(folder).rows] in ([1], [1, 2])
+    Trial(file, None, 0.0).run(tmp_path, monkeypatch)
+    run = Run.open(folder)
+    assert sorted(row.number for row in run.rows) == [1, 2, 3, 4]
+    assert run.position_checks[-2].ok and run.position_checks[-2].covers_all_axes
 
 
 #: Faults after which the program cannot lift the sensor: the port is gone or stays silent.

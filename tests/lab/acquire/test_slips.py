@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from helpers.rigs import FakeRig, info_of, small_protocol
+from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
 from helpers.slips import PROTOCOL, Trial, slipping
 
 from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.safety import Signals
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.slips import HeightWatch
 from tacbench_cad.lab.rig.errors import SlipError
 from tacbench_cad.lab.runs.checking import check_run
@@ -64,6 +66,25 @@ def test_a_wrong_first_homing_is_found_after_the_first_press(tmp_path: Path) -> 
     session()
     for row in Run.open(tmp_path).rows:
         assert row.measured_force_n == pytest.approx(rig.plate.force_n(row.pose_mm), abs=0.02)
+
+
+def test_an_end_stop_that_closes_too_early_is_found_before_the_first_move(tmp_path: Path) -> None:
+    rig = FakeRig()
+    rig.stage.measures_offset = True
+    rig.stage.true = (0.0, 0.0, 19.15)
+    study = study_of(small_protocol(home_every=50, repeats=1, stationary_frames=1), 1)
+
+    def session() -> None:
+        person = Typing(lambda _: "", lambda _: None)
+        acquire_study(
+            study, rig_settings(), tmp_path, person=person, progress=Silent(), durable=False, opener=rig.opener
+        )
+
+    with pytest.raises(SlipError, match=r"two homings differ by 0\.00, 0\.00 and -0\.85 mm"):
+        session()
+    assert len(rig.stage.path) == 2, "it was only homed"
+    session()
+    assert len(Run.open(tmp_path / printed().name).rows) == 8
 
 
 def test_an_interrupted_setting_aside_is_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

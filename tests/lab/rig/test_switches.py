@@ -1,0 +1,69 @@
+"""Test the measurement of the position at the end stops: on ideal switches, and with the virtual GRBL."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+
+import pytest
+
+from tacbench_cad.lab.acquire.slips import require_repeatable_homing
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import AlarmError, SlipError
+from tacbench_cad.lab.rig.grbl import GrblStage
+from tacbench_cad.lab.rig.switches import offset_at_switch
+from tacbench_cad.virtual_rig.faults import Fault
+from tacbench_cad.virtual_rig.process import launch
+
+
+@pytest.mark.parametrize("towards", [1, -1])
+@pytest.mark.parametrize("error_mm", [0.0, 0.2, -0.2, 0.45, 3.0, 30.0, -0.5, -4.0])
+def test_the_error_of_the_position_is_measured(error_mm: float, towards: int) -> None:
+    visited = []
+
+    def closed_at(coordinate_mm: float) -> bool:
+        visited.append(towards * coordinate_mm)
+        # The carriage is nearer to the switch than reported by error_mm.
+        return towards * (coordinate_mm + towards * error_mm) >= towards * 50.0
+
+    offset = offset_at_switch(closed_at, 50.0, towards)
+    # Beyond these limits only the sign and a lower bound are known.
+    assert towards * offset == pytest.approx(max(-0.6, min(error_mm, 20.0)), abs=0.011 if error_mm < 20.0 else 10.0)
+    assert max(visited) <= towards * 50.0 + 0.61
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+@pytest.mark.parametrize("origin", ["pull-off", "switch"])
+def test_grbl_measures_a_slip_of_any_axis(origin: str) -> None:
+    options = {} if origin == "pull-off" else {"origin": "switch"}
+    clock = Clock(speed=100.0)
+    with launch("grbl", speed=100.0, **options) as virtual, GrblStage(virtual.port, clock=clock) as stage:
+        stage.home()
+        x, y, _ = stage.position()
+        assert stage.home_offset_mm() == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
+        for axis, by_mm in (("x", 0.2), ("y", -0.25), ("z", -0.3)):
+            stage.move((x + 30.0, y + 20.0, -20.0), 20.0)
+            virtual.inject(Fault(kind="slip", axis=axis, mm=by_mm))
+            offset = stage.home_offset_mm()
+            assert offset == pytest.approx([by_mm if name == axis else 0.0 for name in "xyz"], abs=0.03)
+        assert stage.home_offset_mm() == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
+        assert stage.settings[20] == stage.settings[21] == 1
+        assert stage._link.settings() == stage.settings, "the firmware's limits are on again"
+
+
+@pytest.mark.long
+def test_an_end_stop_of_grbl_that_closes_for_an_instant_is_noticed() -> None:
+    wrong = 0
+    for delay_s in (2.4, 2.5, 2.6, 2.7, 2.8):
+        with launch("grbl", speed=10.0) as virtual, GrblStage(virtual.port, clock=Clock(speed=10.0)) as stage:
+            virtual.inject(Fault(kind="switch", axis="z", at_s=virtual.now_s() + delay_s, seconds=0.15))
+            with suppress(AlarmError):
+                stage.home()
+                error = virtual.true_position()[2] - stage.position()[2]
+                wrong += abs(error) > 0.1
+                if abs(error) > 0.1:
+                    with pytest.raises(SlipError, match="two homings differ by"):
+                        require_repeatable_homing(stage, 0.1)
+                else:
+                    require_repeatable_homing(stage, 0.1)
+    assert wrong > 0
