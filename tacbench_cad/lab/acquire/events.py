@@ -46,7 +46,7 @@ class ProgressFile(PressProgress):
         self._stream: BinaryIO | None = None
 
     def start(self, study: Study, saved: int) -> None:
-        """See :class:`PressProgress`. The file of the last session is replaced."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`. The file of the last session is replaced."""
         path = self.out / PROGRESS_FILE
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
@@ -54,27 +54,27 @@ class ProgressFile(PressProgress):
         self.write("start", blocks=len(study.blocks), planned=study.presses, saved=saved, session=os.urandom(8).hex())
 
     def begin(self, name: str, done: int, total: int) -> None:
-        """See :class:`PressProgress`."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
         self.write("begin", run=name, done=done, total=total)
 
     def before(self, press: Press, check: Callable[[], None]) -> None:
-        """See :class:`PressProgress`."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
         self.write("press", number=press.number, position=press.position, level=press.force_level)
 
     def felt(self, z_mm: float, force_n: float) -> None:
-        """See :class:`PressProgress`."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
         self._append(f'{{"event":"felt","z":{z_mm:.4f},"n":{force_n:.5f}}}\n'.encode())
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
-        """See :class:`PressProgress`."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
         self.write("pressed", done=done)
 
     def end(self) -> None:
-        """See :class:`PressProgress`."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
         self.write("end")
 
     def say(self, message: str) -> None:
-        """See :class:`PressProgress`."""
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
         self.write("say", text=message)
 
     def write(self, event: str, **values: Any) -> None:
