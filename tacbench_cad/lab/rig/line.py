@@ -14,6 +14,7 @@ import contextlib
 import errno
 import math
 import os
+import re
 import select
 import time
 from collections.abc import Iterator
@@ -103,6 +104,26 @@ class Line(Closing):
                 left = until - self.now_s()
                 if not self._receive(min(max(left, 0.0), WAIT_S)) and left <= 0.0:
                     return None
+
+    def match(self, pattern: re.Pattern[bytes], timeout_s: float) -> str | None:
+        """Return the first text that fits a pattern, or None if none arrived in time. Everything before it is dropped.
+
+        Args:
+            pattern: The pattern of an answer that no end of line ends.
+            timeout_s: The longest wait in s.
+
+        Raises:
+            DeviceLostError: The port is gone.
+        """
+        until = self.now_s() + timeout_s
+        while (found := pattern.search(self._buffer)) is None:
+            left = until - self.now_s()
+            if not self._receive(min(max(left, 0.0), WAIT_S)) and left <= 0.0:
+                return None
+            del self._buffer[:-MAX_LINE]
+        text = found[0].decode("ascii", errors="replace")
+        del self._buffer[: found.end()]
+        return text
 
     def lines(self, seconds: float, quiet_s: float = math.inf) -> Iterator[str]:
         """Yield the lines that arrive within a time. It ends earlier after a silence of ``quiet_s``.

@@ -33,7 +33,12 @@ OWN: Mapping[Kind, Mapping[str, str]] = {
         "klipper": "tacbench_cad.lab.rig.klipper:DRIVER",
         "ur": "tacbench_cad.lab.rig.universal_robots:DRIVER",
     },
-    "gauge": {"serial": "tacbench_cad.lab.rig.drivers:SERIAL"},
+    "gauge": {
+        "serial": "tacbench_cad.lab.rig.drivers:SERIAL",
+        "mark-10": "tacbench_cad.lab.rig.force_gauges:MARK_10_DRIVER",
+        "sauter": "tacbench_cad.lab.rig.force_gauges:SAUTER_DRIVER",
+        "imada": "tacbench_cad.lab.rig.force_gauges:IMADA_DRIVER",
+    },
     "sensor": {
         "opencv": "tacbench_cad.lab.rig.drivers:OPENCV",
         "digit": "tacbench_cad.lab.rig.usb_sensors:DIGIT",

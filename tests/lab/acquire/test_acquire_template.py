@@ -19,6 +19,8 @@ from tacbench_cad.util.errors import InputError
 TAXELS = "# For taxels instead:"
 #: The commented keys whose values are examples, because they have no defaults.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
+#: The keys of ``[sensor]`` that belong to every driver.
+GENERAL = ("driver", "device", "colour_order")
 #: The keys that a user has to fill in, with values for the tests.
 FILLED = {
     "texture": "1",
@@ -124,7 +126,7 @@ def test_the_sensor_drivers_accept_the_shown_keys() -> None:
     sections = READY.partition("[sensor]")[2].split(TAXELS)
     for text, options in zip(sections, (CameraOptions, TaxelOptions), strict=True):
         values = tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))
-        from_plain(options, {key: value for key, value in values.items() if key not in ("driver", "device")})
+        from_plain(options, {key: value for key, value in values.items() if key not in GENERAL})
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def test_a_class_of_another_package_is_a_driver_by_its_name(tmp_path: Path, monk
         assert stage.move((1.0, 2.0, 3.0), 5.0) == (1.0, 2.0, 3.0)
     with pytest.raises(InputError, match='did you mean "lab-arm"'):
         StageSettings(driver="lab-arn", limits_mm=LIMITS)
-    with pytest.raises(InputError, match="allowed: serial, simulated"):
+    with pytest.raises(InputError, match="allowed: serial, mark-10"):
         GaugeSettings(driver="lab-arm")
 
 
