@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,7 +21,9 @@ import pytest
 pytest.importorskip("starlette", reason="the watch page needs the extra web")
 pytest.importorskip("httpx2", reason="the test client of Starlette needs httpx2")
 
+from helpers.file_kinds import make_taxel_run
 from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
+from helpers.studies import write_study
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
@@ -143,6 +146,35 @@ def test_a_run_folder_is_shown_with_the_progress_of_its_session(session: tuple[P
     state = Watched(out / printed(4).name).state(wait=True)
     assert [line["name"] for line in state["runs"]] == [printed(4).name]
     assert state["session"]["over"]["outcome"] == "failed" and len(state["run"]["curves"]) == 3
+
+
+def test_values_of_a_sensor_without_images_are_shown(tmp_path: Path) -> None:
+    make_taxel_run(tmp_path)
+    watched = Watched(tmp_path)
+    run = watched.state(wait=True)["run"]
+    assert run["newest"]["image"] is False and run["markers"] == {"path": run["newest"]["path"], "lines": []}
+    values = Run.open(tmp_path).read(run["newest"]["path"]).ravel()
+    assert run["newest"]["values"] == pytest.approx(values.tolist(), rel=1e-4)
+    with pytest.raises(InputError, match="does not exist"):
+        watched.frame(tmp_path.name, "newest")
+
+
+def test_many_runs_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_study(tmp_path, textures=(1, 2, 3), copies=2)
+    opened: list[Path] = []
+    original = Run.open
+
+    def counted(folder: Path) -> Run:
+        if threading.current_thread() is threading.main_thread():  # the checks in the background open runs, too
+            opened.append(folder)
+        return original(folder)
+
+    monkeypatch.setattr(Run, "open", counted)
+    watched = Watched(tmp_path)
+    state = watched.state()
+    assert watched.state()["runs"] == state["runs"]
+    assert len(state["runs"]) == len(opened) == 12
+    assert all(line["done"] == line["total"] == 8 for line in state["runs"])
 
 
 def test_a_damaged_run_is_named(session: tuple[Path, Watched, dict[str, Any]], tmp_path: Path) -> None:
@@ -339,8 +371,11 @@ def opened(tmp_path: Path, said: list[str], **changes: Any) -> Iterator[PageLink
 
 def test_the_real_process_gives_its_address_survives_ctrl_c_and_ends_with_the_run(tmp_path: Path) -> None:
     said: list[str] = []
-    with opened(tmp_path, said) as link:
-        assert said[0].startswith("open http://127.0.0.1:")
+    host = "127.0.0.2" if sys.platform == "linux" else "127.0.0.1"  # Linux has many addresses of its own
+    with opened(tmp_path, said, host=host) as link:
+        assert said[0].startswith(f"open http://{host}:")
+        with urllib.request.urlopen(said[0].split()[1], timeout=20.0) as answer:
+            assert b"<title>Watch the presses" in answer.read()
         os.kill(link.process.pid, signal.SIGINT)
         time.sleep(0.2)
         assert link.process.poll() is None
@@ -360,6 +395,11 @@ def test_a_lock_that_a_killed_run_left_does_not_hide_the_outcome(tmp_path: Path)
     file = ProgressFile(tmp_path)
     file.start(replace(study_of(PROTOCOL, 1)), 0)
     (tmp_path / LOCK_NAME).touch()
+    path = tmp_path / PROGRESS_FILE
+    path.write_text(path.read_text().replace(f'"process":{os.getpid()}', '"process":999999999'))
+    killed = Watched(tmp_path).state()
+    assert (killed["under_way"], killed["session"]["killed"]) == (False, sys.platform != "win32")
+    path.write_text(path.read_text().replace('"process":999999999', f'"process":{os.getpid()}'))
     assert Watched(tmp_path).state()["under_way"]
     file.pressed(1, Force(mean_n=0.08, spread_n=0.0, samples=1), True, tmp_path)
     file.write("over", outcome="done", message="")

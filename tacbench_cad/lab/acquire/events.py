@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import socket
+import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -51,7 +53,8 @@ class ProgressFile(PressProgress):
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
             self._stream = path.open("xb", buffering=0)
-        self.write("start", blocks=len(study.blocks), planned=study.presses, saved=saved, session=os.urandom(8).hex())
+        process = {"process": os.getpid(), "host": socket.gethostname(), "session": os.urandom(8).hex()}
+        self.write("start", blocks=len(study.blocks), planned=study.presses, saved=saved, **process)
 
     def begin(self, name: str, done: int, total: int) -> None:
         """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
@@ -164,6 +167,7 @@ class Progress:
         over: The outcome of the session; None until it ends.
         messages: The last messages.
         time_s: The time of the last event in seconds since 1970.
+        process: The number of the process of the session, and the name of its machine; None if they are unknown.
     """
 
     planned: int = 0
@@ -181,6 +185,7 @@ class Progress:
     over: dict[str, Any] | None = None
     messages: deque[str] = field(default_factory=lambda: deque(maxlen=KEPT_MESSAGES))
     time_s: float = 0.0
+    process: tuple[int, str] | None = None
     _intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT_INTERVALS))
     _pressed_s: float | None = None
 
@@ -188,6 +193,13 @@ class Progress:
     def press_s(self) -> float | None:
         """The mean time from one press to the next, without pauses; None before the second press."""
         return sum(self._intervals_s) / len(self._intervals_s) if self._intervals_s else None
+
+    @property
+    def is_killed(self) -> bool:
+        """Whether the process of the session is known to have ended without an outcome."""
+        if self.over is not None or self.process is None or self.process[1] != socket.gethostname():
+            return False
+        return not _is_running(self.process[0])
 
     def add(self, event: dict[str, Any]) -> None:
         """Apply an event."""
@@ -200,6 +212,7 @@ class Progress:
             self._pressed_s = None
         if name == "start":
             self.planned, self.saved, self.blocks = event["planned"], event["saved"], event["blocks"]
+            self.process = (int(event["process"]), event["host"])
         elif name == "begin":
             self.run, self.done, self.total, self.pressing = event["run"], event["done"], event["total"], True
             self.curves.clear()
@@ -230,6 +243,19 @@ class Progress:
 
     def _forget_press(self) -> None:
         self.press, self.curve = 0, []
+
+
+def _is_running(process: int) -> bool:
+    """Return whether a process of this machine is running; True if this cannot be found out."""
+    if sys.platform == "win32":  # there, os.kill would end the process
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 class ProgressReader:

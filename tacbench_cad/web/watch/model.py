@@ -21,6 +21,7 @@ from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.checking import Finding, check_run
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, REFERENCES_FILE, RUN_FILE, TARGETS_FILE, Row
+from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.vision.displacements import MIN_FOUND, MarkerFeatures
 from tacbench_cad.lab.vision.resting import region_of
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
@@ -48,6 +49,7 @@ class _Shown:
     run: Run | None = None
     fault: str = ""
     rows: tuple[Row, ...] = ()
+    plan: tuple[Press, ...] = ()
     reference: str = ""
     markers: dict[str, Any] | None = None
     features: MarkerFeatures | None = None
@@ -69,7 +71,7 @@ class _Shown:
     @property
     def total(self) -> int:
         """The number of presses of the run."""
-        return 0 if self.run is None else len(self.run.info.presses) or len(self.rows)
+        return len(self.plan) or len(self.rows)
 
     def read(self) -> None:
         """Read the tables if they have changed."""
@@ -79,6 +81,7 @@ class _Shown:
         self._seen, self.fault = files, ""
         try:
             self.run = Run.open(self.folder)
+            self.plan = self.plan or self.run.info.presses
             self.rows = self.run.rows
             self.reference = self.run.references[-1].path if self.run.references else ""
         except TacbenchError as error:
@@ -113,7 +116,9 @@ class Watched:
             wait: Wait for the markers and the findings, which are otherwise calculated in the background.
         """
         progress = self._reader.read()
-        under_way = (self.root / LOCK_NAME).exists() and (progress is None or progress.over is None)
+        under_way = (self.root / LOCK_NAME).exists()
+        if progress is not None and (progress.over is not None or progress.is_killed):
+            under_way = False
         self._search(progress)
         shown = self._chosen(name, progress)
         if shown is not None:
@@ -176,7 +181,7 @@ class Watched:
         """Return the contents of the page that belong to one run."""
         run = shown.run
         assert run is not None
-        plan = {press.number: press for press in run.info.presses}
+        plan = {press.number: press for press in shown.plan}
         press = plan.get(progress.press) if progress is not None else None
         tops = {row.number: row for row in shown.rows}
         findings, is_growing = shown.findings or [], under_way or shown.checked != shown.files
@@ -251,6 +256,7 @@ def _session(progress: Progress, under_way: bool) -> dict[str, Any]:
         "paused": progress.paused,
         "question": progress.question,
         "over": progress.over,
+        "killed": progress.is_killed,
         "messages": list(progress.messages),
         "blocks": progress.blocks,
         "saved": progress.saved,

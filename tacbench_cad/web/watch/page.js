@@ -60,6 +60,7 @@
   function status() {
     const { session, run, runs, under_way: underWay } = state;
     if (session && session.over) return `The session has ended (${session.over.outcome}): ${session.over.message}.`;
+    if (session && session.killed) return "The session has ended without an outcome: its process was killed. The same command resumes it.";
     if (session && session.question) return "Put in the next block.";
     if (session && session.paused) return "Paused. The sensor is lifted after the press that is under way.";
     if (underWay && session && session.pressing) return `Pressing ${session.run}.`;
@@ -69,7 +70,7 @@
   }
 
   function show() {
-    const { session, run } = state, live = state.under_way && !(session && session.over);
+    const { session, run } = state, live = state.under_way;
     say("status", status());
     complain(state.fault);
     byId("buttons").hidden = !(state.buttons && live);
