@@ -65,6 +65,8 @@ class Marlin(MarlinCore):
             self._axes_as("M203", _PEAK, _EXTRUDER_MM_S)
         elif name == "M119":
             self._end_stops()
+        elif name == "M211":
+            self._soft_stops = bool(values.get("S", 1.0))
         elif name == "M154":
             # A whole number of seconds from 0 to 255.
             self._auto_every_s = float(min(255, int(max(0.0, values.get("S") or 0.0))))
@@ -91,7 +93,7 @@ class Marlin(MarlinCore):
             if value is None:
                 continue
             value = value if self._absolute else target[i] + value
-            if self._homed[i]:
+            if self._homed[i] and self._soft_stops:
                 axis, shift = self.carriage.axes[i], self._shift[i]
                 # Soft end stops limit a target without a message, and only on axes that are homed.
                 value = min(axis.high_mm - shift, max(axis.low_mm - shift, value))

@@ -111,7 +111,7 @@ class MarlinCore(Firmware):
         self._planned: Point = (0.0, 0.0, 0.0)
         self._shift: Point = (0.0, 0.0, 0.0)
         self._homed = [False, False, False]
-        self._absolute = True
+        self._absolute = self._soft_stops = True
         self._feed_mm_s = 25.0
         self._last_n = 0
         self._line = bytearray()

@@ -96,6 +96,7 @@ class GrblStage(SerialStage[GrblLink]):
         super().__init__(port, GrblLink, (BAUD,), options)
         self._stopping = self._homing = False
         self._home_mm: Point | None = None
+        self._switches = switches.SwitchCheck()
         with self._opening():
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"
@@ -155,21 +156,22 @@ class GrblStage(SerialStage[GrblLink]):
         Raises:
             RigError: The device is gone or silent, was reset, or homing failed.
         """
-        offset = None
-        if self._home_mm is not None and not self._link.lost:
-            limits = [number for number in (20, 21) if self.settings.get(number)]
-            try:
-                for number in limits:
-                    self._link.set(number, 0.0)
-                offset = self._offset_at_switches(self._home_mm)
-            finally:
-                for number in limits:
-                    with suppress(RigError):
-                        self._link.set(number, self.settings[number])
-        self.home()
-        return offset
+        return self._switches.compare(self._offset_at_switches, self.home)
 
-    def _offset_at_switches(self, home_mm: Point) -> Point:
+    def _offset_at_switches(self) -> Point | None:
+        if self._home_mm is None or self._link.lost:
+            return None
+        limits = [number for number in (20, 21) if self.settings.get(number)]
+        try:
+            for number in limits:
+                self._link.set(number, 0.0)
+            return self._search_switches(self._home_mm)
+        finally:
+            for number in limits:
+                with suppress(RigError):
+                    self._link.set(number, self.settings[number])
+
+    def _search_switches(self, home_mm: Point) -> Point:
         x, y, _ = self.position()
         self.move((x, y, home_mm[2]), switches.WAY_MM_S)
         self.move(home_mm, switches.WAY_MM_S)

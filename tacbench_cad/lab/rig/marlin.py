@@ -42,6 +42,7 @@ from collections.abc import Iterator
 from typing import Unpack
 
 from tacbench_cad.lab.rig import marlin_replies as replies
+from tacbench_cad.lab.rig import switches
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
@@ -92,7 +93,8 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._rates_mm_s: Point | None = None
         self._counts = self._settled = False
         self._highest_mm = -math.inf
-        self._home_z_mm: float | None = None
+        self._home_mm: Point | None = None
+        self._switches = switches.SwitchCheck()
         self._idle_since_s: float | None = None
         with self._opening():
             self._link.greet(self._bauds)
@@ -128,7 +130,19 @@ class MarlinStage(SerialStage[MarlinLink]):
         counted = self._counted(place)
         self._counts = counted is not None
         self._link.lost = ""
-        self._home_z_mm = self._settle_at(counted or place.planned_mm)[2]
+        self._home_mm = self._settle_at(counted or place.planned_mm)
+
+    def home_offset_mm(self) -> Point | None:
+        """Measure how wrong the position is, and home. See :func:`tacbench_cad.lab.rig.stage.home_again`.
+
+        The carriage moves to the place where homing found the switches, as homing does, and from there to each switch
+        in small steps. The soft end stops forbid this, so they are switched off meanwhile (``M211``). ``M119`` reports
+        the closed switches.
+
+        Raises:
+            RigError: The device is gone or silent, was reset, or homing failed.
+        """
+        return self._switches.compare(self._offset_at_switches, self.home)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line. The end is proved by ``M400`` and ``M114``.
@@ -177,6 +191,40 @@ class MarlinStage(SerialStage[MarlinLink]):
         """Stop all motion at once. Signal handlers may call this method. Never raises."""
         self._link.stop()
 
+    def _offset_at_switches(self) -> Point | None:
+        if self._home_mm is None or self._link.lost:
+            return None
+        towards = replies.homing_directions(self._link.command("M119"))
+        if towards is None or any(replies.unknown(line) is not None for line in self._link.command("M211 S0")):
+            return None
+        highest_mm = self._highest_mm
+        try:
+            return self._search_switches(self._home_mm, towards)
+        finally:
+            self._highest_mm = highest_mm
+            with contextlib.suppress(RigError):
+                self._link.command("M211 S1")
+
+    def _search_switches(self, home_mm: Point, towards: tuple[int, int, int]) -> Point:
+        x, y, z = self.position()
+        at = [x, y, home_mm[2] - switches.FRONT_MM if towards[2] > 0 else z + self._home_lift_mm]
+        self.move((at[0], at[1], at[2]), switches.WAY_MM_S)
+        offsets = [0.0, 0.0, 0.0]
+        for axis in (2, 0, 1) if towards[2] > 0 else (0, 1, 2):
+
+            def closed_at(coordinate_mm: float, axis: int = axis) -> bool:
+                at[axis] = coordinate_mm
+                self.move((at[0], at[1], at[2]), switches.SEARCH_MM_S)
+                return "xyz"[axis] in replies.closed_switches(self._link.command("M119"))
+
+            # Marlin withholds very short moves, so there is no fine search.
+            offsets[axis] = switches.offset_at_switch(
+                closed_at, home_mm[axis], towards[axis], fine_mm=switches.COARSE_MM
+            )
+            at[axis] = home_mm[axis] - towards[axis] * switches.FRONT_MM
+            self.move((at[0], at[1], at[2]), switches.WAY_MM_S)
+        return (offsets[0], offsets[1], offsets[2])
+
     @contextlib.contextmanager
     def _stoppable_homing(self) -> Iterator[None]:
         """Stop homing if the body is interrupted. Marlin would go on even after this program has ended."""
@@ -199,9 +247,9 @@ class MarlinStage(SerialStage[MarlinLink]):
         Raises:
             AlarmError: The end stop is closed although the carriage was last seen below it.
         """
-        if self._last is None or self._home_z_mm is None or not any("z_max: TRIGGERED" in line for line in stops):
+        if self._last is None or self._home_mm is None or not any("z_max: TRIGGERED" in line for line in stops):
             return
-        below_mm = self._home_z_mm - self._last[2]
+        below_mm = self._home_mm[2] - self._last[2]
         if below_mm > SWITCH_MM:
             self._link.lost = "the end stop of z stays closed"
             raise AlarmError(

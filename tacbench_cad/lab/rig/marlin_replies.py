@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import operator
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tacbench_cad.lab.study.spec import Point
@@ -23,6 +24,7 @@ _RESEND = re.compile(r"(?:Resend:|rs) ?N?(\d{1,9})", re.A)
 _THREE = re.compile(r"(?:echo:)? *(M\d{2,3}) X(\d{1,6}\.\d+) Y(\d{1,6}\.\d+) Z(\d{1,6}\.\d+)(?: .*)?", re.A)
 _UNKNOWN = re.compile(r'(?:echo:)? *Unknown command: *"(.*)"', re.A)
 _FIRMWARE = re.compile(r"FIRMWARE_NAME:(\S+)(?: (\S+))?.*", re.A)
+_SWITCH = re.compile(r"([xyz])_(min|max): (open|TRIGGERED)", re.A)
 _BANNER = re.compile(r"start|(?:echo:)? ?Marlin \S+|.*Last Updated:.*|echo: ?Compiled:.*", re.A)
 
 
@@ -100,3 +102,26 @@ def per_axis(line: str) -> tuple[str, Point] | None:
     """Return the command and values of a line like ``echo:  M92 X80.00 Y80.00 Z400.00 E93.00``; None for others."""
     match = _THREE.fullmatch(line)
     return (match[1], (float(match[2]), float(match[3]), float(match[4]))) if match else None
+
+
+def _switches(lines: Iterable[str]) -> list[tuple[str, int, bool]]:
+    """Return axis, direction and state of the end stops in the answer to ``M119``."""
+    matches = [_SWITCH.fullmatch(line.strip()) for line in lines]
+    return [(match[1], 1 if match[2] == "max" else -1, match[3] == "TRIGGERED") for match in matches if match]
+
+
+def closed_switches(lines: Iterable[str]) -> set[str]:
+    """Return the axes (``x``, ``y``, ``z``) of the closed end stops in the answer to ``M119``."""
+    return {axis for axis, _, closed in _switches(lines) if closed}
+
+
+def homing_directions(lines: Iterable[str]) -> tuple[int, int, int] | None:
+    """Return for each axis whether its end stop is at the upper (1) or lower end (-1).
+
+    Returns:
+        The directions; None if an axis does not have exactly one end stop.
+    """
+    found = {axis: direction for axis, direction, _ in _switches(lines)}
+    if sorted(axis for axis, _, _ in _switches(lines)) != ["x", "y", "z"]:
+        return None
+    return (found["x"], found["y"], found["z"])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from tacbench_cad.lab.study.spec import Point
+
 #: The distance in front of the expected position of a switch at which the search begins, in mm.
 FRONT_MM = 0.3
 #: The steps of the search in mm: first coarse, then fine.
@@ -17,13 +19,51 @@ MAX_MM = 10.0
 WAY_MM_S, SEARCH_MM_S = 20.0, 5.0
 
 
-def offset_at_switch(closed_at: Callable[[float], bool], switch_mm: float, towards: int) -> float:
+class SwitchCheck:
+    """Compares two homings at the end stops. It notices if the firmware does not report the switches that it uses."""
+
+    def __init__(self) -> None:
+        self._reported: bool | None = None
+
+    def compare(self, measure: Callable[[], Point | None], home: Callable[[], None]) -> Point | None:
+        """Measure the error of the position, and home.
+
+        Args:
+            measure: Returns the results of :func:`offset_at_switch` for x, y and z; None if it cannot measure.
+            home: Homes the stage.
+
+        Returns:
+            The true minus the reported position in mm; None if it is unknown.
+        """
+        offset = measure() if self._reported is not False else None
+        home()
+        if offset is None:
+            return None
+        if self._reported is None and _is_beyond(offset):
+            # The first homing was wrong, or the firmware homes with something else than the reported switches.
+            again = measure()
+            home()
+            if again is None or _is_beyond(again):
+                self._reported = False
+                return None
+        self._reported = True
+        return offset
+
+
+def _is_beyond(offset_mm: Point) -> bool:
+    return any(abs(error) >= BEYOND_MM for error in offset_mm)
+
+
+def offset_at_switch(
+    closed_at: Callable[[float], bool], switch_mm: float, towards: int, *, fine_mm: float = FINE_MM
+) -> float:
     """Find the coordinate at which a switch closes, and return the error of the position along its axis.
 
     Args:
         closed_at: Moves the carriage along the axis to a coordinate, and returns whether the switch is closed there.
         switch_mm: The coordinate at which the switch closed when the stage was homed.
         towards: 1 if the carriage moves to the switch with increasing coordinates, otherwise -1.
+        fine_mm: The smallest step, in mm.
 
     Returns:
         The true coordinate minus the reported coordinate in mm. It is at most 10 mm towards the switch, and at most
@@ -38,10 +78,10 @@ def offset_at_switch(closed_at: Callable[[float], bool], switch_mm: float, towar
         if distance < -MAX_MM:
             return -towards * distance
         distance = 2.0 * distance - COARSE_MM
-    for step in (COARSE_MM, FINE_MM):
+    for step in (COARSE_MM, fine_mm):
         while not closed(distance + step):
             distance += step
             if distance >= BEYOND_MM:
                 return -towards * distance
         closed(distance)
-    return -towards * (distance + FINE_MM / 2.0)
+    return -towards * (distance + fine_mm / 2.0)

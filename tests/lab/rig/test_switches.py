@@ -9,9 +9,10 @@ import pytest
 
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import AlarmError, SlipError
+from tacbench_cad.lab.rig.errors import AlarmError, NotThereError, SlipError
 from tacbench_cad.lab.rig.grbl import GrblStage
-from tacbench_cad.lab.rig.switches import offset_at_switch
+from tacbench_cad.lab.rig.marlin import MarlinStage
+from tacbench_cad.lab.rig.switches import SwitchCheck, offset_at_switch
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.process import launch
 
@@ -49,6 +50,34 @@ def test_grbl_measures_a_slip_of_any_axis(origin: str) -> None:
         assert stage.home_offset_mm() == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
         assert stage.settings[20] == stage.settings[21] == 1
         assert stage._link.settings() == stage.settings, "the firmware's limits are on again"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+def test_marlin_measures_a_slip_of_any_axis() -> None:
+    with launch("marlin", speed=100.0) as virtual, MarlinStage(virtual.port) as stage:
+        stage.home()
+        assert stage.home_offset_mm() == pytest.approx((0.0, 0.0, 0.0), abs=0.08)
+        for axis, by_mm in (("x", 0.2), ("y", -0.25), ("z", -0.3)):
+            stage.move((60.0, 40.0, 80.0), 20.0)
+            virtual.inject(Fault(kind="slip", axis=axis, mm=by_mm))
+            offset = stage.home_offset_mm()
+            assert offset == pytest.approx([by_mm if name == axis else 0.0 for name in "xyz"], abs=0.08)
+        with pytest.raises(NotThereError, match="soft end stops"):
+            stage.move((-0.3, 40.0, 80.0), 20.0)
+
+
+def test_switches_that_the_firmware_does_not_report_are_not_used() -> None:
+    check, homed = SwitchCheck(), []
+    for _ in range(3):
+        assert check.compare(lambda: (0.0, 0.0, -0.6), lambda: homed.append(1)) is None
+    assert len(homed) == 4
+
+
+def test_a_wrong_first_homing_is_not_taken_for_a_missing_switch() -> None:
+    offsets = iter([(0.0, 0.0, -0.6), (0.0, 0.0, 0.0), (0.0, 0.0, -0.6)])
+    check = SwitchCheck()
+    assert check.compare(lambda: next(offsets), lambda: None) == (0.0, 0.0, -0.6)
+    assert check.compare(lambda: next(offsets), lambda: None) == (0.0, 0.0, -0.6)
 
 
 @pytest.mark.long
