@@ -57,7 +57,7 @@ mathjax_path = "tex-svg-full.js"
 CONTENTS = {
     "Begin": ("start", "gallery", "view", "questions"),
     "Print": ("print-set", "block", "outlines", "holder", "jig", "coupon", "textures", "design", "sources", "plates"),
-    "Press": ("first-rig", "rig", "run", "watch", "runs", "own-data", "simulation", "simulation-model"),
+    "Press": ("first-rig", "rig", "devices", "run", "watch", "runs", "own-data", "simulation", "simulation-model"),
     "Analyse": ("analysis", "networks", "numbers", "columns", "regions", "share"),
     "Script and extend": ("scripting", "cad", "any-part", "any-mesh", "freecad", "extending", "simulators"),
     "Background": ("paper", "accuracy", "measured"),

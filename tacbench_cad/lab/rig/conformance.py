@@ -102,7 +102,7 @@ class Checks:
         try:
             result = call()
         except RigError as error:
-            self.passed(name, f"{what}: {type(error).__name__}: {one_line(error)}")
+            self.passed(name, f"{what}: {type(error).__name__}")
             return True
         except Exception as error:
             self.failed(name, f"{what}: {_raised(error)}")

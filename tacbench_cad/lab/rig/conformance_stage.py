@@ -188,7 +188,7 @@ class _Kit:
                 self.stage.move(target, STOPPED_MM_S)
         except RigError as error:
             late_s = time.monotonic() - stopped_s[0] if stopped_s else 0.0
-            shown = f"move() raised {type(error).__name__} {1000 * late_s:.0f} ms after stop(): {one_line(error, 60)}"
+            shown = f"move() raised {type(error).__name__} {1000 * late_s:.0f} ms after stop()"
             # The position may be unknown after a stop, and then it must be refused.
             with suppress(RigError):
                 self.clock.sleep(least_s)
