@@ -76,6 +76,7 @@ class Greeting:
             )
         if self.unexpected:
             return ProtocolError(
-                f"{self._name}: is not {self._expected}, or the baud rate is wrong; it sent {self.unexpected!r}"
+                f"{self._name}: is not {self._expected}, the baud rate is wrong, or the line is disturbed; "
+                f"it sent {self.unexpected!r}"
             )
         return NoAnswerError(f"{self._name}: does not answer. Check power, cable, baud rate and driver{hint}")

@@ -96,6 +96,9 @@ class MarlinLink(Link):
                 self.lost = "opening the port reset the firmware"
                 # The start-up text has many lines, and a question sent meanwhile may be lost.
                 greeting.listen(BANNER_S)
+            # The firmware repeats a command that it does not understand: here, a disturbed question.
+            if line.startswith("Marlin ") or "M115" not in (replies.unknown(line) or "M115"):
+                greeting.heard = greeting.heard or line[:60]
             name = replies.firmware(line)
             if name is not None:
                 # Another name may be damaged, so it must come twice.

@@ -25,6 +25,7 @@ from tacbench_cad.lab.rig.errors import (
     NotThereError,
     PositionLostError,
     ProtocolError,
+    RigError,
 )
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point
@@ -433,6 +434,22 @@ def test_a_disturbed_name_of_the_firmware_is_asked_for_again() -> None:
     script.on[b"M115"] = lambda line: [next(names, FIRMWARE + b"ok\n")]
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         assert stage.identity.startswith("marlin: Marlin 2.1.2.7")
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (b'echo:Unknown command: "M1\xf35"\nok\n', "answers no question, so the line to it is disturbed"),
+        (b'echo:Unknown command: "M15"\nok\n', "answers no question, so the line to it is disturbed"),
+        (b"FIRMWARE_NA\xcdE:Marlin 2.1\xae2.7 (x)\nok\n", "sent unreadable text, so the line is disturbed"),
+        (b"FIMWARENAE:Mrin 2.\nok\n", "or the line is disturbed; it sent 'FIMWARENAE:Mrin 2.'"),
+    ],
+)
+def test_a_disturbed_line_is_not_called_another_firmware(answer: bytes, message: str) -> None:
+    script = ScriptedMarlin()
+    script.on[b"M115"] = lambda line: [answer]
+    with script.peer() as peer, pytest.raises(RigError, match=message):
+        MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S)
 
 
 def test_unplugging_in_motion_is_detected() -> None:
