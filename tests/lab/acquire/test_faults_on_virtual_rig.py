@@ -95,7 +95,12 @@ def short_file(driver: str) -> StudyFile:
 
 
 def try_fault(
-    driver: str, fault: Fault, delay_s: float, out: Path, monkeypatch: pytest.MonkeyPatch
+    driver: str,
+    fault: Fault,
+    delay_s: float,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    late_s: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[RigError | None, Trial]:
     """Run a session with the fault and a session without it, after which the run must be complete.
 
@@ -103,6 +108,12 @@ def try_fault(
         The error of the first session, or None, and the first session.
     """
     file = short_file(driver)
+    if any(late_s):
+        # A stage whose replies come late, in s of real time.
+        stage = file.required_rig.stage
+        options = stage.options | {"late_s": [100.0 * seconds for seconds in late_s]}
+        slow = replace(stage, timeout_s=10.0, options=options)
+        file = replace(file, rig=replace(file.required_rig, stage=slow))
     trial = Trial(file, fault, delay_s)
     caught: RigError | None = None
     try:
@@ -189,3 +200,9 @@ def test_every_fault_on_every_driver(name: str, driver: str, tmp_path: Path, mon
             assert trial.left_at_mm >= CLEARANCE_MM - 0.4 or any("by hand" in message for message in trial.messages)
         else:
             assert trial.left_at_mm >= CLEARANCE_MM - 0.4, (error, trial.messages)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["reset", "dropped byte", "garbled orders", "short silence", "alarm"])
+def test_a_slow_stage_resumes_after_faults(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    try_fault("virtual-grbl", ALL[name], 1.0, tmp_path, monkeypatch, late_s=(0.02, 0.1))

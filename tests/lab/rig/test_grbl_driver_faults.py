@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -180,6 +181,33 @@ def test_a_stage_that_a_killed_program_left_in_motion_is_stopped_and_usable() ->
                 stage.position()
             stage.home()
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
+
+
+#: A program that moves for a while, with a timeout that is shorter than its pause.
+MOVING = f"""
+import sys
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.grbl import GrblStage
+
+with GrblStage(sys.argv[1], clock=Clock(speed={SPEED}), timeout_s=0.5) as stage:
+    stage.home()
+    print("homed", flush=True)
+    for i in range(100):
+        stage.move((50.0, 60.0, -30.0 - i % 2), 20.0)
+"""
+
+
+def test_a_pause_of_this_program_is_not_a_silence_of_the_stage() -> None:
+    with launch("grbl", speed=SPEED) as rig:
+        with subprocess.Popen([sys.executable, "-c", MOVING, rig.port], stdout=subprocess.PIPE, text=True) as program:
+            assert program.stdout is not None
+            assert program.stdout.readline() == "homed\n"
+            time.sleep(0.05)
+            program.send_signal(signal.SIGSTOP)
+            time.sleep(1.2)
+            program.send_signal(signal.SIGCONT)
+            assert program.wait(timeout=20.0) == 0
+        assert rig.true_position() == pytest.approx((50.0, 60.0, -31.0), abs=0.01)
 
 
 #: Faults after which a run must be able to go on.
