@@ -59,6 +59,7 @@ from .rig.gauge import Force as Force
 from .rig.gauge import Gauge as Gauge
 from .rig.grbl import GrblStage as GrblStage
 from .rig.marlin import MarlinStage as MarlinStage
+from .rig.registry import Driver as Driver
 from .rig.sensor import Sensor as Sensor
 from .rig.stage import Closing as Closing
 from .rig.stage import LimitedStage as LimitedStage

@@ -163,6 +163,8 @@ class MarlinStage(SerialStage[MarlinLink]):
             self._link.command("M400", within_s=seconds, limit_s=4.0 * (self._timeout_s + seconds) + 10.0)
             at = self._at(target_mm)
         if not is_near(at, target_mm, self._tolerance_mm()):
+            # The carriage may now stand at an end stop, which homing must not take for a stuck switch.
+            self._last = at
             raise NotThereError(
                 f"{self._link.name}: stands at {place_text(at)} instead of {place_text(target_mm)}; "
                 "the firmware's soft end stops limited the move, or it was interrupted"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -105,11 +106,12 @@ def test_our_stages_pass(firmware: str, driver: type[Stage], low_z: float) -> No
 
 
 def test_our_load_cell_passes() -> None:
-    clock = Clock(speed=VIRTUAL_SPEED)
-    with launch("grbl", speed=VIRTUAL_SPEED, start_mm=(100.0, 100.0, -50.0), gauge={"newtons": True}) as rig:
+    clock = Clock(speed=SPEED)
+    with launch("grbl", speed=SPEED, start_mm=(100.0, 100.0, -50.0), gauge={"newtons": True}) as rig:
 
         def load(mass_g: float) -> None:
             rig.put({"flat_z_mm": -49.0, "n_per_mm": 9.80665e-3 * mass_g} if mass_g else None)
+            time.sleep(0.1)  # until nothing moves
 
         load(0.0)
         gauge = open_load_cell(rig.gauge_port, None, options=LoadCellOptions(unit="newtons"), clock=clock)
