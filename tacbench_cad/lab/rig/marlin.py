@@ -130,6 +130,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         counted = self._counted(place)
         self._counts = counted is not None
         self._link.lost = ""
+        self._idle_since_s = self._idle_since_s and time.monotonic()
         self._home_mm = self._settle_at(counted or place.planned_mm)
 
     def home_offset_mm(self) -> Point | None:
@@ -167,7 +168,8 @@ class MarlinStage(SerialStage[MarlinLink]):
             self._last = at
             raise NotThereError(
                 f"{self._link.name}: stands at {place_text(at)} instead of {place_text(target_mm)}; "
-                "the firmware's soft end stops limited the move, or it was interrupted"
+                "the firmware's soft end stops limited the move, it was interrupted, or the build withholds moves of "
+                f"{PART_STEPS} motor steps (MIN_STEPS_PER_SEGMENT)"
             )
         return self._settle_at(at)
 
@@ -269,8 +271,6 @@ class MarlinStage(SerialStage[MarlinLink]):
         """Store a position at rest, and return it."""
         self._last, self._settled = at, True
         self._highest_mm = max(self._highest_mm, at[2])
-        if self._idle_since_s is not None:
-            self._idle_since_s = time.monotonic()
         return at
 
     def _require_known(self) -> None:
@@ -318,6 +318,8 @@ class MarlinStage(SerialStage[MarlinLink]):
 
     def _go(self, target: Point, speed_mm_s: float) -> None:
         x, y, z = target
+        if self._idle_since_s is not None:
+            self._idle_since_s = time.monotonic()
         self._require(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
 
     def _prepare(self) -> None:
@@ -327,7 +329,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         for command in ("G21", "M154 S0", "M155 S0"):
             self._link.command(command)
         knows = not any(replies.unknown(line) is not None for line in self._link.command("M84 S0"))
-        self._idle_since_s = None if knows else time.monotonic()
+        self._idle_since_s = None if knows else self._idle_since_s or time.monotonic()
         lines = [line for command in ("M92", "M203") for line in self._link.command(command)]
         per_axis = dict(numbers for line in lines if (numbers := replies.per_axis(line)))
         self._steps_per_mm, self._rates_mm_s = per_axis.get("M92"), per_axis.get("M203")

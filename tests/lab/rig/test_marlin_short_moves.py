@@ -99,14 +99,16 @@ def test_idle_motors_stay_on() -> None:
 
 
 def test_without_m84_the_position_is_lost_when_the_motors_may_be_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marlin, "IDLE_S", 0.2)
+    monkeypatch.setattr(marlin, "IDLE_S", 1.0)
     with (
-        launch("marlin", speed=SPEED, resets_on_open=False, idle_s=15.0, knows_m84=False) as rig,
+        launch("marlin", speed=SPEED, resets_on_open=False, idle_s=50.0, knows_m84=False) as rig,
         opened(rig) as stage,
     ):
         stage.home()
         stage.move((50.0, 60.0, 70.0), 50.0)
-        time.sleep(20.0 / SPEED)
+        time.sleep(0.6)
+        stage.position()
+        time.sleep(0.6)
         with pytest.raises(PositionLostError, match="without M84 may have switched its motors off"):
             stage.move((50.0, 60.0, 60.0), 50.0)
         stage.home()
