@@ -4,8 +4,11 @@
 
 The command makes six blocks, holder and jig as STL, 3MF and STEP, reads and checks each file, and draws the pictures.
 It then does the same with ``--verify full``. Every process is fresh and every folder is new. The processes take turns,
-and the figure is the median. Claim: with the default checks at most 5 times ``python -c "import cadquery,
-build123d"``.
+and the figure is the median. The processor time is measured with one child process, because the command does not wait
+for the copies of a child.
+
+Claim: with the default checks and two or more free processors, at most LIMIT_WALL times the time of ``python -c
+"import cadquery, build123d"``, and at most LIMIT_CPU times its processor time.
 """
 
 from __future__ import annotations

@@ -101,11 +101,9 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
     work = plan(request)
     if request.full:
         require("verify = 'full':", "pymeshlab")
-    with Workers(cpu_count()) as workers:
-        progress("loading the CAD kernel" if work.needs_kernel else "meshing", 0, work.file_count)
-        work = _with_kernel(request, work, workers)
-        if not work.sources:
-            raise InputError("parts", None, "nothing can be made: " + "; ".join(left.reason for left in work.left_out))
+    with Workers(cpu_count(), copies=_copies(work)) as workers:
+        kernel = _load_kernel(work, workers)
+        progress("loading the CAD kernel" if kernel else "meshing", 0, work.file_count)
         for source in work.sources:
             block = source.part.block
             if block is not None:
@@ -113,23 +111,38 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
                     # such a mesh can take several seconds
                     progress(f"meshing {source.part.name}", 0, work.file_count)
                 _ = source.part.mesh  # raises InputError if the tolerance is too fine, before any file is written
+        if kernel is not None:
+            work = _with_kernel(request, work, kernel.result())
+            workers.copy_first()
+        if not work.sources:
+            raise InputError("parts", None, "nothing can be made: " + "; ".join(left.reason for left in work.left_out))
         with locked(request.out):
             return _Making(request, work, workers, progress).run()
 
 
-def _with_kernel(request: Request, work: Plan, workers: Workers) -> Plan:
-    """Load the CAD kernel in the child processes; if that fails, leave out its parts or raise an error."""
-    modules = work.needs_kernel
-    if not modules:
-        return work
-    first = workers.submit(why_not_importable, modules, first_child=True)
-    # The other children load the kernel at the same time, and this process does not wait for them. Without fixtures and
-    # assemblies the first child makes a solid too.
+def _copies(work: Plan) -> int:
+    """Return the number of children, besides the first, that make solids. All of them need the CAD kernel."""
     solids = sum("step" in source.slow_formats and not source.in_child for source in work.sources)
     fixtures = bool(work.assemblies) or any(source.in_child for source in work.sources)
-    for _ in range(min(cpu_count() - 1, solids - (not fixtures))):
-        workers.submit(why_not_importable, modules[:1])
-    reason = first.result()
+    return max(0, min(cpu_count() - 1, solids - (not fixtures)))
+
+
+def _load_kernel(work: Plan, workers: Workers) -> Future[str | None] | None:
+    """Begin to load the CAD kernel in the children that need it; None if the plan needs no kernel.
+
+    The first child loads it and is then copied. Where this is impossible, the other children load it at the same time.
+    """
+    if not work.needs_kernel:
+        return None
+    modules = (*work.needs_kernel, make_in_child.__module__)
+    first = workers.submit(why_not_importable, modules, first_child=True)
+    for _ in range(0 if workers.can_copy else _copies(work)):
+        workers.submit(why_not_importable, modules)
+    return first
+
+
+def _with_kernel(request: Request, work: Plan, reason: str | None) -> Plan:
+    """If the CAD kernel cannot be loaded, leave out its parts, or raise an error if the user asked for them."""
     if reason is None:
         return work
     message = f"the CAD kernel does not load ({reason}); tacbench doctor shows the repair"

@@ -14,16 +14,17 @@ import importlib
 import math
 import os
 import pickle
+import select
 import signal
 import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 from tacbench_cad.util.door import limits_factor
 from tacbench_cad.util.errors import CheckFailedError, TacbenchError, one_line
@@ -87,22 +88,68 @@ class _Call:
     future: Future[Any]
 
 
+def _can_copy() -> bool:
+    """Return whether the system has what copies of processes need: ``fork``, and handles of processes (Linux)."""
+    try:
+        os.close(os.pidfd_open(os.getpid()))
+    except (AttributeError, OSError):
+        return False
+    return hasattr(os, "fork")
+
+
+class _Copy:
+    """A copy of a child process, made by the child itself. It has the methods of ``subprocess.Popen`` that we need.
+
+    Args:
+        pid: The number of the process.
+        stdin: The pipe to the copy.
+        stdout: The pipe from the copy.
+    """
+
+    def __init__(self, pid: int, stdin: IO[bytes], stdout: IO[bytes]) -> None:
+        self.stdin, self.stdout = stdin, stdout
+        self._handle: int | None = os.pidfd_open(pid)  # unlike a number, a handle never means another process
+
+    def poll(self) -> int | None:
+        """Return None while the process runs. Its exit code is unknown, because it is not our own child."""
+        running = self._handle is not None and not select.select([self._handle], [], [], 0.0)[0]
+        return None if running else 0
+
+    def wait(self) -> int:
+        """Wait until the process has ended."""
+        if self._handle is not None:
+            select.select([self._handle], [], [])
+            os.close(self._handle)
+            self._handle = None
+        return 0
+
+    def kill(self) -> None:
+        """End the process at once."""
+        if self._handle is not None:
+            with contextlib.suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+
+
 class Workers:
     """A set of child processes. Use it as a context manager: at its end all children are killed.
 
     Args:
         count: The largest number of children. A new child starts only if there is work and all others are busy.
         max_mb: The memory limit of each child, in MB; None for no limit. Systems without such limits ignore it.
+        copies: The number of copies of the first child that :meth:`copy_first` makes, on systems that can copy.
     """
 
-    def __init__(self, count: int, max_mb: float | None = None) -> None:
+    def __init__(self, count: int, max_mb: float | None = None, copies: int = 0) -> None:
         self._count = max(1, count)
         self._max_mb = max_mb
+        # The two ends of the pipes from and to each copy: ours, and those of the copy.
+        self._pipes = [(os.pipe(), os.pipe()) for _ in range(copies if _can_copy() else 0)]
+        self._copies: list[_Copy] = []
         self._changed = threading.Condition()
         self._calls: list[_Call] = []
         self._threads: list[threading.Thread] = []
         self._busy = 0
-        self._children: list[subprocess.Popen[bytes]] = []
+        self._children: list[subprocess.Popen[bytes] | _Copy] = []
         self._closed = False
 
     def __enter__(self) -> Workers:
@@ -118,9 +165,12 @@ class Workers:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-            children = list(self._children)
+            # The copies end before the first child, whose children they are, so that the system removes them.
+            children = sorted(self._children, key=lambda child: not isinstance(child, _Copy))
         for child in children:
             child.kill()
+            if isinstance(child, _Copy):
+                child.wait()
         for thread in self._threads:
             thread.join()
         for child in children:
@@ -129,6 +179,39 @@ class Workers:
                 if pipe is not None:
                     with contextlib.suppress(OSError):
                         pipe.close()
+        self._close_pipes()
+
+    def _close_pipes(self, ours: bool = True) -> None:
+        """Close pipes that no copy uses, or only the ends that belong to the copies."""
+        for (theirs_in, ours_out), (ours_in, theirs_out) in self._pipes:
+            for end in (theirs_in, theirs_out, *((ours_out, ours_in) if ours else ())):
+                os.close(end)
+        self._pipes = []
+
+    @property
+    def can_copy(self) -> bool:
+        """Whether :meth:`copy_first` makes copies."""
+        return bool(self._pipes)
+
+    def copy_first(self) -> None:
+        """Let the first child copy itself, with all modules that it has imported, and wait for the copies.
+
+        A copy starts in a few milliseconds. The import of a large library can take a second. Without copies, the other
+        children start in the usual way.
+        """
+        if not self.can_copy:
+            return
+        theirs = [(theirs_in, theirs_out) for (theirs_in, _), (_, theirs_out) in self._pipes]
+        try:
+            numbers = self.submit(copy_process, theirs, first_child=True).result()
+        except LostProcessError:  # for example because of a limit on the number of processes
+            self._close_pipes()
+            return
+        with self._changed:
+            for number, ((_, ours_out), (ours_in, _)) in zip(numbers, self._pipes, strict=True):
+                self._copies.append(_Copy(number, os.fdopen(ours_out, "wb"), os.fdopen(ours_in, "rb")))
+            self._children += self._copies
+            self._close_pipes(ours=False)
 
     def submit(
         self,
@@ -164,7 +247,7 @@ class Workers:
 
     def _attend(self, number: int) -> None:
         """Pass calls to a child, one after another. Each child has a thread that runs this method."""
-        child: subprocess.Popen[bytes] | None = None
+        child: subprocess.Popen[bytes] | _Copy | None = None
         while True:
             call = self._next(number)
             if call is None:
@@ -204,7 +287,7 @@ class Workers:
                 self._busy += 1
             return call
 
-    def _ask(self, child: subprocess.Popen[bytes], call: _Call) -> Any:
+    def _ask(self, child: subprocess.Popen[bytes] | _Copy, call: _Call) -> Any:
         assert child.stdin is not None and child.stdout is not None, "both are pipes"
         late = threading.Event()
 
@@ -224,6 +307,7 @@ class Workers:
             if late.is_set():
                 raise LostProcessError(f"{call.function} took longer than {call.seconds:g} s", call.seconds) from None
             how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+            how = "ended" if isinstance(child, _Copy) else how
             hint = "; maybe the memory was full" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
             raise LostProcessError(f"the process that ran {call.function} {how}{hint}") from None
         finally:
@@ -235,15 +319,24 @@ class Workers:
             raise value
         raise RuntimeError(f"in a child process:\n{value}")
 
-    def _start(self) -> subprocess.Popen[bytes]:
+    def _start(self) -> subprocess.Popen[bytes] | _Copy:
         # The child gets our own sys.path; -P keeps it from importing, say, a numpy.py in the current folder.
         code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; "
         code += f"serve({self._max_mb!r})"
         with self._changed:
             if self._closed:
                 raise EOFError
-            command = [sys.executable, "-P", "-c", code]
-            child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=child_environment())
+            if self._copies:
+                return self._copies.pop()
+            # Only the first child gets the pipes, because a pipe ends when the last process has closed it.
+            pipes = self._pipes if not self._children else []
+            child = subprocess.Popen(
+                [sys.executable, "-P", "-c", code],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env=child_environment(),
+                pass_fds=[end for (theirs_in, _), (_, theirs_out) in pipes for end in (theirs_in, theirs_out)],
+            )
             self._children.append(child)
         return child
 
@@ -257,15 +350,26 @@ def serve(max_mb: float | None = None) -> None:
     if max_mb is not None:
         _limit_memory(max_mb)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles an interruption and kills this process
-    answers = os.fdopen(os.dup(1), "wb")
+    calls: IO[bytes] = sys.stdin.buffer
+    answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
     # The kernel prints to the standard output. That must not get into our results or the user's JSON.
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     while True:
         try:
-            module, name, arguments, seconds = pickle.load(sys.stdin.buffer)
+            module, name, arguments, seconds = pickle.load(calls)
         except EOFError:
             return
+        if name == copy_process.__name__:
+            own = copy_process(*arguments)
+            if isinstance(own, tuple):
+                calls.close()
+                answers.close()
+                calls, answers = own
+                continue
+            pickle.dump(("done", own), answers)
+            answers.flush()
+            continue
         _limit_processor_time(seconds)
         try:
             outcome = ("done", getattr(importlib.import_module(module), name)(*arguments))
@@ -275,6 +379,29 @@ def serve(max_mb: float | None = None) -> None:
             outcome = ("failed", traceback.format_exc())
         pickle.dump(outcome, answers, protocol=pickle.HIGHEST_PROTOCOL)
         answers.flush()
+
+
+def copy_process(pipes: Sequence[tuple[int, int]]) -> list[int] | tuple[IO[bytes], IO[bytes]]:
+    """Copy this process.
+
+    Args:
+        pipes: For each copy, the end of a pipe to read from, and the end of a pipe to write to.
+
+    Returns:
+        The numbers of the copies; in a copy, its own two pipes.
+    """
+    numbers = []
+    for place, (read, write) in enumerate(pipes):
+        number = os.fork()
+        if number == 0:
+            for end in (end for pair in pipes[place + 1 :] for end in pair):
+                os.close(end)
+            return os.fdopen(read, "rb"), os.fdopen(write, "wb")
+        os.close(read)
+        os.close(write)
+        numbers.append(number)
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system removes copies that have ended
+    return numbers
 
 
 def _limit_memory(max_mb: float) -> None:

@@ -55,10 +55,15 @@ def sleep() -> None:
     time.sleep(600)
 
 
+def wait_and_tell(module: str) -> tuple[int, bool]:
+    time.sleep(0.1)
+    return os.getpid(), module in sys.modules
+
+
 @pytest.fixture(autouse=True)
 def tests_are_importable_in_children(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    for function in (double, process, refuse, fill_disk, fail, crash, chatter, allocate, sleep):
+    for function in (double, process, refuse, fill_disk, fail, crash, chatter, allocate, sleep, wait_and_tell):
         monkeypatch.setattr(function, "__module__", "test_processes")
 
 
@@ -74,6 +79,31 @@ def test_work_for_the_first_child_runs_in_the_first_child() -> None:
         everyone = {workers.submit(process).result() for _ in range(12)} | {first}
         assert {workers.submit(process, first_child=True).result() for _ in range(6)} == {first}
         assert len(everyone) <= 3
+
+
+@pytest.mark.skipif(not processes._can_copy(), reason="this system cannot copy processes")
+def test_copies_have_the_modules_of_the_first_child_and_end_with_it() -> None:
+    with Workers(3, copies=2) as workers:
+        assert workers.submit(why_not_importable, ("colorsys",), first_child=True).result() is None
+        workers.copy_first()
+        results = {job.result() for job in [workers.submit(wait_and_tell, "colorsys") for _ in range(6)]}
+        assert len(results) == 3 and all(loaded for _, loaded in results)
+        with pytest.raises(LostProcessError, match="the process that ran crash ended"):
+            workers.submit(crash).result()
+        assert {job.result() for job in [workers.submit(double, 3) for _ in range(6)]} == {6}
+        for _ in range(3):
+            workers.submit(sleep)
+    for number, _ in results:
+        status = Path(f"/proc/{number}/stat")
+        assert not status.exists() or status.read_text().rpartition(") ")[2].startswith("Z")
+
+
+def test_without_copies_the_other_children_start_as_usual(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "_can_copy", lambda: False)
+    with Workers(2, copies=1) as workers:
+        assert not workers.can_copy
+        workers.copy_first()
+        assert len({job.result() for job in [workers.submit(wait_and_tell, "sys") for _ in range(4)]}) == 2
 
 
 def test_a_refusal_keeps_its_message_and_exit_code() -> None:
