@@ -127,7 +127,6 @@ def command(
     settings = _Page(host=host, port=port, browser=not no_browser) if page else None
     with located("" if study is None else f"{study}: ", fields="["):
         _press(chosen, where, folder, settings)
-    click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
     print_next("check-runs", folder)
 
 
@@ -146,14 +145,15 @@ def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> 
     from tacbench_cad.lab.acquire.finish import Outcome, finishing, run_hook
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
-    from tacbench_cad.lab.acquire.session import acquire_study
+    from tacbench_cad.lab.acquire.session import acquire_study, unfinished
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.virtual_rig.devices import open_rig
 
     rig = chosen.required_rig
-    file = ProgressFile(folder)
+    station = rig.stage.station
+    file = ProgressFile(folder, station)
     person: Person = Typing(partial(ask_line, err=True), note)
-    receivers: list[PressProgress] = [ProgressLines(folder), file]
+    receivers: list[PressProgress] = [ProgressLines(folder, station), file]
 
     def end(outcome: Outcome) -> None:
         file.write("over", outcome=outcome.word, message=outcome.message)
@@ -181,6 +181,9 @@ def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> 
         faulty = [str(result.folder) for result in results if not check_run(result.folder).ok]
         if faulty:
             raise CheckFailedError(f"the runs are complete, but have faults: tacbench check-runs {shlex.join(faulty)}")
+    left = len(unfinished(chosen.study, rig, folder))
+    complete = counted(len(chosen.study.blocks) - left, "run")
+    click.echo(f"{complete} complete in {folder}" + (f", {left} not complete at other stations" if left else ""))
 
 
 def _opened_page(page: _Page, folder: Path, file: ProgressFile, person: Person) -> AbstractContextManager[PageLink]:

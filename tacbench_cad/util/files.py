@@ -132,8 +132,17 @@ def write_json(path: Path, document: Mapping[str, Any], *, durable: bool = True)
     write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n", durable=durable)
 
 
+class FolderInUseError(InputError):
+    """Another process of this program writes to the folder."""
+
+
+def lock_name(user: str = "") -> str:
+    """Return the name of the file that locks a folder for a user; see :func:`locked`."""
+    return f"{LOCK_NAME}-{user}" if user else LOCK_NAME
+
+
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, user: str = "") -> Iterator[None]:
     """Lock an output folder, so that no other process of this program writes to it. A missing folder is created.
 
     If the folder was created here and is still empty at the end, it is removed again.
@@ -143,25 +152,29 @@ def locked(folder: Path) -> Iterator[None]:
 
     Args:
         folder: The folder to write to.
+        user: The name of one of several users of the folder, each of whom has a lock of its own; empty for a single
+            user.
 
     Raises:
-        InputError: Another process has locked the folder, or it is not writable.
+        FolderInUseError: Another process has locked the folder.
+        InputError: The folder is not writable.
     """
+    path = folder / lock_name(user)
     try:
         created = [level for level in (folder, *folder.parents) if not level.exists()]
         folder.mkdir(parents=True, exist_ok=True)
-        handle = _take(folder / LOCK_NAME)
+        handle = _take(path)
     except OSError as error:
         raise _refusal(folder, error) from error
     if handle is None:
-        raise InputError("output folder", str(folder), "another tacbench is writing to it; wait for it to end")
+        raise FolderInUseError("output folder", str(folder), "another tacbench is writing to it; wait for it to end")
     try:
         for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
             with contextlib.suppress(OSError):
                 leftover.unlink()
         yield
     finally:
-        _leave(folder / LOCK_NAME, handle)
+        _leave(path, handle)
         with contextlib.suppress(OSError):  # the folder is not empty
             for level in created:
                 level.rmdir()

@@ -1,6 +1,6 @@
 """A process that presses a block on test doubles, or on the virtual rig, until it is killed.
 
-python killed_child.py FOLDER SEED fakes|virtual-grbl|virtual-marlin
+python killed_child.py FOLDER SEED fakes|virtual-grbl|virtual-marlin|station-NAME
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from helpers.fakes import FakeSensor
-from helpers.rigs import FakeRig, info_of, printed
+from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
@@ -41,9 +41,28 @@ def on_virtual_rig(folder: Path, driver: str) -> None:
     acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent(), opener=open_rig)
 
 
+def at_station(folder: Path, seed: int, station: str) -> None:
+    """Press a study of six blocks on test doubles, as one of several stations."""
+    doubles = FakeRig()
+    doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
+    protocol = small_protocol(repeats=2, stationary_frames=1)
+    person = Typing(lambda prompt: prompt.partition("(")[2].partition(")")[0], lambda message: None)
+    print("ready", flush=True)
+    acquire_study(
+        study_of(protocol, *range(1, 7)),
+        rig_settings(station=station),
+        folder,
+        person=person,
+        progress=Silent(),
+        opener=doubles.opener,
+    )
+
+
 if __name__ == "__main__":
     if sys.argv[3] == "fakes":
         on_doubles(Path(sys.argv[1]), int(sys.argv[2]))
+    elif sys.argv[3].startswith("station-"):
+        at_station(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].removeprefix("station-"))
     else:
         on_virtual_rig(Path(sys.argv[1]), sys.argv[3])
     print("done", flush=True)

@@ -27,7 +27,7 @@ from helpers.studies import write_study
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
-from tacbench_cad.lab.acquire.events import PROGRESS_FILE, ProgressFile, RecordedPerson
+from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Several
 from tacbench_cad.lab.acquire.safety import RunInterruptedError
@@ -312,7 +312,7 @@ def test_a_pause_waits_before_the_next_press_and_a_signal_ends_it(page: Page) ->
 
     with pytest.raises(RunInterruptedError):
         page.link.before(PRESS, interrupted)
-    events = [json.loads(line) for line in (page.file.out / PROGRESS_FILE).read_text().splitlines()]
+    events = [json.loads(line) for line in page.file.path.read_text().splitlines()]
     assert [event["paused"] for event in events if event["event"] == "paused"] == [True, False, True]
 
 
@@ -395,7 +395,7 @@ def test_a_lock_that_a_killed_run_left_does_not_hide_the_outcome(tmp_path: Path)
     file = ProgressFile(tmp_path)
     file.start(replace(study_of(PROTOCOL, 1)), 0)
     (tmp_path / LOCK_NAME).touch()
-    path = tmp_path / PROGRESS_FILE
+    path = file.path
     path.write_text(path.read_text().replace(f'"process":{os.getpid()}', '"process":999999999'))
     killed = Watched(tmp_path).state()
     assert (killed["under_way"], killed["session"]["killed"]) == (False, sys.platform != "win32")

@@ -129,12 +129,20 @@ class ProgressLines(PressProgress):
 
     Args:
         out: The folder of the runs. The last image is copied there as ``last.png``, for a viewer that shows one file.
+        station: The name of the rig, if several rigs write to the folder. The copy is then ``last-STATION.png``.
         stream: The output stream; None for the standard error.
         now_s: Returns a time in seconds that never decreases.
     """
 
-    def __init__(self, out: Path, stream: TextIO | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
-        self.out = out
+    def __init__(
+        self,
+        out: Path,
+        station: str = "",
+        *,
+        stream: TextIO | None = None,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.last = out / (f"last-{station}.png" if station else "last.png")
         self.stream = stream if stream is not None else sys.stderr
         self.now_s = now_s
         self._over = self.stream.isatty()
@@ -192,9 +200,9 @@ class ProgressLines(PressProgress):
         """Copy the last image. A failed copy does not stop the run."""
         if image.suffix == ".png":
             with contextlib.suppress(OSError):
-                temporary = self.out / f"{TEMPORARY_PREFIX}last.png"
+                temporary = self.last.with_name(f"{TEMPORARY_PREFIX}{self.last.name}")
                 shutil.copyfile(image, temporary)
-                temporary.replace(self.out / "last.png")
+                temporary.replace(self.last)
 
 
 def _duration(seconds: float) -> str:

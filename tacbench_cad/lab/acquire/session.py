@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,11 +24,13 @@ from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
-from tacbench_cad.util.files import locked, write_text
+from tacbench_cad.util.files import FolderInUseError, locked, write_text
 from tacbench_cad.util.text import counted
 
 #: The file in a run folder with the heights of first touch that a person taught.
 TAUGHT_FILE = "touch.toml"
+#: The user of the lock with which a station claims a run folder. While it presses, the writer of the run has its own.
+CLAIM = "claim"
 
 Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[Rig]]
 
@@ -94,6 +97,9 @@ def acquire_study(
 ) -> tuple[BlockResult, ...]:
     """Press every block of a study that is not complete yet.
 
+    Several stations can press one study into one folder at the same time: each claims a block before it presses it, and
+    continues only the runs that it has begun itself.
+
     The person puts in as many blocks at a time as the stage has slots. The devices stay open from block to block.
     The person is not asked if stage and sensor are both simulated, unless the person is always asked.
 
@@ -120,13 +126,14 @@ def acquire_study(
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
     blocks = places(study, rig, out)
-    with Signals() as signals, locked(out), _counting(study, blocks), ExitStack() as devices:
-        unfinished = [place for place in blocks if not _finished(rig, place)]
-        if len(unfinished) < len(blocks):
-            progress.say(f"complete: {len(blocks) - len(unfinished)} of {counted(len(blocks), 'block')}")
+    station = rig.stage.station
+    with Signals() as signals, locked(out, station), _counting(study, blocks), ExitStack() as devices:
+        left = [place for place in blocks if not _finished(rig, place)]
+        if len(left) < len(blocks):
+            progress.say(f"complete: {len(blocks) - len(left)} of {counted(len(blocks), 'block')}")
         progress.start(study, sum(len(run.rows) for place in blocks if (run := place.run) is not None))
         opened: Rig | None = None
-        for tray in _trays(unfinished):
+        for tray in devices.enter_context(closing(_trays(rig, left))):
             taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
             for place in tray:
                 if opened is None:
@@ -138,7 +145,15 @@ def acquire_study(
                 info, heights = place.info(**opened.info), taught[place.slot]
                 press = partial(press_block, signals=signals, progress=progress, durable=durable)
                 results.append(press(opened, info, place.folder, taught_mm=heights))
+        others = sum(not _finished(rig, place) for place in left)
+        if others:
+            progress.say(f"not complete: {counted(others, 'block')}, which other stations press or have begun")
     return tuple(results)
+
+
+def unfinished(study: Study, rig: RigSettings, out: Path) -> tuple[str, ...]:
+    """Return the names of the blocks whose runs are not complete, at any station."""
+    return tuple(place.printed.name for place in places(study, rig, out) if not _finished(rig, place))
 
 
 @contextmanager
@@ -152,28 +167,57 @@ def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
         raise
 
 
-def _trays(blocks: Sequence[Place]) -> Iterator[tuple[Place, ...]]:
-    """Group the blocks that are put in together: each slot at most once, in order."""
-    tray: list[Place] = []
-    for place in blocks:
-        if any(place.slot == other.slot for other in tray):
-            yield tuple(tray)
-            tray = []
-        tray.append(place)
-    if tray:
-        yield tuple(tray)
+def _trays(rig: RigSettings, blocks: Sequence[Place]) -> Generator[tuple[Place, ...]]:
+    """Claim the blocks that are put in together: each slot at most once, in order.
+
+    A claim is a lock in the run folder, which ends when the next blocks are claimed, or with the process. Blocks that
+    another station presses, has begun or has completed are left out.
+    """
+    waiting = deque(blocks)
+    while waiting:
+        tray: list[Place] = []
+        with ExitStack() as claims:
+            while waiting and all(waiting[0].slot != other.slot for other in tray):
+                place = waiting.popleft()
+                try:
+                    claims.enter_context(locked(place.folder, CLAIM))
+                except FolderInUseError:
+                    continue
+                if _station(rig, place) == rig.stage.station and not _finished(rig, place):
+                    tray.append(place)
+            if tray:
+                yield tuple(tray)
+
+
+def _station(rig: RigSettings, place: Place) -> str:
+    """Return the station that has begun a block's run; our own if it has not begun."""
+    run = place.run
+    return rig.stage.station if run is None else str(run.info.stage.get("settings", {}).get("station", ""))
 
 
 def _finished(rig: RigSettings, place: Place) -> bool:
-    """Return whether a block's run is complete. Refuse other settings before any device is opened."""
+    """Return whether a block's run is complete. Refuse other settings before any device is opened.
+
+    A run of another station must have the same protocol, but has its own devices.
+    """
     run = place.run
     if run is None:
         return False
-    now = place.info(
-        stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
-        gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
-        sensor=run.info.sensor,
-    )
+    if _station(rig, place) == rig.stage.station:
+        now = place.info(
+            stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
+            gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
+            sensor=run.info.sensor,
+        )
+    else:
+        study, planned = place.study, place.planned
+        now = replace(
+            run.info,
+            printed=planned.printed,
+            levels=planned.levels,
+            protocol=study.protocol,
+            grid_spacing=study.grid_spacing,
+        )
     advice = "restore these settings, or choose another output folder"
     if not run.rows:
         advice = "the run contains no press yet, so delete its folder, or choose another output folder"

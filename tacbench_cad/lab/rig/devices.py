@@ -130,6 +130,7 @@ def recorded_stage(settings: StageSettings) -> dict[str, Any]:
         "travel_mm_s": settings.travel_mm_s,
         "approach_mm_s": settings.approach_mm_s,
         "options": {key: value for key, value in settings.options.items() if key not in UNRECORDED},
+        **({"station": settings.station} if settings.station else {}),
     }
 
 

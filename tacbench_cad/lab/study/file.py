@@ -69,7 +69,8 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     """Read a study. ``tacbench acquire --init FILE.toml`` writes a file that explains every key.
 
     Args:
-        path: The file. Texture files, calibrations and ``out`` are relative to its folder.
+        path: The file. Texture files, calibrations and ``out`` are relative to its folder. The file of one of several
+            stations has the key ``plan`` instead of the blocks and the protocol: the path of the file that has them.
         teaching: Whether the origin may be empty, because it will be taught.
 
     Raises:
@@ -78,7 +79,18 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     """
     document = door.read_document(path, "study", "toml")
     with located(f"{path}: "):
-        return _study_file(document, path.parent, teaching)
+        if "plan" not in document:
+            return _study_file(document, path.parent, teaching)
+        _require_filled(document, "[stage] origin_mm" if teaching else "")
+        station = from_plain(_Station, document)
+        plan = path.parent / station.plan
+        if "plan" in door.read_document(plan, "study", "toml"):
+            raise InputError("plan", station.plan, "refers to another plan; name the file with the blocks")
+    planned = read_study(plan)
+    with located(f"{path}: "), located("[holder] "):
+        rim = station.holder.rim
+    with located(f"{path}: "):
+        return replace(planned, rig=_rig(station, rim, planned.study.protocol, path.parent, teaching))
 
 
 def virtual_study(
@@ -201,18 +213,31 @@ class _Grid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Document:
+class _Devices:
+    """The tables of a rig. They are read after the tables on which they depend."""
+
+    holder: _HolderTable = field(default_factory=_HolderTable)
+    stage: Mapping[str, Any] | None = None
+    gauge: Mapping[str, Any] | None = None
+    sensor: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Station(_Devices):
+    """The file of one of several stations. The file ``plan`` has the blocks and the protocol."""
+
+    plan: Word
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document(_Devices):
     """The whole file. Tables that depend on other tables are read afterwards."""
 
     out: str | None = None
     on_finish: str | None = None
     block: _BlockTable | None = None
     study: Mapping[str, Any] = field(default_factory=dict)
-    holder: _HolderTable = field(default_factory=_HolderTable)
     protocol: Mapping[str, Any] = field(default_factory=dict)
-    stage: Mapping[str, Any] | None = None
-    gauge: Mapping[str, Any] | None = None
-    sensor: Mapping[str, Any] | None = None
 
 
 def _study_file(plain: Mapping[str, Any], folder: Path, teaching: bool = False) -> StudyFile:
@@ -301,7 +326,7 @@ def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
     return from_plain(Protocol, values, "[protocol] "), spacing
 
 
-def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
+def _rig(document: _Devices, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
     for table, values in (("stage", document.stage), ("sensor", document.sensor)):
         if values is None:
             raise InputError(f"[{table}]", None, "this table is missing")

@@ -377,6 +377,7 @@ class StageSettings(_Device):
         travel_mm_s: The speed above the clearance height.
         approach_mm_s: The speed of every step towards the block and in contact.
         slots_mm: The offsets of a tray's slots from the origin, in the stage's frame; a single slot by default.
+        station: The name of this rig, if several rigs press one study; letters, digits and hyphens.
         home: Whether the stage is homed when it is opened.
         timeout_s: The longest time to wait for an answer.
         options: The driver's own settings: ``steps_per_mm`` of ``arduino``, ``speed`` of the virtual stages, or the
@@ -394,12 +395,15 @@ class StageSettings(_Device):
     travel_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 20.0
     approach_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 2.0
     slots_mm: Annotated[tuple[Point, ...], Length(1, 1000)] = ((0.0, 0.0, 0.0),)
+    station: str = ""
     home: bool = True
     timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 10.0
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not re.fullmatch(r"[A-Za-z0-9-]{0,40}", self.station, re.ASCII):
+            raise InputError("station", self.station, "must have at most 40 letters, digits and hyphens")
         for axis, (low, high) in zip("xyz", self.limits_mm, strict=True):
             if not low < high:
                 raise InputError(f"limits_mm {axis}", [low, high], "must be two numbers, the lower one first")

@@ -185,7 +185,8 @@ def opened_page(
     )
     link = PageLink(process, file, terminal, say)
     try:
-        settings = {"folder": str(folder.absolute()), "port": port, "host": host, "browser": browser}
+        where = {"folder": str(folder.absolute()), "station": file.station}
+        settings = {**where, "port": port, "host": host, "browser": browser}
         assert process.stdin is not None
         process.stdin.write(json.dumps(settings) + "\n")
         process.stdin.flush()

@@ -28,6 +28,7 @@ LAST_S = 5.0 * LOOK_S
 
 def watch(
     folder: Path,
+    station: str = "",
     *,
     port: int,
     host: str,
@@ -40,6 +41,7 @@ def watch(
 
     Args:
         folder: A run folder, or a folder of run folders.
+        station: The name of the rig whose session is shown, if several rigs write to the folder.
         port: The port; 0 for a free one.
         host: The address on which the server listens.
         browser: Whether the page is opened in the browser.
@@ -53,7 +55,7 @@ def watch(
     with contextlib.suppress(AttributeError, OSError):  # Windows has no niceness
         os.nice(NICENESS)
     _use_one_thread()
-    page = WatchPage(Watched(folder), order)
+    page = WatchPage(Watched(folder, station), order)
     serve(page.routes, port=port, host=host, browser=browser, announce=announce, end=end)
 
 
@@ -77,6 +79,7 @@ def launched() -> None:
     try:
         watch(
             Path(settings["folder"]),
+            settings["station"],
             port=settings["port"],
             host=settings["host"],
             browser=settings["browser"],

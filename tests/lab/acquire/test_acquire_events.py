@@ -28,7 +28,7 @@ PROTOCOL = small_protocol(repeats=2, stationary_frames=1)
 
 def test_a_reader_follows_a_session(tmp_path: Path) -> None:
     now, rig = 0.0, FakeRig()
-    file, reader = ProgressFile(tmp_path, lambda: now), ProgressReader(tmp_path / PROGRESS_FILE)
+    file, reader = ProgressFile(tmp_path, time_s=lambda: now), ProgressReader(tmp_path / PROGRESS_FILE)
     assert reader.read() is None
     questions = []
 
@@ -59,7 +59,7 @@ def test_a_reader_follows_a_session(tmp_path: Path) -> None:
         assert (pytest.approx(z, abs=1e-4), pytest.approx(force, abs=1e-5)) in curve
         assert max(height for height, _ in curve) > z
     # The next session replaces the file, and the reader begins again.
-    again = ProgressFile(tmp_path, lambda: now)
+    again = ProgressFile(tmp_path, time_s=lambda: now)
     again.start(study, 7)
     again.close()
     progress = reader.read()
@@ -69,7 +69,7 @@ def test_a_reader_follows_a_session(tmp_path: Path) -> None:
 
 def test_the_time_of_a_press_leaves_out_pauses_and_questions(tmp_path: Path) -> None:
     now = 0.0
-    file, reader = ProgressFile(tmp_path, lambda: now), ProgressReader(tmp_path / PROGRESS_FILE)
+    file, reader = ProgressFile(tmp_path, time_s=lambda: now), ProgressReader(tmp_path / PROGRESS_FILE)
     study = study_of(PROTOCOL, 1)
     file.start(study, 0)
     file.begin("a", 0, 16)

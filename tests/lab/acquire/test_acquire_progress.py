@@ -16,7 +16,7 @@ class Terminal(io.StringIO):
 
 def shown(stream: io.StringIO, out: Path, presses: int, step_s: float) -> str:
     now = 0.0
-    lines = ProgressLines(out, stream, lambda: now)
+    lines = ProgressLines(out, stream=stream, now_s=lambda: now)
     image = out / "image_3.png"
     image.write_bytes(b"picture")
     lines.begin("texture-1", 0, presses)
@@ -52,6 +52,6 @@ def test_the_newest_image_is_a_separate_copy(tmp_path: Path) -> None:
 
 
 def test_an_image_that_cannot_be_copied_does_not_stop_the_run(tmp_path: Path) -> None:
-    lines = ProgressLines(tmp_path / "missing", io.StringIO())
+    lines = ProgressLines(tmp_path / "missing", stream=io.StringIO())
     lines.begin("texture-1", 0, 1)
     lines.pressed(1, None, None, tmp_path / "image_1.png")
