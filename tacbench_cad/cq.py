@@ -115,8 +115,11 @@ def textured(
     """
     shape = part.findSolid() if isinstance(part, cq.Workplane) else part
     if isinstance(face, str):
-        face = cq.Workplane(shape).faces(face)
-    faces = face.vals() if isinstance(face, cq.Workplane) else [face]
+        from tacbench_cad.geometry.textured.part import faces_by
+
+        faces = faces_by(shape.wrapped, face)
+    else:
+        faces = face.vals() if isinstance(face, cq.Workplane) else [face]
     return cq.Workplane(_textured(shape, faces, texturing(texture, **settings)))
 
 

@@ -139,7 +139,8 @@ def _genus(holes: int, expected: int) -> Check:
 def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
     """Check the box up to the rounding of float32. The highest vertex of a block must be exactly at its height."""
     low, high = mesh.bounds_mm
-    check = _box(low, high, part.size_mm, 2.0 * _FLOAT32 * max(part.size_mm) + expected.size_slack_mm)
+    reach = float(np.abs(mesh.vertices).max())
+    check = _box(low, high, part, 2.0 * _FLOAT32 * max(*part.size_mm, reach) + expected.size_slack_mm)
     top, height = float(high[2]), float(np.float32(part.size_mm[2]))
     if check.ok and part.block is not None and top != height:
         return Check(
@@ -152,18 +153,18 @@ def _solid_box(part: Part, measured: Measured, expected: ExpectedGeometry) -> Ch
     """Check the box. The height of a block has the same tolerance as the solid's distance from the formula."""
     certificate = expected.certificate
     upper_mm = SOLID_BOX_MM if certificate is None else max(SOLID_BOX_MM, certificate.vertical_mm)
-    return _box(measured.low_mm, measured.high_mm, part.size_mm, SOLID_BOX_MM, upper_mm)
+    return _box(measured.low_mm, measured.high_mm, part, SOLID_BOX_MM, upper_mm)
 
 
-def _box(
-    low: Floats, high: Floats, size_mm: tuple[float, float, float], allowed: float, upper_mm: float | None = None
-) -> Check:
-    """Compare the box with the expected size. The highest point can have another tolerance, ``upper_mm``."""
-    off = np.concatenate([low, high - np.array(size_mm)])
+def _box(low: Floats, high: Floats, part: Part, allowed: float, upper_mm: float | None = None) -> Check:
+    """Compare the box with the expected one. The highest point can have another tolerance, ``upper_mm``."""
+    corner = np.array(part.low_mm)
+    off = np.concatenate([low - corner, high - corner - np.array(part.size_mm)])
     size = mm(*(high - low).tolist())
     limits = np.array([allowed] * 5 + [upper_mm or allowed])
     if bool(np.all(np.abs(off) <= limits)):
-        return Check(name="box", ok=True, detail=f"{size}, lower corner at the origin")
+        where = "the origin" if not corner.any() else "x {:.4g}, y {:.4g}, z {:.4g} mm".format(*corner)
+        return Check(name="box", ok=True, detail=f"{size}, lower corner at {where}")
     i = int(np.argmax(np.abs(off) - limits))
     name = f"{'lower' if i < 3 else 'upper'} {'xyz'[i % 3]}"
     return Check(name="box", ok=False, detail=f"{size}; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e} mm)")

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import print_json, print_lines
+from tacbench_cad.util.errors import InputError
+
+if TYPE_CHECKING:
+    from tacbench_cad.geometry.textured.on_mesh import TexturedMesh
+    from tacbench_cad.making.texturing import TexturedFile
 
 
 @options.command("texture-part")
-@options.argument("file", options.file("FILE"), "STL or 3MF file of any program, in mm.")
+@options.argument("file", options.file("FILE"), "STL, 3MF or STEP file of any program, in mm.")
 @options.option(
     "--at",
     options.coordinates("X,Y,Z"),
     "A point on the flat or cylindrical region that gets the texture, in mm.",
     options.PARTS,
-    required=True,
+)
+@options.option(
+    "--face",
+    options.text("SELECTOR"),
+    "Faces of a STEP file by a selector of CadQuery, such as >Z or %Cylinder.",
+    options.PARTS,
 )
 @options.option(
     "--texture", options.TEXTURE, "Texture: 1 to 6, another name or a TOML file.", options.PARTS, required=True
@@ -52,16 +62,21 @@ from tacbench_cad.cli.common import print_json, print_lines
     "--scale", options.SCALE, "Millimetres for each unit of the file; 25.4 for inches.", options.SIZE, default="1"
 )
 @options.option(
-    "--tolerance", options.MM, "Largest distance of the mesh from the formula.", options.ACCURACY, default="0.01"
+    "--tolerance",
+    options.MM,
+    "Largest distance of the file from the formula. Default: 0.01, and 0.001 for a new STEP file.",
+    options.ACCURACY,
 )
-@options.out("FILE", "The new STL or 3MF file. Default: FILE_textured, in the same folder.")
+@options.out(
+    "FILE", "The new STL or 3MF file, or STEP file of a STEP file. Default: FILE_textured, in the same folder."
+)
 @options.json
 def command(file: Path, out: Path | None, json: bool, **settings: Any) -> None:
     """Put a texture on a region of your own part.
 
-    The part is a closed mesh of any program. The region is named by one of its points. It consists of all connected
-    triangles on the same plane or cylinder, within 0.005 mm. The rest of the part stays as it is. All lengths are in
-    mm.
+    The part is a closed mesh or a STEP file with one solid, of any program. The region is named by one of its points.
+    In a mesh, it consists of all connected triangles on the same plane or cylinder, within 0.005 mm. In a STEP file, it
+    is a face, and can also be named by a selector. The rest of the part stays as it is. All lengths are in mm.
 
     The texture is raised above the region, or sunk into it with --sunk. Around a whole cylinder, it gets a whole number
     of periods. The result is checked: it must be closed, have as many bodies as before, and have the volume of the part
@@ -71,14 +86,30 @@ def command(file: Path, out: Path | None, json: bool, **settings: Any) -> None:
       tacbench texture-part pad.stl --at 20,15,5 --texture 2 --depth 0.5
       tacbench texture-part drum.stl --at 15,0,10 --texture 3 --up +X
       tacbench texture-part grip.3mf --at 0,0,12 --texture 4 --sunk --fade 2
+      tacbench texture-part plate.step --face ">Z" --texture 2
     """
-    from tacbench_cad.making.texturing import textured_mesh, write_textured_mesh
+    from tacbench_cad.formats import format_of
+    from tacbench_cad.making.texturing import texture_step_file, textured_mesh, write_textured_mesh
 
     lengths = {f"{name}_mm": settings.pop(name) for name in ("depth", "margin", "fade", "base", "tolerance")}
-    at, texture, scale = settings.pop("at"), settings.pop("texture"), settings.pop("scale")
-    result = textured_mesh(file, at, texture, scale=scale, **lengths, **settings)
+    at, face, texture, scale = (settings.pop(name) for name in ("at", "face", "texture", "scale"))
     target = file.with_stem(f"{file.stem}_textured") if out is None else out
-    write_textured_mesh(result, target)
+    is_solid = format_of(file).shape == "solid"
+    if (at is None) == (face is None):
+        raise InputError("--at, --face", None, "must be given one at a time: a point, or a selector for a STEP file")
+    if is_solid:
+        if scale != 1.0:
+            raise InputError("--scale", scale, "must be 1 for a STEP file, because the file states its unit")
+        result: TexturedFile | TexturedMesh = texture_step_file(
+            file, target, texture, face=face, at=at, **lengths, **settings
+        )
+    else:
+        if face is not None:
+            raise InputError("--face", face, "needs a STEP file; name the region of a mesh by --at X,Y,Z")
+        if lengths["tolerance_mm"] is None:
+            del lengths["tolerance_mm"]
+        result = textured_mesh(file, at, texture, scale=scale, **lengths, **settings)
+        write_textured_mesh(result, target)
     if json:
         print_json({"ok": True, "file": str(target), **result.as_dict()})
         return

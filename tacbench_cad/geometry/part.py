@@ -49,7 +49,7 @@ class Part:
         name: The name of the part in its files.
         kind: The kind of part: ``block``, ``holder`` and so on, or a word of your own.
         title: A description for people, in one line.
-        size_mm: The size of the bounding box along x, y and z, in mm. Its lower corner is at the origin.
+        size_mm: The size of the bounding box along x, y and z, in mm.
         genus: The number of through holes (0 for a block).
         make_mesh: A function that builds the mesh and the expected geometry of a file that contains it.
         make_solid: The same for the Open CASCADE solid; None if the part has no solid.
@@ -61,6 +61,8 @@ class Part:
         mesh_needs_cad: Whether the CAD kernel is needed to make the mesh.
         placed: The parts of an assembly, each with the matrix from its own frame to the assembly's frame, shape
             (4, 4), in mm.
+        low_mm: The lower corner of the bounding box. It is the origin, except for files that keep the coordinates of a
+            user's part.
 
     Raises:
         InputError: The name or the kind is not allowed.
@@ -80,6 +82,7 @@ class Part:
     no_solid: str | None = None
     mesh_needs_cad: bool = False
     placed: tuple[tuple[Part, Floats], ...] = ()
+    low_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("name", "kind"):

@@ -1,4 +1,4 @@
-"""The command ``tacbench texture-part``: files of other programs, the written file, and messages."""
+"""The command ``tacbench texture-part``: meshes and solids of other programs, the written file, and messages."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad.checks.meshcheck import read_mesh
 from tacbench_cad.cli import main
+from tacbench_cad.formats.step import read_step
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.formats.threemf import write_3mf
+from tacbench_cad.geometry import kernel
 from tacbench_cad.making.texturing import textured_mesh
 from tacbench_cad.util.errors import InputError
 
@@ -56,10 +58,64 @@ def test_a_3mf_file_is_written_for_a_3mf_name(pad: Path, tmp_path: Path, capsys:
         (["--at", "15,10,5", "--texture", "wood"], "texture = 'wood'"),
         (["--at", "15,10,5", "--texture", "2", "--scale", "1000"], "is probably not the millimetre"),
         (["--at", "15,10,5", "--texture", "2", "--out", "pad.step"], "must end in .stl or .3mf"),
+        (["--face", ">Z", "--texture", "2"], "needs a STEP file; name the region of a mesh by --at"),
     ],
 )
 def test_bad_input_ends_in_one_line(pad: Path, words: list[str], message: str, capsys: Capture) -> None:
     assert main(["texture-part", str(pad), *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
+    assert message in error
+
+
+@pytest.fixture
+def step_file(tmp_path: Path) -> Path:
+    """Return a STEP file of a plate with a countersunk hole, away from the origin."""
+    cq = pytest.importorskip("cadquery")
+    plate = cq.Workplane().box(20, 16, 4).faces(">Z").workplane().center(5, 3).cskHole(3, 5, 82)
+    plate = plate.translate((100, -50, 7))
+    path = tmp_path / "plate.step"
+    cq.exporters.export(plate, str(path))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "allowed"),
+    [
+        (["--face", ">Z"], "plate_textured.step", 0.001),
+        (["--at", "98,-50,9.3", "--sunk", "--tolerance", "0.02"], "plate_textured.stl", 0.02),
+    ],
+)
+def test_a_step_file_keeps_its_coordinates(
+    step_file: Path, words: list[str], name: str, allowed: float, capsys: Capture
+) -> None:
+    words = [*words, "--texture", "2", "--depth", "0.5", "--out", str(step_file.with_name(name)), "--json"]
+    assert main(["texture-part", str(step_file), *words]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["region"], document["evidence"], document["bodies"]) == ("plane", "proved", 1)
+    assert 0.0 < document["deviation_mm"] <= allowed
+    assert document["volume_mm3"] == pytest.approx(document["expected_volume_mm3"], rel=1e-3)
+    file = Path(document["file"])
+    low = kernel.box_mm(read_step(file))[0] if file.suffix == ".step" else read_mesh(file).bounds_mm[0]
+    assert low.tolist() == pytest.approx([90.0, -58.0, 5.0], abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "--at, --face: must be given one at a time"),
+        (["--face", ">>>"], "selects no face; use a selector of CadQuery"),
+        (["--face", "%Cone"], "is conical; only planes and cylinders"),
+        (["--at", "100,-50,30"], "mm from the part"),
+        (["--at", "110,-50,9"], "equally near to two faces"),
+        (["--face", ">Z", "--scale", "2"], "must be 1 for a STEP file"),
+        (["--face", ">Z", "--out", "plate.obj"], "must end in .stl, .3mf, .step"),
+    ],
+)
+def test_bad_input_for_a_step_file_ends_in_one_line(
+    step_file: Path, words: list[str], message: str, capsys: Capture
+) -> None:
+    assert main(["texture-part", str(step_file), "--texture", "2", *words]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1
     assert message in error

@@ -12,18 +12,20 @@ from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.solids import ANGLE_RAD, ROUND_DECIMALS, require_closed, rounding_mm3, weld
-from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.geometry.texturing import Texturing, texturing
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, require_between
 
 if TYPE_CHECKING:
-    from OCP.TopoDS import TopoDS_Shape
+    from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
     from tacbench_cad.geometry.textured.relief import FaceRelief
     from tacbench_cad.util.types import Floats, Indices
 
+#: The largest distance between a point that names a face and the face, in mm.
+NEAR_MM = 1.0
 #: The fractions of the tolerance that the kernel's mesher is given, until the measured distance is small enough.
 _DEFLECTIONS = (0.9, 0.6, 0.4, 0.25, 0.12, 0.06)
 #: The largest slope of a texture that the kernel's mesher is given.
@@ -74,18 +76,9 @@ def textured_part(
     faces = [kernel.shape_of(item, "face") for item in _several(face)]
     if not faces:
         raise InputError("face", None, "must be a face of the part; select at least one")
-    made = _Made(kernel.shape_of(part, "part"), faces, texturing(texture, **settings), mesh_tolerance_mm)
-    return Part(
-        name=name,
-        kind=kind,
-        title=title or name,
-        size_mm=made.size_mm,
-        genus=kernel.genus(made.solid),
-        make_mesh=made.mesh,
-        make_solid=made.shape,
-        spec={**(spec or {}), "texture": made.texturing.texture.name, **settings},
-        mesh_needs_cad=True,
-    )
+    made = TexturedFaces(kernel.shape_of(part, "part"), faces, texturing(texture, **settings), mesh_tolerance_mm)
+    own = {**(spec or {}), "texture": made.texturing.texture.name, **settings}
+    return made.part(name, kind, title, own)
 
 
 def _several(face: Any) -> Sequence[Any]:
@@ -94,52 +87,138 @@ def _several(face: Any) -> Sequence[Any]:
     return list(face) if isinstance(face, (list, tuple)) else [face]
 
 
-class _Made:
-    """The solid and the mesh of a textured part."""
+def face_at(shape: TopoDS_Shape, at: Sequence[float]) -> TopoDS_Face:
+    """Return the face of a shape at a point.
 
-    def __init__(self, shape: TopoDS_Shape, faces: Sequence[Any], texturing: Any, mesh_tolerance_mm: float) -> None:
-        from tacbench_cad.geometry.textured.solid import textured_solid
+    Args:
+        shape: The shape.
+        at: The point, at most :data:`NEAR_MM` from the face.
+
+    Raises:
+        InputError: The point is too far from the shape, or equally near to two faces.
+    """
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
+    from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+    from OCP.gp import gp_Pnt
+
+    if len(at) != 3 or not np.all(np.isfinite(at)):
+        raise InputError("at", tuple(at), "must be three finite coordinates in mm")
+    vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(*at)).Vertex()
+    distances = [
+        (BRepExtrema_DistShapeShape(vertex, face).Value(), number, face)
+        for number, face in enumerate(kernel.each(shape, "FACE"))
+    ]
+    distances.sort(key=lambda item: item[:2])
+    if not distances or distances[0][0] > NEAR_MM:
+        where = f"{distances[0][0]:.4g} mm from the part" if distances else "not on the part, which has no faces"
+        raise InputError("at", tuple(at), f"is {where}; choose a point on the face")
+    if len(distances) > 1 and distances[1][0] - distances[0][0] < 1e-6:
+        raise InputError("at", tuple(at), "is equally near to two faces; choose a point inside of the face")
+    return distances[0][2]
+
+
+def faces_by(shape: TopoDS_Shape, selector: str) -> list[Any]:
+    """Return the faces of a shape that a selector of CadQuery chooses, for example ``">Z"`` or ``"%Cylinder"``.
+
+    Raises:
+        InputError: The selector is not right, or chooses no face.
+    """
+    import cadquery as cq
+
+    faces: list[Any] = []
+    try:
+        faces = cq.Workplane(cq.Shape.cast(shape)).faces(selector).vals()
+    except Exception as error:  # the parser of CadQuery raises errors of several classes
+        if not type(error).__module__.startswith("pyparsing") and not isinstance(error, (ValueError, IndexError)):
+            raise
+    if not faces:
+        raise InputError("face", selector, 'selects no face; use a selector of CadQuery such as ">Z" or "%Cylinder"')
+    return faces
+
+
+class TexturedFaces:
+    """A part with a texture on one or more of its faces: its solid and its mesh.
+
+    Args:
+        shape: The part, with one solid.
+        faces: The faces.
+        texturing: The settings.
+        mesh_tolerance_mm: The largest distance of the mesh from the formula.
+        keeps_place: Whether files keep the coordinates of the part. Otherwise, the lower corner of the bounding box is
+            at the origin.
+    """
+
+    def __init__(
+        self,
+        shape: TopoDS_Shape,
+        faces: Sequence[Any],
+        texturing: Texturing,
+        mesh_tolerance_mm: float,
+        keeps_place: bool = False,
+    ) -> None:
+        from tacbench_cad.geometry.textured.solid import TexturedSolid, textured_solid
 
         self.texturing, self._mesh_tolerance_mm = texturing, mesh_tolerance_mm
         self._before = shape
         before, volume = shape, kernel.volume_mm3(shape)
-        self._results = []
+        self.results: list[TexturedSolid] = []
         for face in faces:
             result = textured_solid(before, face, texturing)
             volume += result.added_mm3
             before = result.solid
-            self._results.append(result)
+            self.results.append(result)
         low, high = kernel.box_mm(before)
         to_origin = np.eye(4)
-        to_origin[:3, 3] = -low
-        self._shift_mm = -low
+        self._shift_mm = np.zeros(3) if keeps_place else -low
+        to_origin[:3, 3] = self._shift_mm
         self.solid = before.Moved(kernel.location(to_origin))
-        x, y, z = np.round(high - low, ROUND_DECIMALS - 3).tolist()
-        self.size_mm: tuple[float, float, float] = (x, y, z)
-        self._volume_mm3 = volume
+        self._low_mm, self._size_mm = (np.round(x, ROUND_DECIMALS - 3) for x in (low + self._shift_mm, high - low))
+        self.volume_mm3 = volume
+
+    def part(self, name: str, kind: str, title: str, spec: Mapping[str, Any]) -> Part:
+        """Return the part for its files; see :class:`~tacbench_cad.geometry.part.Part`."""
+        (x, y, z), (low_x, low_y, low_z) = self._size_mm.tolist(), (self._low_mm + 0.0).tolist()
+        return Part(
+            name=name,
+            kind=kind,
+            title=title or name,
+            size_mm=(x, y, z),
+            genus=kernel.genus(self.solid),
+            make_mesh=self.mesh,
+            make_solid=self.shape,
+            spec=spec,
+            mesh_needs_cad=True,
+            low_mm=(low_x, low_y, low_z),
+        )
 
     def _relief(self, allowed_mm: float) -> FaceRelief:
         from tacbench_cad.geometry.textured.relief import FaceRelief
 
-        regions = [(region, height) for result in self._results for region, _, height in result.regions]
+        regions = [(region, height) for result in self.results for region, _, height in result.regions]
         return FaceRelief(regions, self._shift_mm, allowed_mm)
+
+    @property
+    def _reach_mm(self) -> tuple[float, float, float]:
+        """The largest coordinates of the part or its size, whichever is larger."""
+        x, y, z = np.maximum(self._size_mm, np.abs(self._low_mm) + self._size_mm).tolist()
+        return x, y, z
 
     @cached_property
     def _slack_mm3(self) -> float:
         """The error of the kernel's volume: large only if a face of the part is a free surface."""
-        return _FREE_FRACTION * self._volume_mm3 if _has_free_edges(self.solid) else 0.0
+        return _FREE_FRACTION * self.volume_mm3 if _has_free_edges(self.solid) else 0.0
 
     def shape(self) -> tuple[TopoDS_Shape, ExpectedGeometry]:
         """Return the solid and its expected geometry."""
-        error = max(result.error_mm for result in self._results)
+        error = max(result.error_mm for result in self.results)
         return self.solid, ExpectedGeometry(
-            volume_mm3=self._volume_mm3,
+            volume_mm3=self.volume_mm3,
             volume_slack_mm3=self._slack_mm3 + error * kernel.area_mm2(r.face for r in self._regions()),
             relief=self._relief(error + _ROUNDING_MM),
         )
 
     def _regions(self) -> list[Any]:
-        return [region for result in self._results for region, _, _ in result.regions]
+        return [region for result in self.results for region, _, _ in result.regions]
 
     def mesh(self) -> tuple[Mesh, ExpectedGeometry]:
         """Return the mesh and its expected geometry.
@@ -163,9 +242,9 @@ class _Made:
             mesh = Mesh(vertices=vertices, faces=triangles)
             found, _ = relief.of_mesh(mesh)
             if found <= self._mesh_tolerance_mm:
-                slack = curved * self._mesh_tolerance_mm + self._slack_mm3 + rounding_mm3(self.size_mm)
+                slack = curved * self._mesh_tolerance_mm + self._slack_mm3 + rounding_mm3(self._reach_mm)
                 expected = ExpectedGeometry(
-                    volume_mm3=self._volume_mm3,
+                    volume_mm3=self.volume_mm3,
                     volume_slack_mm3=slack,
                     size_slack_mm=self._mesh_tolerance_mm,
                     relief=relief,
@@ -186,7 +265,7 @@ class _Made:
         part = weld(*triangulate(self._before, deflection_mm, ANGLE_RAD))
         textures = [
             (region, height, self.texturing, result.mm_per_unit)
-            for result in self._results
+            for result in self.results
             for region, _, height in result.regions
         ]
         vertices, triangles = combined(*part, textures, deflection_mm)
@@ -194,7 +273,7 @@ class _Made:
 
     def _require_gentle(self) -> None:
         """Check that the kernel's mesher can mesh the texture. On steep textures it takes many minutes."""
-        for result in self._results:
+        for result in self.results:
             for _, _, height in result.regions:
                 slope = abs(height.factor) * max(height.surface.bound(1, 0), height.surface.bound(0, 1))
                 if slope > _MAX_SLOPE:
