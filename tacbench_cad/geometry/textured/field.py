@@ -10,7 +10,7 @@ grid, and its error is measured.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -186,6 +186,37 @@ class PatchGrid:
         return self.frame.world(values, t)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Avoid:
+    """The places that lines between patches must keep away from.
+
+    Args:
+        corners: The corners of the outline, and its extremes along s and t, shape (n, 2).
+        outline: Points along each edge of the outline, shape (m, 2) each.
+    """
+
+    corners: Floats
+    outline: Sequence[Floats]
+
+    def along_t(self, s_lines: Floats, around_mm: float | None) -> Floats:
+        """Return the coordinates t of the corners, and of the crossings of the outline with lines along t.
+
+        Args:
+            s_lines: The lines between patches along s. Patches must not have a corner on the outline.
+            around_mm: The circumference if the region goes all the way around a cylinder.
+        """
+        places = [self.corners[:, 1]]
+        for points in self.outline:
+            for line in s_lines.tolist():
+                off = points[:, 0] - line
+                if around_mm is not None:
+                    off = off - around_mm * np.round(off.mean() / around_mm)
+                k = np.flatnonzero((off[:-1] < 0.0) != (off[1:] < 0.0))
+                part = off[k] / (off[k] - off[k + 1])
+                places.append(points[k, 1] + part * (points[k + 1, 1] - points[k, 1]))
+        return np.concatenate(places)
+
+
 def lines_along(length: float, patches: int, avoid: Floats, closed: bool) -> Floats:
     """Return the lines between patches. They keep away from the corners of the outline.
 
@@ -206,7 +237,7 @@ def lines_along(length: float, patches: int, avoid: Floats, closed: bool) -> Flo
     lines = np.linspace(0.0, length, patches + 1)
     lines[[0, -1]] += np.array([-_BEYOND, _BEYOND]) * step
     for k in range(1, patches):
-        tried = lines[k] + apart * 1.5 * np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5, 6, -6])
+        tried = lines[k] + apart * np.array([0.0, *(sign * n for n in range(1, 11) for sign in (1, -1))])
         near = np.abs(tried[:, None] - avoid).min(axis=1)
         enough = np.flatnonzero(near >= apart)
         lines[k] = tried[enough[0] if len(enough) else int(np.argmax(near))]
@@ -278,30 +309,32 @@ class ExactField:
         middles = (lines[:-1] + lines[1:]) / 2.0
         return [-1 if middle < low else 1 if middle > high else 0 for middle in middles]
 
-    def patches(self, tolerance_mm: float, avoid: tuple[Floats, Floats]) -> PatchGrid:
+    def patches(self, tolerance_mm: float, avoid: Avoid) -> PatchGrid:
         """Return patches within a tolerance of the formula.
 
         Args:
             tolerance_mm: The largest distance between the patches and the formula.
-            avoid: The coordinates along s and along t that lines between patches must keep away from.
+            avoid: The places that lines between patches must keep away from.
 
         Raises:
             InputError: The tolerance needs too many poles.
         """
         counts = patch_counts(self._height)
-        lines = []
+        around = self._height.size_mm[0] if self._closed else None
+        lines: list[Floats] = []
         for axis in (0, 1):
             closed = self._closed and axis == 0
             size = self._height.size_mm[axis]
+            far = avoid.corners[:, 0] if axis == 0 else avoid.along_t(lines[0], around)
             if closed:
                 count = max(counts[axis], 3)
-                lines.append(lines_along(size, count, avoid[axis], True))
+                lines.append(lines_along(size, count, far, True))
                 continue
             low, high = self._borders[axis]
             if math.isinf(low):
-                lines.append(lines_along(size, counts[axis], avoid[axis], False))
+                lines.append(lines_along(size, counts[axis], far, False))
                 continue
-            own = lines_along(size, counts[axis], np.append(avoid[axis], [low, high]), False)
+            own = lines_along(size, counts[axis], np.append(far, [low, high]), False)
             apart = 0.2 * size / counts[axis]
             inner = own[1:-1]
             inner = inner[(np.abs(inner - low) > apart) & (np.abs(inner - high) > apart)]
@@ -344,7 +377,7 @@ class SampledField:
     def __init__(self, height: Height, frame: Frame, closed: bool) -> None:
         self._height, self._frame, self._closed = height, frame, closed
 
-    def patches(self, tolerance_mm: float, avoid: tuple[Floats, Floats]) -> PatchGrid:
+    def patches(self, tolerance_mm: float, avoid: Avoid) -> PatchGrid:
         """Return patches within a tolerance of the formula; see :meth:`ExactField.patches`."""
         counts, size = patch_counts(self._height), self._height.size_mm
         closed = (self._closed, False)
@@ -360,7 +393,9 @@ class SampledField:
         while True:
             fewest = [math.ceil(size[k] / finest[k] * density / _MAX_SAMPLED_SPANS) for k in (0, 1)]
             numbers = [max(counts[k], fewest[k], 3 if closed[k] else 1) for k in (0, 1)]
-            lines = [lines_along(size[k], numbers[k], avoid[k], closed[k]) for k in (0, 1)]
+            lines = [lines_along(size[0], numbers[0], avoid.corners[:, 0], self._closed)]
+            far = avoid.along_t(lines[0], size[0] if self._closed else None)
+            lines.append(lines_along(size[1], numbers[1], far, False))
             spans = [max(MIN_SPANS, math.ceil(np.diff(lines[k]).max() / finest[k] * density)) for k in (0, 1)]
             axes = [Axis(lines[k], basis(DEGREE, spans[k])) for k in (0, 1)]
             _require_few(axes[0], axes[1], tolerance_mm, False)

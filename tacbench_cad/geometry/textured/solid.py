@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Builder
@@ -13,7 +12,7 @@ from OCP.TopoDS import TopoDS_Compound, TopoDS_Face, TopoDS_Shape, TopoDS_Shell,
 
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.textured.amount import added_volume_mm3
-from tacbench_cad.geometry.textured.field import ExactField, Fade, Height, PatchGrid, SampledField
+from tacbench_cad.geometry.textured.field import Avoid, ExactField, Fade, Height, PatchGrid, SampledField
 from tacbench_cad.geometry.textured.frame import frame_of
 from tacbench_cad.geometry.textured.height import FLOOR_MM, height_over, require_fade
 from tacbench_cad.geometry.textured.region import Region, distances, divide, inside, thickened
@@ -123,19 +122,16 @@ def _fade(region: Region, length_mm: float) -> Fade:
     return Fade(length_mm=length_mm, distances=partial(distances, region, length_mm), inside=partial(inside, region))
 
 
-def _avoid(region: Region) -> tuple[Any, Any]:
-    """Return the coordinates along s and t of the corners and extremes of the outline."""
-    points = []
-    for loop in region.loops:
-        for edge in loop:
-            samples = edge.samples
-            points.append(samples[[0, -1]])
-            if len(samples) > 2:
-                steps = np.diff(samples, axis=0)
-                turning = np.any(steps[:-1] * steps[1:] <= 0.0, axis=1)
-                points.append(samples[1:-1][turning])
-    both = np.concatenate(points)
-    return both[:, 0], both[:, 1]
+def _avoid(region: Region) -> Avoid:
+    """Return the places that lines between patches must keep away from."""
+    points, outline = [], [edge.samples for loop in region.loops for edge in loop]
+    for samples in outline:
+        points.append(samples[[0, -1]])
+        if len(samples) > 2:
+            steps = np.diff(samples, axis=0)
+            turning = np.any(steps[:-1] * steps[1:] <= 0.0, axis=1)
+            points.append(samples[1:-1][turning])
+    return Avoid(corners=np.concatenate(points), outline=outline)
 
 
 def _require_room(solid: TopoDS_Solid, region: Region, texturing: Texturing) -> None:

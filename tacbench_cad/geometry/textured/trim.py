@@ -97,6 +97,8 @@ class Arrangement:
             marks.append((edge.last if edge.forward else edge.first, corners[(k + 1) % len(loop)]))
             pieces = []
             for m, ((a, start), (b, end)) in enumerate(itertools.pairwise(marks)):
+                if abs(b - a) < 1e-9 * (edge.last - edge.first):
+                    raise CheckFailedError("the outline runs through a corner of a patch; choose another margin_mm")
                 points = edge.at(np.linspace(a, b, 3 if edge.kind == "line" else 17))
                 middle = points[len(points) // 2]
                 shift = self._wrapped(float(middle[0])) - float(middle[0])

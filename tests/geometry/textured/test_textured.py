@@ -19,6 +19,7 @@ from OCP.GProp import GProp_GProps
 
 from tacbench_cad.checks.solidcheck import solid_checks
 from tacbench_cad.geometry import kernel
+from tacbench_cad.geometry.textured.field import Avoid, lines_along
 from tacbench_cad.geometry.textured.solid import TexturedSolid, textured_solid
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
@@ -120,6 +121,16 @@ def test_one_valid_solid_near_the_formula(name: str) -> None:
         assert volume_mm3(result.solid) == pytest.approx(result.volume_mm3, rel=1e-5)
     added = result.volume_mm3 - kernel.volume_mm3(part.val().wrapped)
     assert (added < 0.0) == settings.get("sunk", False)
+
+
+def test_no_corner_of_a_patch_lies_on_the_outline() -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)
+    circle = 10.0 + 10.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    avoid = Avoid(corners=circle[::180], outline=[circle])
+    s = lines_along(20.0, 10, avoid.corners[:, 0], False)
+    without, t = (lines_along(20.0, 10, places, False) for places in (avoid.corners[:, 1], avoid.along_t(s, None)))
+    smallest = [np.abs(np.hypot(s[:, None] - 10.0, lines - 10.0) - 10.0).min() for lines in (without, t)]
+    assert smallest[0] < 1e-9 and smallest[1] > 0.01
 
 
 def test_the_face_and_the_depth_are_as_stated() -> None:
