@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.lab.rig import plugin
+from tacbench_cad.lab.rig import conformance, plugin
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.conformance import Check, check_gauge
 from tacbench_cad.lab.rig.conformance_stage import check_stage
@@ -28,6 +28,7 @@ LIMITS = ((200.0, 400.0), (0.0, 200.0), (100.0, 300.0))
 @pytest.fixture(autouse=True)
 def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(FOLDER)
+    monkeypatch.setattr(conformance, "WINDOW_S", 0.1)
 
 
 def wrong(checks: Sequence[Check]) -> list[Check]:

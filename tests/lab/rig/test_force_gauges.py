@@ -20,6 +20,7 @@ from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+CLOCK = Clock(speed=8.0)
 MAKES = {"mark-10": emulated_gauges.mark_10, "sauter": emulated_gauges.sauter, "imada": emulated_gauges.imada}
 
 
@@ -38,7 +39,7 @@ def started() -> Iterator[Callable[[str], EmulatedGauge]]:
 
 def opened(make: str, gauge: EmulatedGauge, **options: object) -> AskedGauge:
     settings = GaugeSettings(driver=make, port=gauge.port, timeout_s=0.2, options=options)
-    return open_gauge(settings, Clock())  # type: ignore[return-value]
+    return open_gauge(settings, CLOCK)  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize("make", MAKES)
@@ -46,7 +47,7 @@ def test_each_make_conforms(make: str, started: Callable[[str], EmulatedGauge]) 
     emulated = started(make)
     gauge = opened(make, emulated)
     assert make in gauge.identity and emulated.asked == 1
-    checks = check_gauge(gauge, Clock(), load=emulated.put)
+    checks = check_gauge(gauge, CLOCK, load=emulated.put)
     assert [check for check in checks if check.result != "passed"] == []
 
 
