@@ -26,14 +26,16 @@ if TYPE_CHECKING:
 def command() -> None:
     """Find devices, calibrate the load cell, align the block.
 
-    Use the commands in this order. Only align moves the stage. It homes the stage, makes the steps that you type, and
-    travels to the last two markers by itself.
+    For a new rig, begin with wizard: it leads through the other commands and makes a first press. Only wizard, align
+    and test-driver move the stage. Align homes it, makes the steps that you type, and travels to the last two markers
+    by itself.
 
     Examples:
-      tacbench rig drivers           # devices that can be used
-      tacbench rig probe             # names of ports and cameras
+      tacbench rig wizard study.toml   # all steps, one after another
+      tacbench rig drivers             # devices that can be used
+      tacbench rig probe               # names of ports and cameras
       tacbench rig calibrate-force --masses 0,50,100,200 -o gauge.json
-      tacbench rig align study.toml  # find the block's origin with the jig
+      tacbench rig align study.toml    # find the block's origin with the jig
     """
 
 
