@@ -123,9 +123,11 @@ class _BlockSession:
         if gauge is not None:
             felt = self.progress.felt
             self.force = ContactForce(gauge, self.carriage, self.protocol, self.rig.clock, felt)
-        self.presser = Presser(self.protocol, self.carriage, self.force, self._touch())
-        self._plan = {press.number: press for press in self.run.info.presses}
         self.watch = HeightWatch(self.run.info)
+        self.presser = Presser(
+            self.protocol, self.carriage, self.force, self._touch(), nominal_mm=self.watch.first_touch_mm
+        )
+        self._plan = {press.number: press for press in self.run.info.presses}
         self.watch.add(self.run.rows if self.protocol.home_every else ())
 
     def all(self) -> None:

@@ -11,6 +11,7 @@ sensor is therefore lifted half an approach step above the new height and lowere
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tacbench_cad.lab.acquire.forces import ContactForce
@@ -31,6 +32,10 @@ GROWTH = 3.0
 FAR_BANDS = 4.0
 #: The fraction of the predicted step that is taken there.
 FAR_FRACTION = 0.8
+#: The distance above the highest expected contact at which the stepwise approach starts at a new position, in mm.
+NEW_MARGIN_MM = 0.5
+#: The distance above the start of the stepwise approach down to which the sensor moves at the travel speed, in mm.
+SLOW_MM = 1.0
 #: The largest force, as a fraction of the hard limit, that a move through free air could reach if the block were there.
 BLIND_FRACTION = 0.5
 #: The assumed growth of the force with the depth, ``F ~ depth^3``, beyond the depth of an earlier press.
@@ -89,16 +94,28 @@ class Presser:
         carriage: Moves the sensor.
         force: Reads the force; None on a rig without a gauge.
         touch: Finds the height of first touch in depth mode; None in force mode.
+        nominal_mm: Returns the height of first touch at a position that the formula of the texture gives, except for
+            an unknown constant; None if every position is approached in steps from the travel height.
     """
 
-    def __init__(self, protocol: Protocol, carriage: Carriage, force: ContactForce | None, touch: Touch | None) -> None:
+    def __init__(
+        self,
+        protocol: Protocol,
+        carriage: Carriage,
+        force: ContactForce | None,
+        touch: Touch | None,
+        nominal_mm: Callable[[float, float], float] | None = None,
+    ) -> None:
         self.protocol = protocol
+        self.nominal_mm = nominal_mm
         self.carriage = carriage
         self.force = force
         self.touch = touch
         #: The longest move after which the force is still safe, if the sensor was free at its start.
         self._blind_mm = protocol.approach_step_mm
         self._free_mm: dict[int, float] = {}
+        #: The largest difference between the heights at which the sensor was free and the formula's heights.
+        self._above_nominal_mm = -math.inf
         self._touch_mm: dict[int, float] = {}
 
     def press(self, press: Press) -> SettledPress:
@@ -126,7 +143,7 @@ class Presser:
         assert press.band_n is not None
         low_n = press.target_n - press.band_n
         slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.fine_step_mm)
-        self._start(press.position)
+        self._start(press)
         free_mm = self.carriage.at[2]
         before, now = 0.0, force.glance().mean_n
         while now + GROWTH * max(now - before, 0.0) < low_n:
@@ -135,6 +152,9 @@ class Presser:
             slope.add(z, now)
             if now < force.touch_n:
                 self._free_mm[press.position] = free_mm = z
+        if self.nominal_mm is not None:
+            above = free_mm - self.nominal_mm(press.x_mm, press.y_mm)
+            self._above_nominal_mm = max(self._above_nominal_mm, above)
         contact = self._search(press.target_n, press.band_n, slope)
         self._learn_safe_depth(free_mm - contact.pose_mm[2], contact.measured)
         return contact
@@ -176,7 +196,7 @@ class Presser:
             self._touch_mm[press.position] = self.touch(press.position, self._down)
             self._free_mm[press.position] = self._touch_mm[press.position]
             self.carriage.lift()
-        self._start(press.position)
+        self._start(press)
         end = self._touch_mm[press.position] - depth_mm
         while self.carriage.aim_mm > end:
             self._down(min(step, self.carriage.aim_mm - end))
@@ -184,25 +204,45 @@ class Presser:
         self._learn_safe_depth(depth_mm, read)
         return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=None)
 
-    def _start(self, position: int) -> None:
-        """Move to the start of the stepwise approach: the travel height at first, later just above the block.
+    def _start(self, press: Press) -> None:
+        """Move to the start of the stepwise approach: just above the known or expected height of contact.
+
+        At the first position of a block, nothing is known, so the approach starts at the travel height.
 
         Raises:
-            ContactError: The sensor touches something above that height.
+            ContactError: The sensor touches something although it was free at this height before.
         """
-        known = self._free_mm.get(position)
-        if known is None:
+        known = self._free_mm.get(press.position)
+        if known is not None:
+            touched = self._descend(known + MARGIN_STEPS * self.protocol.approach_step_mm)
+        elif self.force is not None and self.nominal_mm is not None and self._above_nominal_mm > -math.inf:
+            touched = self._descend(self.nominal_mm(press.x_mm, press.y_mm) + self._above_nominal_mm + NEW_MARGIN_MM)
+        else:
             return
+        if touched is not None and known is not None:
+            raise ContactError(
+                f"the sensor touches something at z = {touched:.3f} mm, but at this position it was free down to "
+                f"{known:.3f} mm before: a motor has slipped or the block has moved; find the cause, then run the "
+                "command again"
+            )
+        if touched is not None:
+            # The block differs from its formula. The approach is made in steps from the last free height.
+            self.carriage.to_height(touched + self._blind_mm)
+
+    def _descend(self, start_mm: float) -> float | None:
+        """Move down through free air, and read the force after each move.
+
+        Returns:
+            The height at which the sensor touched something; None if it is free at ``start_mm``.
+        """
         carriage = self.carriage
-        start = known + MARGIN_STEPS * self.protocol.approach_step_mm
-        while start < carriage.aim_mm:
-            z = carriage.to_height(max(start, carriage.aim_mm - (self._blind_mm if self.force else math.inf)))
+        longest_mm = self._blind_mm if self.force else math.inf
+        while start_mm < carriage.aim_mm:
+            target = max(start_mm, carriage.aim_mm - longest_mm)
+            z = carriage.to_height(target, fast=self.force is not None and target > start_mm + SLOW_MM)
             if self.force is not None and self.force.touches():
-                raise ContactError(
-                    f"the sensor touches something at z = {z:.3f} mm, but at this position it was free down to "
-                    f"{known:.3f} mm before: a motor has slipped or the block has moved; find the cause, then run the "
-                    "command again"
-                )
+                return z
+        return None
 
     def _learn_safe_depth(self, depth_mm: float, measured: Force | None) -> None:
         """Learn from a press how far the sensor may move blindly from a free height."""

@@ -56,8 +56,8 @@ class Carriage:
         frame: The block's work frame in the stage's coordinates.
         protocol: The protocol with clearance and depth limit.
         holder: The rim of the holder, over which the sensor travels.
-        travel_mm_s: The speed at the travel height and on the way to it, in mm/s.
-        approach_mm_s: The speed of every step downwards, in mm/s.
+        travel_mm_s: The speed at the travel height, on the way to it, and down through free air, in mm/s.
+        approach_mm_s: The speed of every step near the block and in contact, in mm/s.
         may_home: Whether a stage that lost its position may be homed to lift the sensor, since homing moves upwards
             first.
     """
@@ -123,8 +123,12 @@ class Carriage:
         if z < self.travel_mm - ROUNDING_MM:
             self._go((x, y, self.travel_mm), self.travel_mm_s)
 
-    def to_height(self, z_mm: float) -> float:
+    def to_height(self, z_mm: float, *, fast: bool = False) -> float:
         """Move straight up or down to a height of the work frame.
+
+        Args:
+            z_mm: The height.
+            fast: Move at the travel speed instead of the approach speed.
 
         Returns:
             The height that the stage reports.
@@ -139,7 +143,7 @@ class Carriage:
                 "and that the gauge measures the sensor's force"
             )
         x, y, _ = self.at
-        self._go((x, y, z_mm), self.approach_mm_s)
+        self._go((x, y, z_mm), self.travel_mm_s if fast else self.approach_mm_s)
         if self.at[2] < self.lowest_mm - ROUNDING_MM:
             raise DepthLimitError(
                 f"the stage reports z = {self.at[2]:.3f} mm, below the depth limit {self.lowest_mm:g} mm"

@@ -16,6 +16,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
@@ -50,7 +51,6 @@ class HeightWatch:
     def __init__(self, info: RunInfo) -> None:
         self._plan = info.plan
         self._presses = {press.number: press for press in info.presses}
-        self._contact: DomeContact | None = None
         self._expected_mm: dict[tuple[int, int], float] = {}
         self._differences_mm: dict[int, list[float]] = {}
 
@@ -75,13 +75,19 @@ class HeightWatch:
             allowed = max(allowed, DEVIATIONS * statistics.pstdev(earlier))
         return abs(z_mm - self._expected(press) - statistics.median(earlier)) > allowed
 
+    def first_touch_mm(self, x_mm: float, y_mm: float) -> float:
+        """Return the height of first touch over the nominal block, in mm of the work frame."""
+        return self._nominal.first_touch(x_mm, y_mm)
+
+    @cached_property
+    def _nominal(self) -> DomeContact:
+        return _nominal_contact(self._plan.printed.block, self._plan.holder)
+
     def _expected(self, press: Press) -> float:
         key = (press.force_level, press.position)
         if key not in self._expected_mm:
-            if self._contact is None:
-                self._contact = _nominal_contact(self._plan.printed.block, self._plan.holder)
             try:
-                height = self._contact.z_for_force(press.x_mm, press.y_mm, press.target_n or 0.0)
+                height = self._nominal.z_for_force(press.x_mm, press.y_mm, press.target_n or 0.0)
             except InputError:
                 # The force is beyond the model of the dome. The presses are then compared with each other only.
                 height = 0.0

@@ -374,8 +374,8 @@ class StageSettings(_Device):
         origin_mm: Same as for :class:`WorkFrame`.
         quarter_turns: Same as for :class:`WorkFrame`.
         limits_mm: The lowest and the highest allowed x, y and z, in the stage's frame.
-        travel_mm_s: The speed above the clearance height.
-        approach_mm_s: The speed of every step towards the block and in contact.
+        travel_mm_s: The speed at the travel height, and down through free air to 1 mm above a known height.
+        approach_mm_s: The speed of every step near the block and in contact.
         slots_mm: The offsets of a tray's slots from the origin, in the stage's frame; a single slot by default.
         station: The name of this rig, if several rigs press one study; letters, digits and hyphens.
         home: Whether the stage is homed when it is opened.

@@ -99,7 +99,7 @@ def test_a_tray_is_filled_slot_by_slot(tmp_path: Path) -> None:
 
 def test_a_study_is_resumed_at_the_first_missing_press_of_any_block(tmp_path: Path) -> None:
     rig, study = FakeRig(), study_of(short(), 1, 4)
-    rig.stage.faults[700] = NoAnswerError("silent")
+    rig.stage.faults[450] = NoAnswerError("silent")
     with pytest.raises(NoAnswerError):
         run(rig, study, tmp_path, Script("T1 PAPER X1 01", "T4 PAPER X1 01"))
     there = [row.number for row in Run.open(tmp_path / printed(4).name).rows]

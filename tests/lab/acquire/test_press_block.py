@@ -233,7 +233,7 @@ def test_a_signal_lifts_the_sensor_and_the_run_can_be_resumed(tmp_path: Path, na
         pytest.skip(f"{name} does not exist on this system")
     rig, protocol = FakeRig(), small_protocol()
     before = signal.getsignal(getattr(signal, name))
-    rig.stage.on_move = lambda _: signal.raise_signal(getattr(signal, name)) if rig.stage.calls == 250 else None
+    rig.stage.on_move = lambda _: signal.raise_signal(getattr(signal, name)) if rig.stage.calls == 251 else None
     with pytest.raises(RunInterruptedError, match="the sensor is lifted") as caught:
         pressed(rig, tmp_path / "run", protocol)
     assert caught.value.signal == name and isinstance(caught.value, KeyboardInterrupt)
@@ -263,8 +263,8 @@ def test_an_interruption_reports_that_the_lift_failed(tmp_path: Path) -> None:
     rig = FakeRig()
 
     def gone(_: object) -> None:
-        if rig.stage.calls == 250:
-            rig.stage.dead_after = (251, DeviceLostError("unplugged"))
+        if rig.stage.calls == 251:
+            rig.stage.dead_after = (252, DeviceLostError("unplugged"))
             signal.raise_signal(signal.SIGINT)
 
     rig.stage.on_move = gone

@@ -153,6 +153,24 @@ def test_the_force_is_read_on_the_way_down() -> None:
     assert max(rig.gauge.readings if rig.gauge else []) < 2.5
 
 
+@pytest.mark.parametrize("error_mm", [0.0, 0.3, 1.5, -1.0])
+def test_a_new_position_is_approached_in_few_moves(error_mm: float) -> None:
+    """The second position is higher than the formula says by an error."""
+    rig = FakeRig(plate=Plate(top=lambda x, _: -1.0 - 0.1 * x + (error_mm if x > 5.0 else 0.0)))
+    protocol = small_protocol()
+    presser = rig.presser(protocol)
+    presser.nominal_mm = lambda x, _: 3.0 - 0.1 * x
+    lengths = []
+    for press in plan_presses(protocol, (2,), "block")[:2]:
+        before = len(rig.stage.path)
+        contact = presser.press(press)
+        assert contact.in_band
+        presser.carriage.lift()
+        lengths.append(len(rig.stage.path) - before)
+    assert lengths[1] < lengths[0] - (40 if error_mm in (0.0, 0.3) else 30)
+    assert max(rig.gauge.readings if rig.gauge else []) < 2.5
+
+
 def test_a_known_position_is_approached_in_few_moves() -> None:
     rig = FakeRig()
     protocol = small_protocol()
