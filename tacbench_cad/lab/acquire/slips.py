@@ -18,6 +18,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.errors import ContactError, SlipError
@@ -25,7 +27,7 @@ from tacbench_cad.lab.rig.stage import Stage, home_again, measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import Row
 from tacbench_cad.lab.simulate.contact import DomeContact
-from tacbench_cad.lab.simulate.heights import centres, held, on_block
+from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import HolderRim, Point
 from tacbench_cad.spec.block import Block
@@ -34,6 +36,8 @@ from tacbench_cad.util.errors import InputError
 #: A height is suspicious if it differs from the expected one by more than this multiple of the standard deviation of
 #: the earlier differences (and by more than the protocol's ``slip_mm``).
 DEVIATIONS = 5.0
+#: The side of a cell of the nominal height map, in cells of a simulated block. Larger cells cost less time.
+CELLS = 3
 #: The number of earlier differences from which their standard deviation is estimated.
 MIN_HEIGHTS = 5
 
@@ -72,7 +76,7 @@ class HeightWatch:
             return False
         allowed = self._plan.protocol.slip_mm
         if len(earlier) >= MIN_HEIGHTS:
-            allowed = max(allowed, DEVIATIONS * statistics.pstdev(earlier))
+            allowed = max(allowed, DEVIATIONS * float(np.std(earlier)))
         return abs(z_mm - self._expected(press) - statistics.median(earlier)) > allowed
 
     def first_touch_mm(self, x_mm: float, y_mm: float) -> float:
@@ -97,9 +101,11 @@ class HeightWatch:
 
 def _nominal_contact(block: Block, holder: HolderRim) -> DomeContact:
     """Return the nominal dome over the formula of a block."""
-    x, y = centres(block)
+    x, y = (axis[::CELLS] for axis in centres(block))
     heights = block.height_at(x[None, :], y[:, None])
-    return DomeContact(held(block, on_block(block, heights - heights.max()), holder))
+    cell = CELLS * cell_of(block)
+    top = HeightMap(z_mm=heights - heights.max(), x0_mm=float(x[0]), y0_mm=float(y[0]), cell_mm=cell)
+    return DomeContact(held(block, top, holder))
 
 
 @dataclass(frozen=True, kw_only=True)
