@@ -259,6 +259,14 @@ def test_a_hint_that_comes_late_after_our_own_reset_is_not_another_reset() -> No
         assert stage.move(THERE, 20.0) == THERE
 
 
+def test_a_hold_is_left_when_the_stage_is_opened() -> None:
+    script = ScriptedGrbl()
+    script.state = "Hold:0"
+    with opened(script, home=False) as stage:
+        assert stage.position() == (-1.0, -1.0, -1.0)
+        assert stage.move(THERE, 20.0) == THERE
+
+
 def test_trait_22_motors_that_are_switched_off_at_rest_are_refused() -> None:
     script = ScriptedGrbl()
     script.settings = b"$1=25\r\n" + script.settings

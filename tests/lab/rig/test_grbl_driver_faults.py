@@ -29,6 +29,7 @@ from tacbench_cad.lab.rig.errors import (
 )
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.process import launch
 
@@ -166,6 +167,22 @@ def test_the_default_build_keeps_clear_of_the_switch_at_the_top() -> None:
             assert stage.move((-100.0, -100.0, -1.0), 20.0)[2] == -1.0
             with pytest.raises(OutOfRangeError, match="nothing was sent"):
                 stage.move((-100.0, -100.0, 0.0), 20.0)
+
+
+@pytest.mark.parametrize(
+    ("origin", "limits", "allowed"),
+    [
+        ("pulloff", ((0.0, 210.0), (0.0, 200.0), (-100.0, 0.0)), "x = .*beyond the travel .*, 0 to 200 mm"),
+        ("switch", ((-200.0, 0.0), (0.0, 200.0), (-100.0, 0.0)), "y = .*beyond the travel .*, -200 to 0 mm"),
+    ],
+)
+def test_limits_beyond_the_travel_of_the_firmware_are_refused(
+    origin: str, limits: tuple[tuple[float, float], ...], allowed: str
+) -> None:
+    with launch("grbl", speed=SPEED, origin=origin) as rig:
+        settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=limits)  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=allowed):
+            open_stage(settings, Clock(speed=SPEED))
 
 
 def test_a_stage_that_a_killed_program_left_in_motion_is_stopped_and_usable() -> None:
