@@ -15,6 +15,7 @@ from tacbench_cad.making import manifest
 from tacbench_cad.making.plan import LeftOut, Plan, Source
 from tacbench_cad.making.request import Request, asks_for_cad, plan
 from tacbench_cad.making.writing import Failure, Outcome, make_files, make_in_child
+from tacbench_cad.util import plotting
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked
@@ -112,6 +113,8 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
                     progress(f"meshing {source.part.name}", 0, work.file_count)
                 _ = source.part.mesh  # raises InputError if the tolerance is too fine, before any file is written
         if kernel is not None:
+            if not why_missing("matplotlib"):
+                plotting.load()  # while a child loads the kernel
             work = _with_kernel(request, work, kernel.result())
             workers.copy_first()
         if not work.sources:

@@ -107,6 +107,12 @@ def text_width_mm(text: str, points: float) -> float:
     return float(font.get_width_height()[0]) / 64.0 * points / 100.0 * 25.4 / 72.0
 
 
+def load() -> None:
+    """Import what :func:`new_figure` needs. It takes a third of a second."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure  # noqa: F401
+
+
 def new_figure(inches: tuple[float, float], dpi: int = DPI, layout: Literal["constrained"] | None = None) -> Figure:
     """Make a figure without a window, independent of pyplot.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import gc
 import importlib
 import math
 import os
@@ -477,9 +478,16 @@ def why_not_importable(modules: tuple[str, ...]) -> str | None:
     Returns:
         The error of the first module that cannot be imported, or None.
     """
-    for name in modules:
-        try:
-            importlib.import_module(name)
-        except ImportError as error:
-            return f"{name}: {one_line(error)}"
-    return None
+    collects = gc.isenabled()
+    gc.disable()  # it would examine the many objects of a large library again and again
+    try:
+        for name in modules:
+            try:
+                importlib.import_module(name)
+            except ImportError as error:
+                return f"{name}: {one_line(error)}"
+        return None
+    finally:
+        if collects:
+            gc.freeze()
+            gc.enable()
