@@ -63,8 +63,8 @@ def probe(ask: tuple[str, ...], study: Path | None, json: bool) -> None:
     stage then loses its position. The command never sends anything that moves the stage. It opens each camera for a
     moment to read its image size.
 
-    If a named port has a stage with GRBL or grblHAL, the command lists the settings of its firmware. It says which
-    ones to change and why. It changes nothing itself.
+    If a named port has a stage with GRBL, grblHAL or Marlin, the command lists the settings of its firmware. It says
+    which ones to change and why. It changes nothing itself.
 
     Examples:
       tacbench rig probe

@@ -66,7 +66,7 @@ class Marlin(MarlinCore):
         elif name == "M119":
             self._end_stops()
         elif name == "M211":
-            self._soft_stops = bool(values.get("S", 1.0))
+            self._set_soft_stops(values)
         elif name == "M154":
             # A whole number of seconds from 0 to 255.
             self._auto_every_s = float(min(255, int(max(0.0, values.get("S") or 0.0))))
@@ -173,6 +173,16 @@ class Marlin(MarlinCore):
         """Send a setting with a value for each axis, in the layout of Marlin 2.1 (2.0 adds ``echo:`` in front)."""
         x, y, z = axes
         self._send(f"  {name} X{x:.2f} Y{y:.2f} Z{z:.2f} E{extruder:.2f}\n")
+
+    def _set_soft_stops(self, values: dict[str, float | None]) -> None:
+        """Switch the soft end stops, and report them in the layout of Marlin 2.0, which 2.1 spreads over two lines."""
+        if "S" in values:
+            self._soft_stops = bool(values["S"])
+        ends = [
+            "".join(f" {letter}:{end:.2f}" for letter, end in zip("XYZ", limits, strict=True))
+            for limits in zip(*((axis.low_mm, axis.high_mm) for axis in self.carriage.axes), strict=True)
+        ]
+        self._send(f"echo:Soft endstops: {'On' if self._soft_stops else 'Off'}  Min: {ends[0]}   Max: {ends[1]}\n")
 
     def _end_stops(self) -> None:
         pressed = self.carriage.pressed(self.now_s)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from tacbench_cad.lab.study.spec import StageSettings
+from tacbench_cad.lab.study.spec import Point, StageSettings
 
 #: The coarsest step of the z axis, in mm, that reaches the paper's narrowest force band.
 COARSEST_Z_MM = 0.005
@@ -95,6 +95,49 @@ def grbl_settings(
     return tuple(rows)
 
 
+def marlin_settings(
+    *,
+    steps_per_mm: Point | None,
+    speeds_mm_s: Point | None,
+    soft_end_stops: tuple[bool, Point, Point] | None,
+    stage: StageSettings | None = None,
+) -> tuple[FirmwareSetting, ...]:
+    """Compare the settings of Marlin with those of a press rig.
+
+    Args:
+        steps_per_mm: The motor steps per mm (``M92``); None if they are not reported, as for the next two.
+        speeds_mm_s: The largest speeds (``M203``).
+        soft_end_stops: Whether the soft end stops are on, and the lowest and highest position (``M211``).
+        stage: The table ``[stage]`` of the study file, if there is one.
+    """
+    rows: list[FirmwareSetting] = []
+
+    def add(name: str, value: str, meaning: str, reason: str = "", change: str = "") -> None:
+        rows.append(FirmwareSetting(name=name, value=value, meaning=meaning, change=change, reason=reason))
+
+    if soft_end_stops is not None and soft_end_stops[0]:
+        add("M211", "on", "soft end stops")
+    else:
+        value = "unknown" if soft_end_stops is None else "off"
+        add("M211", value, "soft end stops", "a wrong target must not reach an end of the travel", "M211 S1")
+    for axis, letter in enumerate("xyz"):
+        if soft_end_stops is not None:
+            low, high = soft_end_stops[1][axis], soft_end_stops[2][axis]
+            meaning = f"soft end stops of {letter}, in mm"
+            add(f"M211 {letter.upper()}", f"{low:g} to {high:g}", meaning, _outside_reason(axis, low, high, stage))
+    for axis, letter in enumerate("xyz"):
+        if steps_per_mm is not None:
+            value, reason = f"{steps_per_mm[axis]:g}", _steps_reason(axis, steps_per_mm[axis])
+            add(f"M92 {letter.upper()}", value, f"motor steps per mm of {letter}", reason)
+    for axis, letter in enumerate("xyz"):
+        if speeds_mm_s is not None:
+            needed = 0.0 if stage is None else stage.travel_mm_s
+            slow = f"moves are slower than [stage] travel_mm_s, {needed:g} mm/s; raise it if the motor can do it"
+            reason = slow if speeds_mm_s[axis] < needed else ""
+            add(f"M203 {letter.upper()}", f"{speeds_mm_s[axis]:g}", f"largest speed of {letter}, in mm/s", reason)
+    return tuple(rows)
+
+
 #: The meaning, the needed value and the reason of settings that have one right value.
 _GRBL_NEEDS: Mapping[int, tuple[str, float, str]] = {
     1: ("time until the motors lose their power, in ms; 255: never", 255, "the sensor must not press without power"),
@@ -112,6 +155,14 @@ def _steps_reason(axis: int, steps_per_mm: float) -> str:
     if axis == 2 and 0.0 < steps_per_mm < 1.0 / COARSEST_Z_MM:
         return f"a step of {1000.0 / steps_per_mm:.1f} micrometres is too coarse for the lightest force"
     return ""
+
+
+def _outside_reason(axis: int, low_mm: float, high_mm: float, stage: StageSettings | None) -> str:
+    """Return how limits_mm of an axis reach beyond soft end stops; empty if they do not."""
+    if stage is None or low_mm <= stage.limits_mm[axis][0] <= stage.limits_mm[axis][1] <= high_mm:
+        return ""
+    low, high = stage.limits_mm[axis]
+    return f"[stage] limits_mm of {'xyz'[axis]} are [{low:g}, {high:g}], beyond the soft end stops; shorten them"
 
 
 def _limits_reason(

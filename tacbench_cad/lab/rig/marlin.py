@@ -51,10 +51,11 @@ from tacbench_cad.lab.rig.errors import (
     ProtocolError,
     RigError,
 )
+from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, marlin_settings
 from tacbench_cad.lab.rig.marlin_link import BAUDS, STILL_HOMING, MarlinLink
 from tacbench_cad.lab.rig.marlin_replies import Place
 from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, StageSettings
 
 #: The largest rounding error of a position from ``M114``, plus a little for the rounding of the target, in mm.
 ROUNDING_MM = 0.0055
@@ -190,6 +191,15 @@ class MarlinStage(SerialStage[MarlinLink]):
         if not any(at) and self._last is not None and math.dist(at, self._last) > 2.0 * ROUNDING_MM:
             raise self._link.reset_noticed("reports 0, 0, 0 although it should be elsewhere")
         return self._settle_at(at)
+
+    def checked_settings(self, stage: StageSettings | None = None) -> tuple[FirmwareSetting, ...]:
+        """Compare the firmware's settings with those of a press rig, and with a study's ``[stage]`` if given."""
+        return marlin_settings(
+            steps_per_mm=self._steps_per_mm,
+            speeds_mm_s=self._rates_mm_s,
+            soft_end_stops=replies.soft_end_stops(self._link.command("M211")),
+            stage=stage,
+        )
 
     def stop(self) -> None:
         """Stop all motion at once. Signal handlers may call this method. Never raises."""

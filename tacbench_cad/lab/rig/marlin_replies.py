@@ -25,6 +25,14 @@ _THREE = re.compile(r"(?:echo:)? *(M\d{2,3}) X(\d{1,6}\.\d+) Y(\d{1,6}\.\d+) Z(\
 _UNKNOWN = re.compile(r'(?:echo:)? *Unknown command: *"(.*)"', re.A)
 _FIRMWARE = re.compile(r"FIRMWARE_NAME:(\S+)(?: (\S+))?.*", re.A)
 _SWITCH = re.compile(r"([xyz])_(min|max): (open|TRIGGERED)", re.A)
+_SOFT_ON = re.compile(r"M211 S([01])|[Ss]oft endstops: *(On|ON|Off|OFF)", re.A)
+_SOFT_ENDS = re.compile(
+    "Min: *"
+    + " *".join(rf"{axis}:? ?(-?\d{{1,6}}\.\d+)" for axis in "XYZ")
+    + " *Max: *"
+    + " *".join(rf"{axis}:? ?(-?\d{{1,6}}\.\d+)" for axis in "XYZ"),
+    re.A,
+)
 _BANNER = re.compile(r"start|(?:echo:)? ?Marlin \S+|.*Last Updated:.*|echo: ?Compiled:.*", re.A)
 
 
@@ -102,6 +110,19 @@ def per_axis(line: str) -> tuple[str, Point] | None:
     """Return the command and values of a line like ``echo:  M92 X80.00 Y80.00 Z400.00 E93.00``; None for others."""
     match = _THREE.fullmatch(line)
     return (match[1], (float(match[2]), float(match[3]), float(match[4]))) if match else None
+
+
+def soft_end_stops(lines: Iterable[str]) -> tuple[bool, Point, Point] | None:
+    """Return whether soft end stops are on, and the lowest and the highest position, from the answer to ``M211``.
+
+    Marlin 2.0 writes one line, and 2.1 writes two. None if the build has no soft end stops.
+    """
+    text = " ".join(lines)
+    is_on, ends = _SOFT_ON.search(text), _SOFT_ENDS.search(text)
+    if is_on is None or ends is None:
+        return None
+    low_x, low_y, low_z, high_x, high_y, high_z = map(float, ends.groups())
+    return (is_on[1] == "1" or str(is_on[2]).lower() == "on", (low_x, low_y, low_z), (high_x, high_y, high_z))
 
 
 def _switches(lines: Iterable[str]) -> list[tuple[str, int, bool]]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings
+from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings, marlin_settings
+from tacbench_cad.lab.rig.marlin_replies import soft_end_stops
 from tacbench_cad.lab.study.spec import StageSettings
 
 #: The settings of a CNC machine after a fresh installation of GRBL 1.1h.
@@ -65,3 +66,64 @@ def test_a_coarse_z_axis_is_named() -> None:
 def test_settings_that_the_firmware_does_not_list_are_unknown() -> None:
     rows = {row.name: row for row in grbl_settings({}, counts_from_switch=None)}
     assert rows["$1"].value == "unknown" and rows["$1"].change == "$1=255"
+
+
+#: The answer to M211 of Marlin 2.0 and of 2.1.
+MARLIN_20 = ["echo:Soft endstops: On  Min:  X:0.00 Y:0.00 Z:0.00   Max:  X:220.00 Y:220.00 Z:250.00"]
+MARLIN_21 = [
+    "echo:; Soft endstops:",
+    "echo:  M211 S0 ; OFF",
+    "echo:  Min:  X0.00 Y-2.00 Z0.00   Max:  X220.00 Y220.00 Z250.00",
+]
+
+
+def test_the_soft_end_stops_of_marlin_are_read_in_both_layouts() -> None:
+    assert soft_end_stops(MARLIN_20) == (True, (0.0, 0.0, 0.0), (220.0, 220.0, 250.0))
+    assert soft_end_stops(MARLIN_21) == (False, (0.0, -2.0, 0.0), (220.0, 220.0, 250.0))
+    assert soft_end_stops(['echo:Unknown command: "M211"']) is None
+
+
+def test_a_prepared_marlin_needs_no_change() -> None:
+    stage = StageSettings(driver="marlin", limits_mm=((0.0, 220.0), (0.0, 220.0), (20.0, 200.0)), travel_mm_s=5.0)
+    rows = marlin_settings(
+        steps_per_mm=(80.0, 80.0, 400.0),
+        speeds_mm_s=(500.0, 500.0, 5.0),
+        soft_end_stops=soft_end_stops(MARLIN_20),
+        stage=stage,
+    )
+    assert len(rows) == 10
+    assert [row for row in rows if row.change or row.reason] == []
+
+
+def test_wrong_settings_of_marlin_are_named() -> None:
+    stage = StageSettings(driver="marlin", limits_mm=((0.0, 220.0), (0.0, 220.0), (20.0, 300.0)))
+    rows = {
+        row.name: row
+        for row in marlin_settings(
+            steps_per_mm=(80.0, 80.0, 100.0),
+            speeds_mm_s=(500.0, 500.0, 5.0),
+            soft_end_stops=soft_end_stops(MARLIN_21),
+            stage=stage,
+        )
+        if row.reason
+    }
+    assert rows["M211"].change == "M211 S1"
+    assert rows["M211 Z"].reason == "[stage] limits_mm of z are [20, 300], beyond the soft end stops; shorten them"
+    assert "10.0 micrometres is too coarse" in rows["M92 Z"].reason
+    assert "20 mm/s" in rows["M203 Z"].reason
+    assert len(rows) == 4
+    assert [row.value for row in marlin_settings(steps_per_mm=None, speeds_mm_s=None, soft_end_stops=None)] == [
+        "unknown"
+    ]
+
+
+def test_the_virtual_marlin_lists_its_settings() -> None:
+    from tacbench_cad.lab.rig.probing import identify
+    from tacbench_cad.virtual_rig import launch
+
+    pytest.importorskip("serial")
+    with launch("marlin", speed=20.0) as virtual:
+        answer = identify(virtual.port)
+    rows = {row.name: row for row in answer.settings}
+    assert rows["M211"].value == "on" and rows["M211 Z"].value == "0 to 100"
+    assert rows["M92 Z"].value == "400"
