@@ -66,7 +66,7 @@ class Greeting:
         """Return the error for a board that did not answer in time."""
         if self.heard:
             return NoAnswerError(
-                f"{self._name}: sent {self.heard!r} but answers no question, so the line to it is disturbed or broken; "
+                f"{self._name}: sent {self.heard!r} but answers no question, so the line is disturbed or broken; "
                 "check the cable"
             )
         if "\ufffd" in self.unexpected or not self.unexpected.isprintable():
