@@ -439,8 +439,8 @@ def test_a_disturbed_name_of_the_firmware_is_asked_for_again() -> None:
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (b'echo:Unknown command: "M1\xf35"\nok\n', "answers no question, so the line to it is disturbed"),
-        (b'echo:Unknown command: "M15"\nok\n', "answers no question, so the line to it is disturbed"),
+        (b'echo:Unknown command: "M1\xf35"\nok\n', "answers no question, so the line is disturbed"),
+        (b'echo:Unknown command: "M15"\nok\n', "answers no question, so the line is disturbed"),
         (b"FIRMWARE_NA\xcdE:Marlin 2.1\xae2.7 (x)\nok\n", "sent unreadable text, so the line is disturbed"),
         (b"FIMWARENAE:Mrin 2.\nok\n", "or the line is disturbed; it sent 'FIMWARENAE:Mrin 2.'"),
     ],
