@@ -38,7 +38,7 @@ PUBLIC = ("housing", "tacbench_cad", "tacbench_cad.lab", "tacbench_cad.virtual_r
 MAX_VALUE_LENGTH = 300
 #: Names of other projects. They are not links, because they have no pages here and the build uses no network.
 OTHERS = re.compile(
-    r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|pathlib|random|socket|subprocess|threading"
+    r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|importlib|pathlib|random|re|socket|subprocess|threading"
     r"|typing|build123d|cadquery|cv2|dask|distributed|jinja2|joblib|lib3mf|manifold3d|matplotlib|numpy|OCP|pymeshlab|serial|sklearn"
     r"|starlette)\."
 )

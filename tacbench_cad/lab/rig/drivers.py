@@ -121,7 +121,8 @@ def find_driver(kind: Kind, word: str) -> Driver:
 
     Args:
         kind: The kind of device.
-        word: The name of a driver, or a ``module:name`` of a :class:`Driver`, a class or a function.
+        word: The name of a driver, or a ``module:name`` of a :class:`~tacbench_cad.lab.rig.registry.Driver`, a class or
+            a function.
 
     Raises:
         InputError: There is no such driver, or it cannot be imported.
