@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 from click.exceptions import Exit
@@ -113,10 +113,6 @@ def _checked(
                 clock = Clock(speed=float(settings.options.get("speed", 1.0)))
                 rig = stack.enter_context(launch(driver.removeprefix("virtual-"), speed=clock.speed))
                 settings = from_plain(StageSettings, {**table, "port": rig.port}, "[stage] ")
-            else:
-                ask_line(
-                    "The stage will be homed and moved. Remove the block and the sensor, then press Enter: ", err=True
-                )
         elif kind == "gauge":
             settings = from_plain(GaugeSettings, {"driver": driver, **table}, "[gauge] ")
         else:
@@ -131,6 +127,13 @@ def _checked(
             detail = f"raised {type(error).__name__} instead of a RigError: {one_line(error, 120)}"
             return (Check(name="open", result="failed", detail=detail),)
         if isinstance(settings, StageSettings):
+            if not settings.is_virtual:
+                try:
+                    ask_line("The stage will be homed and moved. Remove block and sensor, then press Enter: ", err=True)
+                except BaseException:
+                    with suppress(Exception):
+                        opened.close()
+                    raise
             return check_stage(opened, settings.limits_mm, clock, beyond_mm=beyond)
         if kind == "gauge":
             load = None if mass_g is None else _ask_for_mass

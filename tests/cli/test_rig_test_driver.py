@@ -45,7 +45,7 @@ def test_the_command_asks_before_a_stage_moves_and_for_the_mass(
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     limits = "limits_mm=[[0,100],[0,100],[0,100]]"
     assert main(["rig", "test-driver", "wrong_drivers:GoodStage", "--set", limits]) == 2
-    assert "Remove the block and the sensor" in capsys.readouterr().err
+    assert "Remove block and sensor" in capsys.readouterr().err
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n\n"))
     assert main(["rig", "test-driver", "wrong_drivers:GoodGauge", "--mass-g", "100"]) == 1
     out, err = capsys.readouterr()
