@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
-from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, prove
+from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, prove, refuse_long_proof
 from tacbench_cad.geometry.meshing.collapsing import collapse
 from tacbench_cad.geometry.meshing.heights import Heights
 from tacbench_cad.geometry.meshing.net import MIN_HEIGHT_MM, Net
@@ -85,8 +85,11 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
     needed = TRIANGLES_PER_IDEAL * ideal
     refuse_too_many("tolerance", tolerance, needed, f"use about {tolerance * needed / MAX_TRIANGLES:.2g} mm")
     net = _start(block, heights, tolerance, ideal)
+    bounds = DerivativeBounds(block.surface, *(axis.edges for axis in heights.axes))
     # flipping can make an edge long again, so a few long edges remain
     while net.split_long(LONGEST_BEND) > 0.01 * len(net.faces):
+        if len(net.faces) > MANY / 3:
+            refuse_long_proof(bounds, net.x[net.faces], net.y[net.faces], tolerance)
         net.flip(3)
     if len(net.faces) < MANY:
         relax(net, 4, 2)
@@ -108,7 +111,7 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
         net.split_triangles(net.measure() > 1.15 - 0.05 * k)
         net.flip(2, above=0.9)
         relax(net, 8, 2, above=0.9)
-    return _proved(block, net, tolerance)
+    return _proved(block, net, bounds, tolerance)
 
 
 def _start(block: Block, heights: Heights, tolerance: float, ideal: float) -> Net:
@@ -179,10 +182,9 @@ def _filled(marks: list[float], step: float) -> Floats:
     return np.append(np.concatenate(runs), kept[-1])
 
 
-def _proved(block: Block, net: Net, tolerance: float) -> NetTop:
+def _proved(block: Block, net: Net, bounds: DerivativeBounds, tolerance: float) -> NetTop:
     """Round the vertices, and divide triangles until the distance of all is proved."""
     surface, datum = block.surface, block.formula_datum_mm
-    bounds = DerivativeBounds(surface, *(axis.edges for axis in net.heights.axes))
     for attempt in range(MAX_ROUNDS):
         z = net.rounded_height(datum)
         rows = np.flatnonzero(np.isnan(net.proof[0]))
@@ -208,10 +210,11 @@ def _proved(block: Block, net: Net, tolerance: float) -> NetTop:
 
 def _flattened(net: Net, surface: Surface) -> None:
     """Move the vertices of triangles without a proof onto the surface. The table may be too coarse to judge them."""
-    vertices = np.unique(net.faces[np.isnan(net.proof[0])])
+    vertices = np.unique(net.faces[~np.isfinite(net.proof[0])])
     height, _ = net.heights.height(net.x[vertices], net.y[vertices])
-    net.lift[vertices] = surface(net.x[vertices], net.y[vertices]) - height
-    net.limit_lift(vertices)
+    exact = surface(net.x[vertices], net.y[vertices])
+    net.lift[vertices] = np.where(net.below_ceiling(vertices), np.minimum(exact, net.ceiling), exact) - height
+    net.raise_peak()
     touched = np.isin(net.faces, vertices).any(axis=1)
     net.proof[:, touched] = net.deviation[touched] = np.nan
 

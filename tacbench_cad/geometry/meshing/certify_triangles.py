@@ -26,7 +26,10 @@ REST = 0.03394
 MAX_DIVISIONS = 6
 #: The number of triangles that are evaluated together.
 CHUNK = 20_000
-#: The largest number of triangles and parts of triangles that are bounded for one mesh. It takes some minutes.
+#: The number of triangles from which the number of parts of a large mesh is estimated, and the fraction of the limit
+#: that the rest may have on a part.
+SAMPLE, RESTS_FRACTION = 1000, 0.3
+#: The largest number of triangles and parts of triangles that are bounded for one mesh. It takes about a minute.
 MAX_PARTS = 30_000_000
 _SECOND = ((2, 0), (1, 1), (0, 2))
 _THIRD = ((3, 0), (2, 1), (1, 2), (0, 3))
@@ -142,16 +145,13 @@ def _prove(
         limit: The allowed distance.
         divisions: How many times a triangle is divided at most.
     """
-    if bounds.used + corners.shape[2] > MAX_PARTS:
-        reason = f"the surface is too rough, so its proof would need more than {MAX_PARTS:,} parts"
-        advice = "use a larger tolerance, a smaller block or a sample grid (--grid), or smooth a height map (smooth_mm)"
-        raise InputError("tolerance", None, f"{reason}; {advice}")
+    _refuse_too_rough(bounds.used + corners.shape[2])
     middles = (corners + corners[:, [1, 2, 0]]) / 2.0
     deviation = np.concatenate([deviation, middles[2] - surface(*middles[:2])])
     low, high = corners[:2].min(axis=1), corners[:2].max(axis=1)
     most, (w, h) = bounds.over(low, high), high - low
-    xx, xy, yy, xxx, xxy, xyy, yyy = most
-    third = REST * (xxx * w**3 + 3.0 * xxy * w**2 * h + 3.0 * xyy * w * h**2 + yyy * h**3)
+    xx, xy, yy = most[:3]
+    third = _rest(most, w, h)
     second = (xx * w**2 + 2.0 * xy * w * h + yy * h**2) / 8.0
     vertical = np.minimum(_largest_quadratic(deviation) + third, np.abs(deviation[:3]).max(axis=0) + second)
     distance = vertical.copy()
@@ -175,9 +175,52 @@ def _prove(
     children = np.concatenate([np.stack(t, axis=1) for t in ((a, p, r), (p, b, q), (r, q, c), (p, q, r))], axis=2)
     values = deviation[:, failed]
     known = np.concatenate([values[[0, 3, 5]], values[[3, 1, 4]], values[[5, 4, 2]], values[[3, 4, 5]]], axis=1)
-    inner = _prove(surface, bounds, children, known, limit, divisions - 1)
-    distance[failed], vertical[failed] = (bound.reshape(4, -1).max(axis=0) for bound in inner)
+    count = children.shape[2]
+    inner = np.empty((2, count))
+    for start in range(0, count, CHUNK):
+        part = slice(start, start + CHUNK)
+        inner[:, part] = _prove(surface, bounds, children[:, :, part], known[:, part], limit, divisions - 1)
+    distance[failed], vertical[failed] = inner.reshape(2, 4, -1).max(axis=1)
     return distance, vertical
+
+
+def refuse_long_proof(bounds: DerivativeBounds, x: Floats, y: Floats, limit: float) -> None:
+    """Refuse triangles whose proof would need too many parts, by an estimate from some of them.
+
+    Args:
+        bounds: The bounds of the surface's derivatives.
+        x: The coordinates x of the corners, shape (m, 3).
+        y: The coordinates y.
+        limit: The allowed distance.
+
+    Raises:
+        InputError: The estimate is above :data:`MAX_PARTS`.
+    """
+    some = slice(None, None, max(1, len(x) // SAMPLE))
+    low, high = (
+        np.stack([x[some].min(axis=1), y[some].min(axis=1)]),
+        np.stack([x[some].max(axis=1), y[some].max(axis=1)]),
+    )
+    rest = _rest(bounds.over(low, high), *(high - low))
+    # each division makes the rest eight times smaller
+    divisions = np.clip(
+        np.ceil(np.log(np.maximum(rest / (RESTS_FRACTION * limit), 1.0)) / np.log(8.0)), 0, MAX_DIVISIONS
+    )
+    _refuse_too_rough(float((4.0**divisions).mean()) * len(x))
+
+
+def _rest(most: Floats, w: Floats, h: Floats) -> Floats:
+    """Bound the difference from the quadratic polynomial, for boxes with the sides w and h."""
+    xxx, xxy, xyy, yyy = most[3:]
+    return np.asarray(REST * (xxx * w**3 + 3.0 * xxy * w**2 * h + 3.0 * xyy * w * h**2 + yyy * h**3))
+
+
+def _refuse_too_rough(parts: float) -> None:
+    """Refuse proofs with too many parts."""
+    if parts > MAX_PARTS:
+        reason = f"the surface is too rough, so its proof would need more than {MAX_PARTS:,} parts"
+        advice = "use a larger tolerance, a smaller block or a sample grid (--grid), or smooth a height map (smooth_mm)"
+        raise InputError("tolerance", None, f"{reason}; {advice}")
 
 
 def _steepness(surface: Surface, corners: Floats, most: Floats, w: Floats, h: Floats) -> Floats:

@@ -306,10 +306,18 @@ class Net:
         # along a crease the surface has several slopes, so that the lift is limited as if it were level
         level = (self.lines[vertices] >= 2).any(axis=1)
         most = MAX_LIFT * self.tolerance * np.where(level, 1.0, np.sqrt(1.0 + slope_x**2 + slope_y**2))
-        ceiling: float | Floats = self.ceiling
-        if self.region is not None:
-            ceiling = np.where(self.region.excess(self.x[vertices], self.y[vertices]) > 0.0, np.inf, ceiling)
+        ceiling = np.where(self.below_ceiling(vertices), self.ceiling, np.inf)
         self.lift[vertices] = np.minimum(np.clip(self.lift[vertices], -most, most), ceiling - height)
+        self.raise_peak()
+
+    def below_ceiling(self, vertices: Ints) -> Bools:
+        """Return which vertices must not exceed the ceiling: those inside the outline."""
+        if self.region is None:
+            return np.ones(len(vertices), dtype=np.bool_)
+        return np.asarray(self.region.excess(self.x[vertices], self.y[vertices]) <= 0.0)
+
+    def raise_peak(self) -> None:
+        """Put the peak at the ceiling."""
         height, _ = self.heights.height(self.x[[self.peak]], self.y[[self.peak]])
         self.lift[self.peak] = self.ceiling - height[0]
 

@@ -9,6 +9,7 @@ import pytest
 from helpers.tops import deviations, faults, top_triangles
 
 from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.geometry.meshing import heights
 from tacbench_cad.geometry.meshing.adaptive import NetTop, adaptive_top
 from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
@@ -127,3 +128,13 @@ def test_too_many_triangles_are_refused() -> None:
     block = block_of(weave(), 1e-5)
     with pytest.raises(InputError, match="20,000,000"):
         adaptive_top(block, 1e-6)
+
+
+def test_sharp_letters_are_proved_even_if_the_table_is_too_coarse_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heights, "CELLS", (4, 24))
+    table = np.zeros((20, 20))
+    table[5:10, 5:15] = table[5:15, 6:10] = 1.0
+    texture = Texture(name="letters", surface=height_map(table, mm_per_pixel=0.06, height_mm=1.0))
+    block = Block.of(texture, mm_per_unit=(1.0, 1.0, 1.0), size_mm=(1.14, 1.14))
+    top = adaptive_top(block, 0.01)
+    assert top.certificate.distance_mm <= 0.01

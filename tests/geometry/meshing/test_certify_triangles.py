@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.geometry.meshing import certify_triangles
-from tacbench_cad.geometry.meshing.certify_triangles import REST, DerivativeBounds, prove
+from tacbench_cad.geometry.meshing.certify_triangles import REST, DerivativeBounds, prove, refuse_long_proof
 from tacbench_cad.geometry.meshing.net import lattice
 from tacbench_cad.spec.sampled import sampled, spline_through
 from tacbench_cad.spec.surface import Surface
@@ -101,3 +101,12 @@ def test_a_proof_with_too_many_parts_is_refused(monkeypatch: pytest.MonkeyPatch)
     surface = rough()
     with pytest.raises(InputError, match=r"too rough, so its proof .* use a larger tolerance"):
         prove(surface, bounds_of(surface), triangles(surface, 150, 1.5, 7), 0.004)
+
+
+def test_a_long_proof_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface = rough()
+    x, y = triangles(surface, 150, 1.5, 7)[..., :2].transpose(2, 0, 1)
+    refuse_long_proof(bounds_of(surface), x, y, 0.004)
+    monkeypatch.setattr(certify_triangles, "MAX_PARTS", 1000)
+    with pytest.raises(InputError, match=r"too rough, so its proof .* use a larger tolerance"):
+        refuse_long_proof(bounds_of(surface), x, y, 0.004)
