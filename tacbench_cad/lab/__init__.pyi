@@ -42,6 +42,7 @@ from .rig.drivers import open_gauge as open_gauge
 from .rig.drivers import open_sensor as open_sensor
 from .rig.drivers import open_stage as open_stage
 from .rig.errors import AlarmError as AlarmError
+from .rig.errors import ContactError as ContactError
 from .rig.errors import DepthLimitError as DepthLimitError
 from .rig.errors import DeviceLostError as DeviceLostError
 from .rig.errors import DriverError as DriverError
@@ -55,6 +56,7 @@ from .rig.errors import PositionLostError as PositionLostError
 from .rig.errors import ProtocolError as ProtocolError
 from .rig.errors import RigError as RigError
 from .rig.errors import SensorError as SensorError
+from .rig.errors import SlipError as SlipError
 from .rig.gauge import Force as Force
 from .rig.gauge import Gauge as Gauge
 from .rig.grbl import GrblStage as GrblStage
