@@ -186,7 +186,8 @@ def _driver_cells(driver: ListedDriver) -> tuple[str, ...]:
         needs = f"missing: {', '.join(driver.missing)}; {driver.install}"
     plugged = ", ".join(driver.plugged_in)
     if not plugged:
-        plugged = "no" if driver.connection in ("serial port", "camera") else "not looked for"
+        looked_for = driver.connection in ("serial port", "camera") and not driver.missing
+        plugged = "no" if looked_for else "not looked for"
     elif not driver.certain:
         plugged = f"perhaps {plugged}"
     return (driver.name, driver.summary, driver.connection, needs, plugged)

@@ -24,6 +24,8 @@ NEAR_MM = 0.05
 SMALL_MM, SMALL_ERROR_MM = 0.02, 0.0101
 #: The speed of the moves in mm/s.
 SPEED_MM_S = 5.0
+#: The number of attempts to stop in the middle of a move.
+ATTEMPTS = 3
 #: The speed of the move that is stopped, in mm/s.
 STOPPED_MM_S = 1.0
 #: A move may take this many times its distance divided by its speed, in addition to a delay in real time.
@@ -75,6 +77,7 @@ class _Kit:
     def __init__(self, checks: Checks, stage: Any, limits_mm: Limits, clock: Clock, distance_mm: float) -> None:
         self.checks, self.stage, self.clock = checks, stage, clock
         self.limits_mm, self.distance_mm = limits_mm, distance_mm
+        self._attempts = 0
 
     def at(self) -> Point:
         position: Point = RESULTS["stage"]["position"](self.stage.position())
@@ -172,22 +175,36 @@ class _Kit:
 
     def stop(self) -> None:
         """Stop in the middle of a move, look at where the stage stands, and use it again."""
+        # On a computer under heavy load, the stop may come when the move has ended.
+        while not self._stop_in_time():
+            if self.checks.attempt("stop", lambda: (self.stage.home(), self.at())) is None:
+                return
+        if self.home("recovery"):
+            self.checks.attempt("recovery", lambda: self._moved(self._target(self.at(), 0, 1.0), SPEED_MM_S))
+
+    def _stop_in_time(self) -> bool:
+        """Stop in the middle of a move. Return False, without a result, if the stop came too late.
+
+        After the last attempt, a stop that came too late is a failed check.
+        """
+        self._attempts += 1
         start = self.checks.attempt("stop", self.at)
         if start is None:
-            return
+            return True
         target = self._target(start, 0, self.distance_mm)
         least_s = abs(target[0] - start[0]) / STOPPED_MM_S
-        stopped_s: list[float] = []
+        began_s, stopped_s = time.monotonic(), math.inf
 
         def stop() -> None:
-            stopped_s.append(time.monotonic())
+            nonlocal stopped_s
+            stopped_s = time.monotonic()
             self.stage.stop()
 
         try:
             with _later(0.4 * least_s / self.clock.speed, stop):
                 self.stage.move(target, STOPPED_MM_S)
         except RigError as error:
-            late_s = time.monotonic() - stopped_s[0] if stopped_s else 0.0
+            late_s = max(time.monotonic() - stopped_s, 0.0)
             shown = f"move() raised {type(error).__name__} {1000 * late_s:.0f} ms after stop()"
             # The position may be unknown after a stop, and then it must be refused.
             with suppress(RigError):
@@ -199,9 +216,15 @@ class _Kit:
             raised = f"raised {type(error).__name__} instead of a RigError: {one_line(error, 80)}"
             self.checks.failed("stop", f"move() after stop(): {raised}")
         else:
+            due_s = began_s + least_s / self.clock.speed
+            if (
+                stopped_s > began_s + 0.8 * (due_s - began_s)
+                and time.monotonic() >= due_s
+                and self._attempts < ATTEMPTS
+            ):
+                return False
             self.checks.failed("stop", "move() ended at its target as if stop() had not been called")
-        if self.home("recovery"):
-            self.checks.attempt("recovery", lambda: self._moved(self._target(self.at(), 0, 1.0), SPEED_MM_S))
+        return True
 
     def _moved(self, target: Any, speed_mm_s: float) -> Point:
         position: Point = RESULTS["stage"]["move"](self.stage.move(target, speed_mm_s))

@@ -88,6 +88,11 @@ def test_a_digit_is_found_by_its_serial_number_with_its_lamps(usb: UsbCapture) -
         opened("digit", lamps=[16, 0, 0])
 
 
+def test_a_usb_camera_conforms(usb: UsbCapture) -> None:
+    checks = check_sensor(opened("digit", "D20001", width=320, height=240, fps=60), Clock())
+    assert {check.name for check in checks if check.result == "failed"} == set()
+
+
 def test_a_gelsight_mini_is_found_by_its_product_name(usb: UsbCapture) -> None:
     with opened("gelsight-mini", exposure=120) as sensor:
         assert usb.opened == ["/dev/video4"]  # type: ignore[attr-defined]

@@ -140,3 +140,11 @@ def test_grblhal_over_tcp_passes_by_its_address() -> None:
         settings = StageSettings(driver="grbl", port=rig.port, limits_mm=limits, home=False)
         checks = check_stage(open_device("stage", settings, Context(clock=clock)), limits, clock, beyond_mm=BEYOND)
     assert failed(checks) == set(), [check for check in checks if check.result == "failed"]
+
+
+def test_a_stop_that_comes_too_late_on_a_slow_computer_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, waits = Clock(speed=SPEED), [10.0, 1.0]
+    in_time = conformance_stage._later
+    monkeypatch.setattr(conformance_stage, "_later", lambda seconds, call: in_time(waits.pop(0) * seconds, call))
+    checks = check_stage(GoodStage(clock), LIMITS, clock)
+    assert failed(checks) == set() and waits == []
