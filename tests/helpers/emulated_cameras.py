@@ -98,6 +98,18 @@ class Node:
             self._value = value
 
 
+class UnavailableNode:
+    """A feature that the camera lists but does not have. The real package raises an AccessException."""
+
+    @property
+    def value(self) -> Any:
+        raise RuntimeError("Node is not readable. : AccessException thrown in node")
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        raise RuntimeError("Node is not writable. : AccessException thrown in node")
+
+
 class EmulatedGenicam:
     """An image acquirer of harvesters with the camera behind it."""
 

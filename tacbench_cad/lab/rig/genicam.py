@@ -150,7 +150,7 @@ class GenicamSensor(Closing):
     def _configure(self) -> dict[str, Any]:
         """Switch automatic controls off, set the values and the trigger, and return the values that the camera has."""
         for name in AUTOMATISMS:
-            if hasattr(self._nodes, name):
+            if self._state(name) not in ("", "Off"):
                 getattr(self._nodes, name).value = "Off"
         self._nodes.PixelFormat.value = self._options.pixel_format
         self._nodes.ExposureTime.value = self._options.exposure_us
@@ -160,6 +160,16 @@ class GenicamSensor(Closing):
         self._nodes.TriggerMode.value = "On"
         self._nodes.TriggerSource.value = "Software"
         return self._values()
+
+    def _state(self, name: str) -> str:
+        """Return the state of an automatic control; empty if the camera does not have it.
+
+        A grey camera may list the white balance, but then reading it raises an exception of the package.
+        """
+        try:
+            return str(getattr(self._nodes, name).value)
+        except Exception:
+            return ""
 
     def _values(self) -> dict[str, Any]:
         """Return the values that the camera has.
@@ -175,7 +185,7 @@ class GenicamSensor(Closing):
             if abs(actual[name] - value) > CLOSE * max(abs(value), 1.0):
                 raise SensorError(f"{self.name}: {name} is {actual[name]:g} instead of {value:g}")
         for name in AUTOMATISMS:
-            if hasattr(self._nodes, name) and str(getattr(self._nodes, name).value) != "Off":
+            if self._state(name) not in ("", "Off"):
                 raise SensorError(f"{self.name}: {name} is on; switch it off")
         return actual
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.devices import plug_camera
-from helpers.emulated_cameras import install_genicam, install_picamera, picture
+from helpers.emulated_cameras import UnavailableNode, install_genicam, install_picamera, picture
 
 from tacbench_cad.lab.rig import camera as camera_module
 from tacbench_cad.lab.rig import video_nodes
@@ -162,9 +162,11 @@ def test_a_genicam_camera_conforms(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     camera = install_genicam(monkeypatch, "22512345")
     (tmp_path / "maker.cti").touch()
     options = {"cti": str(tmp_path / "maker.cti"), "exposure_us": 5000, "gain": 3.0, "pixel_format": pixel_format}
+    if pixel_format == "Mono8":
+        camera.nodes.BalanceWhiteAuto = UnavailableNode()
     sensor = opened("genicam", "22512345", **options)
     assert sensor.settings["actual"] == {"ExposureTime": 5000.0, "Gain": 3.0}
-    assert camera.nodes.ExposureAuto.value == camera.nodes.BalanceWhiteAuto.value == "Off"
+    assert camera.nodes.ExposureAuto.value == camera.nodes.GainAuto.value == "Off"
     camera.waiting.append(camera._picture(99))
     image = sensor.read()
     assert not np.array_equal(image.ravel(), camera._picture(99).data), "an old picture is not returned"
