@@ -118,6 +118,13 @@ def test_heights_are_compared_with_the_formula() -> None:
     assert not watch.is_suspicious(second, -99.0)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slip_at_any_moment_leaves_no_wrong_press(seed: int, tmp_path: Path) -> None:
+    trial, _, _ = slipping(seed, tmp_path)
+    assert trial.unmarked == []
+    assert len(trial.errors) == 1 or trial.saved_wrong == len(trial.errors) == 0
+
+
 @pytest.mark.long
 def test_no_slip_leaves_a_wrong_press_and_there_are_no_false_alarms(tmp_path: Path) -> None:
     """500 slips of any axis at any moment, and 1,200 presses without slips."""
@@ -128,6 +135,7 @@ def test_no_slip_leaves_a_wrong_press_and_there_are_no_false_alarms(tmp_path: Pa
         by_axis[axis].append(trial.saved_wrong)
         missed += trial.saved_wrong > 0 and not trial.errors
         assert trial.unmarked == [], seed
+        assert len(trial.errors) <= 1, "the presses after the slip are in order"
     assert missed == 0
     late = sum(saved > 1 for saved in by_axis[2])
     print(f"slips of x, y and z: {[len(saved) for saved in by_axis.values()]}; of z, {late} were found late")
