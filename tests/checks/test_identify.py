@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -53,10 +53,16 @@ def _turn(mesh: Mesh, quarters: int, upside_down: bool = False) -> Mesh:
     return changed(mesh, lambda vertices: vertices @ (about_x @ about_z).T + [3.0, -100.0, 12.5])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def three_later_textures() -> Iterator[None]:
+    """Compare files with three of the later textures. A test in tests/hostile compares a file with all fourteen."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(candidates, "EQUATIONS", ("dunes", "diamond", "coral"))
+        yield
+
+
 @pytest.mark.parametrize(("name", "preset"), [("dunes", "paper"), ("diamond", "released"), ("coral", "released")])
-def test_later_textures_are_identified(name: str, preset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # all fourteen take too long here, because of the extremes of those with oblique creases
-    monkeypatch.setattr(candidates, "EQUATIONS", ("dunes", "diamond", "coral"))
+def test_later_textures_are_identified(name: str, preset: str, tmp_path: Path) -> None:
     mesh = block_part(Block.of(name, preset)).mesh[0]
     report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
     assert report.ok, report.faults

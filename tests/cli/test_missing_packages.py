@@ -65,17 +65,24 @@ MISSING: dict[str, list[tuple[list[str], list[str]]]] = {
 }
 
 
-@pytest.mark.parametrize("modules", MISSING)
-def test_a_missing_package_is_named_in_one_line_and_nothing_is_left(tmp_path: Path, modules: str) -> None:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two studies and a file of the authors. No command may change it."""
+    folder = tmp_path_factory.mktemp("missing")
     for name in ("runs", "others"):
-        write_study(tmp_path / name, textures=(1,), copies=2, still=0)
-    authors = tmp_path / "PLAminus_z0_P30_Bambu.npy"
+        write_study(folder / name, textures=(1,), copies=2, still=0)
+    authors = folder / "PLAminus_z0_P30_Bambu.npy"
     np.lib.format.open_memmap(authors, mode="w+", dtype=np.uint8, shape=(50, 480, 640, 3)).flush()
-    before = sorted(str(path) for path in tmp_path.rglob("*"))
-    places = {"folder": tmp_path, "out": tmp_path / "out", "authors": authors}
-    places |= {name: tmp_path / name for name in ("runs", "others")}
+    return folder
+
+
+@pytest.mark.parametrize("modules", MISSING)
+def test_a_missing_package_is_named_in_one_line_and_nothing_is_left(folder: Path, modules: str) -> None:
+    before = sorted(str(path) for path in folder.rglob("*"))
+    places = {"folder": folder, "out": folder / "out", "authors": folder / "PLAminus_z0_P30_Bambu.npy"}
+    places |= {name: folder / name for name in ("runs", "others")}
     commands = [[word.format(**places) for word in words] for words, _ in MISSING[modules]]
-    argv = [sys.executable, "-c", CODE, modules, str(tmp_path), json.dumps(commands)]
+    argv = [sys.executable, "-c", CODE, modules, str(folder), json.dumps(commands)]
     process = subprocess.run(argv, capture_output=True, text=True, timeout=120)
     assert process.returncode == 0, process.stderr
     results = json.loads(process.stdout.splitlines()[-1])
