@@ -46,6 +46,11 @@ MAX_SIMILAR_FRACTION = 0.5
 MAX_CERTAIN_FRACTION = 0.1
 #: The largest number of bodies in a file.
 MAX_BODIES = 300
+#: Other units of files in mm, and the longest side in mm up to which a file is probably in one of them.
+UNITS_MM = {"inches": 25.4, "centimetres": 10.0, "metres": 1000.0}
+MAX_OTHER_UNIT_MM = 5.0
+#: The longest side of the blocks of both presets at scale 1, in mm.
+PRESET_SIDE_MM = 30.0
 #: The allowance for rounding by the solid and by the kernel, in addition to the tolerance, in mm.
 ROUNDING_MM = 1e-5
 
@@ -253,8 +258,9 @@ def _identity(shape: BodyShape, expected: Expectation) -> tuple[list[Check], flo
         return [_no_texture(shape, match, required=not expected.is_open or expected.claimed is not None)], None
     if expected.is_open and expected.claimed is None and _is_unknown(shape, match):
         later = nearest(shape, replace(expected, later=True))
+        unknown = f"not one of the known textures; {_near(match)}{_unit_hint(shape)}"
         if later is None or later.rms_mm >= match.rms_mm or _is_unknown(shape, later):
-            return [Check(name="texture", ok=False, detail=f"not one of the known textures; {_near(match)}")], None
+            return [Check(name="texture", ok=False, detail=unknown)], None
         match = later
     allowed = _allowed(match.candidate)
     residual = match.candidate.measure(shape, match.placement, near_mm=allowed)
@@ -276,10 +282,23 @@ def _no_texture(shape: BodyShape, match: Match | None, required: bool) -> Check:
     """
     size = mm(*shape.size_mm)
     if shape.is_block and match is None:
-        detail = f"no texture has a block of {size}, but the part has a relief; check that the file is in millimetres"
+        detail = f"no texture has a block of {size}, but the part has a relief{_unit_hint(shape)}"
         return Check(name="texture", ok=False, detail=detail)
     near = "" if match is None else f"; {_near(match)}"
     return Check(name="texture", ok=not required, detail=f"none: a part of {size} without a relief on its top{near}")
+
+
+def _unit_hint(shape: BodyShape) -> str:
+    """Return a hint if the part is so small that its file is probably not in mm, or nothing."""
+    longest = max(shape.size_mm)
+    if longest > MAX_OTHER_UNIT_MM:
+        return ""
+    scales = {unit: longest * length_mm / PRESET_SIDE_MM for unit, length_mm in UNITS_MM.items()}
+    likely = [
+        unit for unit, scale in scales.items() if 0.2 < scale < 10.0 and abs(scale * 4.0 - round(scale * 4.0)) < 0.02
+    ]
+    units = " or ".join(f"{unit} (multiply it by {UNITS_MM[unit]:g})" for unit in likely or UNITS_MM)
+    return f"; the longest side is {longest:.4g} mm, so the file is probably in {units}"
 
 
 def _near(match: Match) -> str:

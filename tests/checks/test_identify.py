@@ -200,6 +200,14 @@ def test_a_file_in_metres_is_a_fault(tmp_path: Path) -> None:
     assert report.size_mm[2] < 0.01
 
 
+@pytest.mark.parametrize(("unit", "length_mm"), [("inches", 25.4), ("centimetres", 10.0), ("metres", 1000.0)])
+def test_the_unit_of_a_small_file_is_named(unit: str, length_mm: float, tmp_path: Path) -> None:
+    mesh = _part(2).mesh[0]
+    path = _anonymous(Mesh(mesh.vertices / length_mm, mesh.faces), tmp_path / "part.stl")
+    detail = _line(examine(path, full=False), "texture").detail
+    assert detail.endswith(f"mm, so the file is probably in {unit} (multiply it by {length_mm:g})")
+
+
 def test_a_dented_wall_is_a_fault(tmp_path: Path) -> None:
     report = examine(_anonymous(_dent_wall(_part().mesh[0]), tmp_path / "a.stl"), full=False)
     assert _faults(report) & {"sides", "relief"}
