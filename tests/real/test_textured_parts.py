@@ -55,7 +55,21 @@ def bushing() -> Part:
     return textured_part(part, side, 2, name="bushing", fade_mm=2.0)
 
 
-PARTS = {"pillow block": pillow_block, "bushing": bushing}
+def bracket() -> Part:
+    """A bracket of build123d's builder mode with fillets and a counterbored hole, with a texture on its floor."""
+    with bd.BuildPart() as builder:
+        bd.Box(60, 40, 6)
+        with bd.Locations((-27, 0, 13)):
+            bd.Box(6, 40, 20)
+        with bd.Locations((12, 0, 3)):
+            bd.CounterBoreHole(3, 6, 3)
+        bd.fillet(builder.edges().filter_by(bd.Axis.Z), 2)
+    level = builder.faces().filter_by(bd.Plane.XY).group_by(bd.Axis.Z)[-2]
+    floor = max(level, key=lambda face: face.area)
+    return textured_part(builder.part.solid(), floor, 2, name="bracket", depth_mm=0.8, margin_mm=2.0)
+
+
+PARTS = {"pillow block": pillow_block, "bushing": bushing, "bracket": bracket}
 
 
 @pytest.mark.parametrize("name", PARTS)

@@ -219,8 +219,8 @@ def _band(face: TopoDS_Face, frame: Frame, margin_mm: float) -> list[TopoDS_Edge
             raise InputError(
                 "face",
                 None,
-                "is a cylinder with a hole or a slanted rim; only cylinders between circles around the axis and lines "
-                "along the axis can get a texture",
+                "is a cylinder with a hole or a slanted rim; put the texture on the cylinder before you cut the hole or "
+                "the rim",
             )
     surface = BRepAdaptor_Surface(face)
     ends = (surface.FirstUParameter(), surface.LastUParameter(), surface.FirstVParameter(), surface.LastVParameter())
@@ -232,7 +232,9 @@ def _band(face: TopoDS_Face, frame: Frame, margin_mm: float) -> list[TopoDS_Edge
         raise InputError("margin_mm", margin_mm, "leaves nothing of the face; choose a smaller margin")
     v0, v1 = v0 + margin_mm, v1 - margin_mm
     if len(kernel.distinct(face, "WIRE")) > 1 and not full:
-        raise InputError("face", None, "is a cylinder with a hole; only cylinders without holes can get a texture")
+        raise InputError(
+            "face", None, "is a cylinder with a hole; put the texture on the cylinder before you cut the hole"
+        )
     cylinder = surface.Cylinder()
     place = cylinder.Position()
 

@@ -187,6 +187,14 @@ def test_bad_input_is_refused(part: cq.Workplane, face: str, settings: dict[str,
         textured(part, face, 2, **settings)
 
 
+def test_a_hole_can_be_cut_through_a_textured_cylinder() -> None:
+    drum = cq.Workplane(cq.Solid(textured(DRUM, "%Cylinder", 2, depth_mm=0.5).solid))
+    pierced = drum.cut(cq.Workplane("XZ").center(0, 7).circle(1).extrude(30))
+    assert all(check.ok for check in solid_checks(pierced.val().wrapped))
+    removed = volume_mm3(drum.val().wrapped) - volume_mm3(pierced.val().wrapped)
+    assert np.pi * 10.2 < removed < np.pi * 10.7
+
+
 def test_a_face_of_another_part_is_refused() -> None:
     with pytest.raises(InputError, match="not a face of the part"):
         textured_solid(PLATE.val().wrapped, face_of(ELL, ">Z"), texturing(2))
