@@ -219,8 +219,8 @@ def _band(face: TopoDS_Face, frame: Frame, margin_mm: float) -> list[TopoDS_Edge
             raise InputError(
                 "face",
                 None,
-                "is a cylinder with a hole or a slanted rim; put the texture on the cylinder before you cut the hole or "
-                "the rim",
+                "is a cylinder with a hole or a slanted rim; put the texture on the cylinder before you cut the hole "
+                "or the rim",
             )
     surface = BRepAdaptor_Surface(face)
     ends = (surface.FirstUParameter(), surface.LastUParameter(), surface.FirstVParameter(), surface.LastVParameter())
