@@ -78,7 +78,7 @@ def test_fixtures_have_no_self_intersection() -> None:
 
 
 def test_curved_faces_of_other_kinds_are_refused() -> None:
-    with pytest.raises(InputError, match="planes, cylinders and cones"):
+    with pytest.raises(InputError, match="planes, cylinders, cones and splines"):
         tessellate(build123d.Solid.make_sphere(2.0).wrapped)
 
 

@@ -17,6 +17,7 @@ import cadquery as cq
 
 from housing import Holder
 from tacbench_cad import Block, CheckFailedError, InputError, Part, Request, as_part, build, check, export
+from tacbench_cad.cq import textured
 
 HOLDER = Holder(block=Block.of(1))
 HEIGHT_MM = 4.0
@@ -76,10 +77,21 @@ def test_a_round_solid_of_cadquery_is_moved_to_the_origin(tmp_path: Path) -> Non
         assert export(part, tmp_path / f"ring.{ending}").ok
 
 
+def test_a_textured_solid_can_be_made_into_a_part_again(tmp_path: Path) -> None:
+    solid = textured(cq.Workplane().box(12, 10, 3), ">Z", 2, depth_mm=0.5)
+    part = Part.of_solid(solid, name="pad")
+    assert part.size_mm == pytest.approx((12.0, 10.0, 3.7), abs=2e-3)
+    for ending in ("stl", "step"):
+        assert export(part, tmp_path / f"pad.{ending}").ok
+    heavier = Part.of_solid(solid, name="pad", volume_mm3=1.01 * part.solid[1].volume_mm3)
+    with pytest.raises(CheckFailedError, match="volume"):
+        export(heavier, tmp_path / "heavier.step")
+
+
 def test_bad_parts_are_refused() -> None:
     with pytest.raises(InputError, match="must be a solid"):
         Part.of_solid("box", name="box")
-    with pytest.raises(InputError, match="only planes, cylinders and cones"):
+    with pytest.raises(InputError, match="only planes, cylinders, cones and splines"):
         Part.of_solid(bd.Sphere(3), name="ball")
     with pytest.raises(InputError, match="part name"):
         Part.of_solid(bd.Box(1, 1, 1), name="../box")

@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
-from tacbench_cad.geometry.solids import ANGLE_RAD, ROUND_DECIMALS, require_closed, rounding_mm3, weld
+from tacbench_cad.geometry.solids import ANGLE_RAD, FREE_FRACTION, ROUND_DECIMALS, require_closed, rounding_mm3, weld
 from tacbench_cad.geometry.texturing import Texturing, texturing
 from tacbench_cad.geometry.triangulation import triangulate
 from tacbench_cad.spec.sampling import TOLERANCE_MM
@@ -32,8 +32,6 @@ _DEFLECTIONS = (0.9, 0.6, 0.4, 0.25, 0.12, 0.06)
 _MAX_SLOPE = 1.5
 #: The largest angle between neighbouring chords of the kernel's mesh of a texture, in radians.
 _ANGLE_RAD = 0.5
-#: The fraction by which the kernel's volume of a solid with free curves or surfaces may be wrong.
-_FREE_FRACTION = 2e-3
 #: The distance that rounding of coordinates adds, in mm.
 _ROUNDING_MM = 1e-5
 
@@ -206,7 +204,7 @@ class TexturedFaces:
     @cached_property
     def _slack_mm3(self) -> float:
         """The error of the kernel's volume: large only if a face of the part is a free surface."""
-        return _FREE_FRACTION * self.volume_mm3 if _has_free_edges(self.solid) else 0.0
+        return FREE_FRACTION * self.volume_mm3 if _has_free_edges(self.solid) else 0.0
 
     def shape(self) -> tuple[TopoDS_Shape, ExpectedGeometry]:
         """Return the solid and its expected geometry."""
