@@ -1,10 +1,11 @@
 """Textures on faces of parts, compared with the kernel's own fit of the same surface and its Boolean operations.
 
 ``python benchmarks/textured_faces.py`` prints a table. Each row is one part: a plate of 40 x 30 mm with two holes and
-texture 2, and a cylinder of radius 15 mm and length 30 mm with the textures 2 and 3. The times are those of the
-processor, after a first part that loads the kernel. The peer fits one surface through a grid of points
+the textures 2, 3 and 4, and a cylinder of radius 15 mm and length 30 mm with the textures 2 and 3. The times are those
+of the processor, after a first part that loads the kernel. The peer fits one surface through a grid of points
 (``Face.makeSplineApprox`` of CadQuery, 0.1 mm apart), makes a solid of it and combines it with the part. Around the
-cylinder, it fits two surfaces, each around one half. The distance from the formula is measured on both solids.
+cylinder, it fits two surfaces, each around one half. The distance from the formula is measured on both solids. On the
+plate, the peer has no row for the textures 3 and 4, because it takes longer than two minutes.
 """
 
 from __future__ import annotations
@@ -59,15 +60,17 @@ def fitted_around(result: TexturedSolid) -> cq.Shape:
     frame, beyond = region.frame, 1.0
     t = np.linspace(-beyond, length + beyond, round((length + 2.0 * beyond) / STEP_MM) + 1)
     outer = frame.radius_mm + height.range_mm[1] + 1.0
-    whole = cq.Workplane("XY", origin=(0, 0, float(frame.origin[2]))).circle(outer).circle(frame.radius_mm)
-    tube = whole.extrude(length).val()
+    plane = cq.Plane(*(tuple(vector.tolist()) for vector in (frame.origin, frame.axes[0], frame.axes[2])))
+    tube = cq.Workplane(plane).circle(outer).circle(frame.radius_mm).extrude(length)
     result_shape = CYLINDER.val()
     for half in (0, 1):
         s = np.linspace(-beyond, around / 2.0 + beyond, round((around / 2.0 + 2.0 * beyond) / STEP_MM) + 1)
         s += half * around / 2.0
         top = sheet(frame.point(s[:, None], t[None, :], height.grid(s, t)))
-        box = cq.Solid.makeBox(4 * outer, 2 * outer, 4 * outer, cq.Vector(-2 * outer, -2 * outer * half, -outer))
-        pieces = tube.intersect(box).split(top)
+        side = (
+            cq.Workplane(plane).center(0.0, outer - 2.0 * half * outer).rect(4.0 * outer, 2.0 * outer).extrude(length)
+        )
+        pieces = tube.intersect(side).val().split(top)
         low = min(pieces.Solids(), key=lambda piece: piece.Volume() if piece.isInside(inner(result, half)) else 1e9)
         result_shape = result_shape.fuse(low)
     return result_shape
@@ -101,6 +104,8 @@ def main() -> None:
         result = textured_solid(part.val().wrapped, part.faces(face).val().wrapped, settings)
         seconds = time.process_time() - start
         show(name, seconds, cq.Solid(result.solid), result)
+        if part is PLATE and texture != 2:
+            continue
         start = time.process_time()
         try:
             peer = fitted(result) if part is PLATE else fitted_around(result)
