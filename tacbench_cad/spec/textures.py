@@ -14,7 +14,7 @@ import numpy as np
 
 from tacbench_cad.spec.images import read_heights
 from tacbench_cad.spec.later import EQUATIONS, later_name, later_surface
-from tacbench_cad.spec.operations import added, scaled, turned
+from tacbench_cad.spec.operations import added, scaled, turned, windowed
 from tacbench_cad.spec.sampled import height_map, smoothed
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
@@ -438,6 +438,7 @@ class _Combined:
     of: Annotated[tuple[Word, ...], Length(1, 10)]
     weights: Annotated[tuple[_Amplitude, ...], Length(1, 10)] | None = None
     turn_deg: Annotated[float, Bounds(-360.0, 360.0)] = 0.0
+    fade: Annotated[float, Bounds(1e-3, 1e4)] | None = None
 
     def made(self, document: _Document, folder: Path) -> tuple[Texture, BlockTable]:
         weights = self.weights or (1.0,) * len(self.of)
@@ -453,6 +454,12 @@ class _Combined:
             surface = turned(surface, self.turn_deg)
         named = [f"{weight:g} {part.name}" for part, weight in zip(parts, weights, strict=True)]
         text = " + ".join(named) + (f", turned by {self.turn_deg:g} degrees" if self.turn_deg else "")
+        if self.fade is not None:
+            ends = isinstance(surface, SplineSurface) and not (surface.u.repeats or surface.v.repeats)
+            if table.domain is None and not ends:
+                raise InputError("[block] domain", None, "is missing; fade needs [[u low, u high], [v low, v high]]")
+            surface = windowed(surface, self.fade, table.domain)
+            text += f", fading out over {self.fade:g}"
         return Texture(name=self.name, surface=surface, equation=text), table
 
     def _part(self, word: str, folder: Path) -> Texture:

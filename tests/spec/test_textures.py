@@ -237,3 +237,17 @@ def test_a_sum_of_textures(tmp_path: Path) -> None:
 def test_keys_that_do_not_fit_together_are_refused(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, f'[texture]\nname="a"\n{text}')
+
+
+def test_a_sum_that_fades_out_towards_the_edges(tmp_path: Path) -> None:
+    path = tmp_path / "faded.toml"
+    text = '[texture]\nname = "faded"\nfamily = "sum"\nof = ["2"]\nfade = 2.0\n'
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"\[block\] domain: is missing; fade needs"):
+        read_texture(path)
+    path.write_text(text + "[block]\ndomain = [[0, 8], [0, 9]]\n")
+    texture = read_texture(path).texture
+    assert texture.equation.endswith(", fading out over 2")
+    edge = np.linspace(0.0, 8.0, 50)
+    assert np.abs(texture.surface(edge, 0.0)).max() < 1e-9
+    assert texture.surface(4.0, 5.0) == pytest.approx(math.sin(4.0) + math.cos(5.0), abs=2e-3)
