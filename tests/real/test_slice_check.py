@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from helpers.outsiders import Run, Written, program
+from helpers.outsiders import Run, Written, part_named, program
 from helpers.slicing import by_cura, by_prusa, cura_search_path
 
 from tacbench_cad.slicing.compare import AsSliced, compare
@@ -91,3 +92,22 @@ def test_curaengine_relative_with_a_raft(cura_engine: Run, written: Written, tmp
     comparison = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, options))
     assert comparison.sliced.floor_mm > 0.3
     assert comparison.rms_mm == pytest.approx(EXPECTED[0.2][0], abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["disc-2", "ring-2"])
+def test_prusaslicer_slices_other_outlines(prusa_slicer: Run, written: Written, tmp_path: Path, name: str) -> None:
+    block = part_named(name).block
+    assert block is not None
+    path = by_prusa(prusa_slicer, written(name, "stl"), tmp_path / "a.gcode", 0.2, "--center", "60,70")
+    comparison = compare(read_gcode(path), block, pitch_mm=0.1)
+    assert (comparison.frame.x_mm, comparison.frame.y_mm) == pytest.approx(
+        (60.0 - block.size_mm[0] / 2.0, 70.0 - block.size_mm[1] / 2.0), abs=0.02
+    )
+    rms, ideal = EXPECTED[0.2]
+    assert comparison.rms_mm == pytest.approx(rms, abs=0.006)
+    assert comparison.ideal_rms_mm == pytest.approx(ideal, abs=0.002)
+    assert comparison.misplaced_rms_mm is not None and comparison.misplaced_rms_mm > 0.055
+    assert comparison.peaks.missed == comparison.valleys.missed == 0 < comparison.peaks.count
+    inside = np.argwhere(comparison.inside)
+    x, y = comparison.x_mm[inside[:, 0]], comparison.y_mm[inside[:, 1]]
+    assert block.outline is not None and block.outline.excess(x, y).max() < 0.0
