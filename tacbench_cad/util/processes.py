@@ -109,26 +109,25 @@ class _Copy:
 
     def __init__(self, pid: int, stdin: IO[bytes], stdout: IO[bytes]) -> None:
         self.stdin, self.stdout = stdin, stdout
-        self._handle: int | None = os.pidfd_open(pid)  # unlike a number, a handle never means another process
+        self._handle = os.pidfd_open(pid)  # unlike a number, a handle never means another process
 
     def poll(self) -> int | None:
         """Return None while the process runs. Its exit code is unknown, because it is not our own child."""
-        running = self._handle is not None and not select.select([self._handle], [], [], 0.0)[0]
-        return None if running else 0
+        return 0 if select.select([self._handle], [], [], 0.0)[0] else None
 
     def wait(self) -> int:
         """Wait until the process has ended."""
-        if self._handle is not None:
-            select.select([self._handle], [], [])
-            os.close(self._handle)
-            self._handle = None
+        select.select([self._handle], [], [])
         return 0
 
     def kill(self) -> None:
         """End the process at once."""
-        if self._handle is not None:
-            with contextlib.suppress(ProcessLookupError):
-                signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+
+    def close(self) -> None:
+        """Give the handle of the process back."""
+        os.close(self._handle)
 
 
 class Workers:
@@ -168,6 +167,7 @@ class Workers:
             self._changed.notify_all()
             # The copies end before the first child, whose children they are, so that the system removes them.
             children = sorted(self._children, key=lambda child: not isinstance(child, _Copy))
+            self._children = []
         for child in children:
             child.kill()
             if isinstance(child, _Copy):
@@ -180,6 +180,8 @@ class Workers:
                 if pipe is not None:
                     with contextlib.suppress(OSError):
                         pipe.close()
+            if isinstance(child, _Copy):
+                child.close()
         self._close_pipes()
 
     def _close_pipes(self, ours: bool = True) -> None:
