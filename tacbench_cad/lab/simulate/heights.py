@@ -115,6 +115,8 @@ def on_block(block: Block, z_mm: Floats) -> HeightMap:
 def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     """Add the holder to a block's top: the clearance gap around the block, then the rim, then no surface.
 
+    The pocket has no pin in the hole of a ring, so there is no surface in it.
+
     Args:
         block: The block. Its sides and its key or its outline determine the gap; the pocket follows them.
         top: The heights on the block's own cells.
@@ -138,4 +140,6 @@ def held(block: Block, top: HeightMap, holder: HolderRim) -> HeightMap:
     z[outside > 0.0] = -math.inf
     z[outside > gap] = -holder.rim_mm
     z[beyond_plate] = -math.inf
+    for hole in () if block.outline is None else block.outline.loops[1:]:
+        z[hole.distance(x, y) < 0.0] = -math.inf
     return ground

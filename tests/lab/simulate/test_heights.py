@@ -83,6 +83,18 @@ def test_a_key_cuts_the_corner_and_the_rim_follows_it() -> None:
     assert _at(ground, 23.0, 0.3) == -1.18
 
 
+def test_the_rim_follows_a_disc() -> None:
+    ground = _ground(Block.of(1, outline="disc:20"))
+    corner = 10.0 + math.sqrt(0.5) * np.array([9.9, 10.15, 10.45])
+    assert [_at(ground, at, at) for at in corner] == [0.0, -math.inf, -1.18]
+
+
+def test_the_hole_of_a_ring_has_no_surface() -> None:
+    ground = _ground(Block.of(1, outline="ring:20,8"))
+    assert [_at(ground, at, 10.05) for at in (0.15, 5.9, 6.15, 10.05, 14.15)] == [0.0, 0.0, *[-math.inf] * 2, 0.0]
+    assert _at(ground, -0.45, 10.05) == -1.18
+
+
 def test_a_rim_above_the_block_is_the_highest() -> None:
     assert _ground(Block.of(1), HolderRim(rim_mm=-0.5)).top_mm == 0.5
 
