@@ -210,7 +210,8 @@ def test_a_worker_with_another_tacbench_is_named(tmp_path: Path, rest: str, word
 def test_a_scheduler_without_tacbench_is_named(tmp_path: Path) -> None:
     """Otherwise the scheduler would discard every call, and the calls would be awaited for ever."""
     pytest.importorskip("distributed")
-    (tmp_path / "tacbench_cad.py").write_text("raise ImportError('no tacbench-cad on this machine')\n")
+    package = parallel.__name__.partition(".")[0]
+    (tmp_path / f"{package}.py").write_text("raise ImportError('no tacbench-cad on this machine')\n")
     port = free_port()
     module = [sys.executable, "-m"]
     started = [

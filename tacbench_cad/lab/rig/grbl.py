@@ -242,8 +242,14 @@ class GrblStage(SerialStage[GrblLink]):
         """Refuse settings with which the sensor must not press.
 
         Raises:
-            ProtocolError: The firmware reports inches, or switches its motors off at rest.
+            ProtocolError: The firmware reports inches, switches its motors off at rest, or has homing without soft
+                limits.
         """
+        if self.settings.get(22) and self.settings.get(20) == 0.0:
+            raise ProtocolError(
+                f"{self._link.name}: has no soft limits ($20=0), perhaps because the program was killed while it "
+                "measured the position at the end stops; send it $20=1, and $21=1 so that the end stops stop moves"
+            )
         if self.settings.get(13, 0.0) != 0.0:
             raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")
         if (delay_ms := self.settings.get(1, ALWAYS_ON)) != ALWAYS_ON:

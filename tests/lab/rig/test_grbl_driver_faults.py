@@ -26,6 +26,7 @@ from tacbench_cad.lab.rig.errors import (
     NotThereError,
     OutOfRangeError,
     PositionLostError,
+    ProtocolError,
 )
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
@@ -99,6 +100,17 @@ def test_the_reset_button_between_moves_is_detected() -> None:
         rig.inject(Fault(kind="reset"))
         with pytest.raises(PositionLostError):
             stage.move(CENTER, 20.0)
+
+
+def test_limits_that_a_killed_program_left_switched_off_are_refused() -> None:
+    """While the position is measured at the end stops, the firmware's own limits are off."""
+    message = r"has no soft limits \(\$20=0\), .*; send it \$20=1, and \$21=1"
+    with (
+        launch("grbl", speed=SPEED, settings={20: 0, 21: 0}) as rig,
+        pytest.raises(ProtocolError, match=message),
+        opener(rig.port),
+    ):
+        pass
 
 
 def test_an_interruption_stops_homing() -> None:
