@@ -102,7 +102,14 @@ class FittedFrame:
 
 
 def corner_markers(grid: PressGrid) -> tuple[tuple[int, float, float], ...]:
-    """Return the number, x and y of the four corner positions: 1, 5, 21 and 25 of the paper's grid."""
+    """Return the number, x and y of the four corner positions: 1, 5, 21 and 25 of the paper's grid.
+
+    Raises:
+        InputError: The grid has only one position, which does not show the rotation of the block.
+    """
+    if len(grid.positions_mm) < 2:
+        allowed = "has only one position, which does not show how the block is turned; align with a larger grid"
+        raise InputError("[protocol] grid", None, allowed)
     across = len(grid.x_mm)
     numbers = (1, across, across * (len(grid.y_mm) - 1) + 1, across * len(grid.y_mm))
     places = grid.positions_mm

@@ -67,6 +67,8 @@ def test_the_corner_markers_of_the_jig() -> None:
     assert [(x, y) for _, x, y in corner_markers(grid)] == MARKERS
     own = PressGrid(x_mm=(1.0, 2.0, 3.0), y_mm=(5.0, 6.0))
     assert corner_markers(own) == ((1, 1.0, 5.0), (3, 3.0, 5.0), (4, 1.0, 6.0), (6, 3.0, 6.0))
+    with pytest.raises(InputError, match="has only one position, which does not show how the block is turned"):
+        corner_markers(PressGrid(x_mm=(3.0,), y_mm=(4.0,)))
 
 
 @given(
