@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @options.option(
     "--step-tolerance",
     options.MM,
-    "Largest distance of a STEP solid from the formula. Default: 0.001.",
+    "Largest distance of a STEP solid from the formula. Default: 0.001, or more if the texture needs it.",
     options.ACCURACY,
     dest="step_tolerance_mm",
 )

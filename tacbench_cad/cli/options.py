@@ -433,7 +433,7 @@ part = together(
     option(
         "--tolerance",
         Value("MM", _tolerance_of),
-        "Largest distance of a mesh from the formula. Default: 0.01.",
+        "Largest distance of a mesh from the formula. Default: 0.01, or more if the texture needs it.",
         ACCURACY,
     ),
     option(
