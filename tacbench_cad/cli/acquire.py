@@ -147,8 +147,11 @@ def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> 
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
     from tacbench_cad.lab.acquire.session import acquire_study, unfinished
     from tacbench_cad.lab.runs.checking import check_run
+    from tacbench_cad.util.packages import require
     from tacbench_cad.virtual_rig.devices import open_rig
 
+    # Frames are stored with this package. Without it, no file must be written.
+    require("acquire", "cv2")
     rig = chosen.required_rig
     station = rig.stage.station
     file = ProgressFile(folder, station)

@@ -92,9 +92,10 @@ class TexturedFile:
         return max(result.error_mm for result in self.faces.results)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the values as plain JSON values, with the names of :class:`TexturedMesh`. They are for the last face.
+        """Return the values for the last face as plain JSON values.
 
-        ``error_mm`` and ``evidence`` are those of the solid; ``deviation_mm`` was measured on the file.
+        The names are those of :class:`~tacbench_cad.geometry.textured.on_mesh.TexturedMesh`. ``error_mm``
+        and ``evidence`` are those of the solid; ``deviation_mm`` was measured on the file.
         """
         result = self.faces.results[-1]
         region = max((region for region, _, _ in result.regions), key=lambda region: region.size_mm)

@@ -14,7 +14,7 @@ It switches the motors off. :meth:`KlipperStage.home` restarts the firmware and 
 Homing is ``G28``. If z is homed towards the bed, the section ``[homing_override]`` or ``[safe_z_home]`` of printer.cfg
 must lift the tool first. An axis that is homed already is lifted by the driver.
 
-The interface is described at https://moonraker.readthedocs.io/en/latest/external_api/printer/.
+Moonraker's documentation describes the interface in its part on the external API.
 """
 
 from __future__ import annotations
