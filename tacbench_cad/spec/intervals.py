@@ -41,8 +41,9 @@ class Intervals:
         if self._first is None:
             return np.asarray(np.searchsorted(self._edges[1:-1], t, "right"), dtype=np.int64)
         i = self._first.take(((t - self._edges[0]) * self._scale).astype(np.int64), mode="clip")
-        # the bucket may begin in the interval before, or by rounding in the interval after
+        # From here on, all indices are valid. NumPy is faster if it need not check them.
+        # The bucket may begin in the interval before, or by rounding in the interval after
         after = np.minimum(i + 1, self._last)
-        i = np.where(t >= self._edges.take(after), after, i)
-        index: Ints = np.maximum(i - (t < self._edges.take(i)), 0)
+        i = np.where(t >= self._edges.take(after, mode="clip"), after, i)
+        index: Ints = np.maximum(i - (t < self._edges.take(i, mode="clip")), 0)
         return index

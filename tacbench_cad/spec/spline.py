@@ -321,7 +321,8 @@ class SplineSurface:
             part = slice(start, start + _POINTS_AT_A_TIME)
             at_u, at_v = self.u.inside(u[part]), self.v.inside(v[part])
             i, j = self.u.intervals.index(at_u), self.v.intervals.index(at_v)
-            rows = table.take(j * len(first_u) + i, axis=0)
+            # All indices are valid. NumPy is faster if it need not check them.
+            rows = table.take(j * len(first_u) + i, axis=0, mode="clip")
             x, y = (at_u - first_u[i]) / width_u[i], (at_v - first_v[j]) / width_v[j]
             for total, (order_u, order_v) in zip(totals, orders, strict=True):
                 inner = np.einsum("npq,nq->np", rows, _powers(y, width_v[j], self.v.degree, order_v))
