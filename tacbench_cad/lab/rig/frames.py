@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.types import Bools, Ints
 
@@ -89,6 +90,23 @@ def frame_faults(
     if previous is not None and np.array_equal(image, previous):
         faults.append("stuck")
     return tuple(faults)
+
+
+def require_good_frame(name: str, image: NDArray[Any], previous: NDArray[Any] | None, limits: FrameLimits) -> None:
+    """Check that a frame has no fault.
+
+    Args:
+        name: The camera, for the message.
+        image: Same as for :func:`frame_faults`, like the other two.
+        previous: The previous frame.
+        limits: The limits.
+
+    Raises:
+        SensorError: The frame is dark, blurred or stuck.
+    """
+    faults = frame_faults(image, previous, limits)
+    if faults:
+        raise SensorError(f"{name}: a frame is {' and '.join(faults)}; check the light, the exposure, the lens")
 
 
 def frame_quality(image: NDArray[Any], mask: Bools | None = None, *, edges: bool = True) -> FrameQuality:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
-from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
+from tacbench_cad.lab.rig.frames import FrameLimits, require_good_frame
 from tacbench_cad.lab.rig.registry import Context, Driver
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
@@ -122,12 +122,8 @@ class PiCameraSensor(Closing):
         wrong = self._wrong(actual)
         if wrong:
             raise SensorError(f"{self.name}: {wrong}; another program may use the camera")
-        faults = frame_faults(image, self._previous, self._limits)
-        self._previous = image
-        if faults:
-            raise SensorError(
-                f"{self.name}: a frame is {' and '.join(faults)}; check the light, the exposure, the lens"
-            )
+        previous, self._previous = self._previous, image
+        require_good_frame(self.name, image, previous, self._limits)
         return image
 
     def close(self) -> None:
