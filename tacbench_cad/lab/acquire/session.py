@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -179,14 +179,20 @@ def _trays(rig: RigSettings, blocks: Sequence[Place]) -> Generator[tuple[Place, 
         with ExitStack() as claims:
             while waiting and all(waiting[0].slot != other.slot for other in tray):
                 place = waiting.popleft()
-                try:
-                    claims.enter_context(locked(place.folder, CLAIM))
-                except FolderInUseError:
-                    continue
-                if _station(rig, place) == rig.stage.station and not _finished(rig, place):
-                    tray.append(place)
+                # First without a claim, because a claim would keep the block's own station from continuing its run.
+                if _is_ours(rig, place):
+                    with suppress(FolderInUseError), ExitStack() as claim:
+                        claim.enter_context(locked(place.folder, CLAIM))
+                        if _is_ours(rig, place):
+                            claims.push(claim.pop_all())
+                            tray.append(place)
             if tray:
                 yield tuple(tray)
+
+
+def _is_ours(rig: RigSettings, place: Place) -> bool:
+    """Return whether this station has to press a block: the run is not complete, and no other station has begun it."""
+    return _station(rig, place) == rig.stage.station and not _finished(rig, place)
 
 
 def _station(rig: RigSettings, place: Place) -> str:
