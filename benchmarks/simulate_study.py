@@ -61,7 +61,8 @@ def main() -> int:
     print(
         f"{options.study}: {needed.blocks} blocks, {needed.presses:,} presses, {images:,} images, {size / 1e9:.2f} GB"
     )
-    print(f"estimated {needed.gb:.2f} GB and {needed.minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
+    minutes = needed.missing * needed.seconds_each / needed.jobs / 60
+    print(f"estimated {needed.gb:.2f} GB and {minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
     print(f"in {options.jobs} processes, {1e3 * seconds * options.jobs / images:.1f} ms of processing for each image")
     for name, label in TIME_SPENT.items():
         print(f"  {label:<18}{100 * stage_s[name] / total:5.1f} %  {1e3 * stage_s[name] / images:6.2f} ms per image")
