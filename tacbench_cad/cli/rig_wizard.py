@@ -21,6 +21,7 @@ from tacbench_cad.lab.study.file import VIRTUAL_STAGES, read_study
 from tacbench_cad.lab.study.first_press import first_press
 from tacbench_cad.lab.study.names import own_name
 from tacbench_cad.util import door
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.devices import open_rig
 
@@ -74,7 +75,7 @@ def _stage(path: Path) -> None:
         ports = [port.name for port in candidates()]
         port = _chosen("the stage", ports, f"{_PRACTICE}: no hardware, to practise")
         if port == _PRACTICE:
-            frame = {key: [_list(value) for value in values] for key, values in VIRTUAL_STAGES["virtual-grbl"].items()}
+            frame = to_plain(VIRTUAL_STAGES["virtual-grbl"])
             store_keys(path, "stage", {"driver": "virtual-grbl", "options": {"speed": _PRACTICE_SPEED}, **frame})
             store_keys(path, "gauge", {"port": _PRACTICE})
             store_keys(path, "sensor", {"driver": "simulated", "exposure": None})
@@ -223,7 +224,3 @@ def _word(words: Sequence[str], line: str) -> str:
     if line not in words:
         raise InputError("answer", line, f"must be {' or '.join(words)}")
     return line
-
-
-def _list(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value

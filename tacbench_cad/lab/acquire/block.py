@@ -127,7 +127,7 @@ class _BlockSession:
         self.presser = Presser(
             self.protocol, self.carriage, self.force, self._touch(), nominal_mm=self.watch.first_touch_mm
         )
-        self._plan = {press.number: press for press in self.run.info.presses}
+        self._plan = self.run.info.press_by_number
         self.watch.add(self.run.rows if self.protocol.home_every else ())
 
     def all(self) -> None:

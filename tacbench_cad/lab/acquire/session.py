@@ -145,7 +145,8 @@ def acquire_study(
                 info, heights = place.info(**opened.info), taught[place.slot]
                 press = partial(press_block, signals=signals, progress=progress, durable=durable)
                 results.append(press(opened, info, place.folder, taught_mm=heights))
-        others = sum(not _finished(rig, place) for place in left)
+        pressed = {result.folder for result in results}
+        others = sum(not _finished(rig, place) for place in left if place.folder not in pressed)
         if others:
             progress.say(f"not complete: {counted(others, 'block')}, which other stations press or have begun")
     return tuple(results)
@@ -192,24 +193,30 @@ def _trays(rig: RigSettings, blocks: Sequence[Place]) -> Generator[tuple[Place, 
 
 def _is_ours(rig: RigSettings, place: Place) -> bool:
     """Return whether this station has to press a block: the run is not complete, and no other station has begun it."""
-    return _station(rig, place) == rig.stage.station and not _finished(rig, place)
-
-
-def _station(rig: RigSettings, place: Place) -> str:
-    """Return the station that has begun a block's run; our own if it has not begun."""
     run = place.run
-    return rig.stage.station if run is None else str(run.info.stage.get("settings", {}).get("station", ""))
+    return run is None or (_is_of_station(rig, run) and not _is_complete(rig, place, run))
+
+
+def _is_of_station(rig: RigSettings, run: Run) -> bool:
+    """Return whether this station has begun a run."""
+    return bool(run.info.stage.get("settings", {}).get("station", "") == rig.stage.station)
 
 
 def _finished(rig: RigSettings, place: Place) -> bool:
-    """Return whether a block's run is complete. Refuse other settings before any device is opened.
+    """Return whether a block's run is complete. Refuse other settings before any device is opened."""
+    run = place.run
+    return run is not None and _is_complete(rig, place, run)
+
+
+def _is_complete(rig: RigSettings, place: Place, run: Run) -> bool:
+    """Return whether a run is complete.
 
     A run of another station must have the same protocol, but has its own devices.
+
+    Raises:
+        InputError: The run was begun with other settings.
     """
-    run = place.run
-    if run is None:
-        return False
-    if _station(rig, place) == rig.stage.station:
+    if _is_of_station(rig, run):
         now = place.info(
             stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
             gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},

@@ -54,7 +54,7 @@ class HeightWatch:
 
     def __init__(self, info: RunInfo) -> None:
         self._plan = info.plan
-        self._presses = {press.number: press for press in info.presses}
+        self._presses = info.press_by_number
         self._expected_mm: dict[tuple[int, int], float] = {}
         self._differences_mm: dict[int, list[float]] = {}
 

@@ -14,6 +14,7 @@ from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.camera import open_camera
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.firmware_settings import HasLimits
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
@@ -52,33 +53,14 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
     opened = open_device("stage", settings, Context(clock=clock or Clock(), simulated=simulated))
     stage = LimitedStage(opened, settings.limits_mm)
     try:
-        _check_limits(stage)
+        if isinstance(opened, HasLimits):
+            stage.limits_mm = opened.kept_limits_mm(settings.limits_mm)
         if settings.home:
             stage.home()
     except BaseException:
         stage.close()
         raise
     return stage
-
-
-def _check_limits(stage: LimitedStage) -> None:
-    """Compare the limits with the firmware's, and keep them below the end stop at the top of z.
-
-    Raises:
-        InputError: The limits reach beyond the travel at which the firmware stops.
-    """
-    if not isinstance(stage.stage, GrblStage):
-        return
-    for axis, (low, high), allowed in zip("xyz", stage.limits_mm, stage.stage.travel_mm, strict=True):
-        if allowed is not None and not allowed[0] <= low <= high <= allowed[1]:
-            raise InputError(
-                f"[stage] limits_mm {axis}",
-                [low, high],
-                f"reaches beyond the travel that the firmware allows, {allowed[0]:g} to {allowed[1]:g} mm "
-                f"(its settings $20 and ${130 + 'xyz'.index(axis)})",
-            )
-    x, y, (low, high) = stage.limits_mm
-    stage.limits_mm = (x, y, (low, min(high, stage.stage.top_mm)))
 
 
 def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = (), simulated: str = "") -> Gauge:

@@ -40,8 +40,18 @@ from tacbench_cad.lab.rig.errors import (
 from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings
 from tacbench_cad.lab.rig.grbl_link import ANSWER_S, HOLD, RESET, GrblLink
 from tacbench_cad.lab.rig.grbl_replies import Status
-from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
+from tacbench_cad.lab.rig.serial_stage import (
+    STILL_HOMING,
+    SerialOptions,
+    SerialStage,
+    confirmed,
+    duration_s,
+    is_near,
+    place_text,
+)
+from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.util.errors import InputError
 
 #: The baud rate of the port.
 BAUD = 115200
@@ -62,8 +72,6 @@ HOMINGS = 4
 NO_HOMING = 5
 #: The value of ``$1`` that keeps the motors powered at rest.
 ALWAYS_ON = 255
-#: The hint after homing that could not be stopped.
-STILL_HOMING = "homing may still go on, so the carriage may still move: keep clear, or switch the motors off"
 
 
 class GrblStage(SerialStage[GrblLink]):
@@ -288,6 +296,19 @@ class GrblStage(SerialStage[GrblLink]):
                 )
         return tuple(ranges)
 
+    def kept_limits_mm(self, limits_mm: Limits) -> Limits:
+        """See :class:`tacbench_cad.lab.rig.firmware_settings.HasLimits`."""
+        for axis, (low, high), allowed in zip("xyz", limits_mm, self.travel_mm, strict=True):
+            if allowed is not None and not allowed[0] <= low <= high <= allowed[1]:
+                raise InputError(
+                    f"[stage] limits_mm {axis}",
+                    [low, high],
+                    f"reaches beyond the travel that the firmware allows, {allowed[0]:g} to {allowed[1]:g} mm "
+                    f"(its settings $20 and ${130 + 'xyz'.index(axis)})",
+                )
+        x, y, (low, high) = limits_mm
+        return (x, y, (low, min(high, self.top_mm)))
+
     @contextmanager
     def _stoppable_homing(self) -> Iterator[None]:
         """Stop homing if the body is interrupted. GRBL would go on even after this program has ended."""
@@ -319,11 +340,7 @@ class GrblStage(SerialStage[GrblLink]):
             return
         below_mm = self._home_mm[2] - self._last[2]
         if below_mm > 2.0 * self.settings.get(27, 1.0) and "Z" in self._link.status().pins:
-            self._link.lost = "the end stop of z stays closed"
-            raise AlarmError(
-                f"{self._link.name}: {self._link.lost} although the carriage is {below_mm:.1f} mm below it, so homing "
-                "would press the sensor deeper; check the switch and its cable"
-            )
+            raise self._link.switch_stays_closed(below_mm)
 
     def _reported(self) -> Point:
         report = self._link.status()

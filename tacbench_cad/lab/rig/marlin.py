@@ -52,9 +52,17 @@ from tacbench_cad.lab.rig.errors import (
     RigError,
 )
 from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, marlin_settings
-from tacbench_cad.lab.rig.marlin_link import BAUDS, STILL_HOMING, MarlinLink
+from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
 from tacbench_cad.lab.rig.marlin_replies import Place
-from tacbench_cad.lab.rig.serial_stage import SerialOptions, SerialStage, confirmed, duration_s, is_near, place_text
+from tacbench_cad.lab.rig.serial_stage import (
+    STILL_HOMING,
+    SerialOptions,
+    SerialStage,
+    confirmed,
+    duration_s,
+    is_near,
+    place_text,
+)
 from tacbench_cad.lab.study.spec import Point, StageSettings
 
 #: The largest rounding error of a position from ``M114``, plus a little for the rounding of the target, in mm.
@@ -265,11 +273,7 @@ class MarlinStage(SerialStage[MarlinLink]):
             return
         below_mm = self._home_mm[2] - self._last[2]
         if below_mm > SWITCH_MM:
-            self._link.lost = "the end stop of z stays closed"
-            raise AlarmError(
-                f"{self._link.name}: {self._link.lost} although the carriage is {below_mm:.1f} mm below it, so homing "
-                "would press the sensor deeper; check the switch and its cable"
-            )
+            raise self._link.switch_stays_closed(below_mm)
 
     def _start(self) -> Point:
         """Return the position at rest. It is read only if the last move failed; a reset shows in the line numbers."""

@@ -10,7 +10,7 @@ from tacbench_cad.lab.rig import marlin_replies as replies
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, ProtocolError, RigError
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.serial_stage import Link
+from tacbench_cad.lab.rig.serial_stage import STILL_HOMING, Link
 
 #: The baud rates to try. Both are common; the first is Marlin's default.
 BAUDS = (250000, 115200)
@@ -26,8 +26,6 @@ QUIET_S = 3.0
 BUSY_LIMITS = 10.0
 #: The wait, in s, for a sign that homing has stopped: the acknowledgement or a halt.
 HOMING_STOP_S = 3.0
-#: The hint after homing that could not be stopped.
-STILL_HOMING = "homing may still go on, so the carriage may still move: keep clear, or switch the motors off"
 #: The silence after ``M410``, in s. Marlin would execute a command in its first second twice.
 AFTER_STOP_S = 1.5
 #: The largest number of repetitions of one line, since a disturbance may last some seconds.

@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Generic, TypedDict, TypeVar
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import PositionLostError, RigError
+from tacbench_cad.lab.rig.errors import AlarmError, PositionLostError, RigError
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import Point
 
 T = TypeVar("T")
 
+#: The hint after homing that could not be stopped.
+STILL_HOMING = "homing may still go on, so the carriage may still move: keep clear, or switch the motors off"
 #: The number of repetitions of a question after an unexpected position.
 REPORTS = 4
 
@@ -47,6 +49,17 @@ class Link:
         """
         if self.lost:
             raise PositionLostError(f"{self.name}: the position is unknown: {self.lost}; home the stage first")
+
+    def switch_stays_closed(self, below_mm: float) -> AlarmError:
+        """Return the error for an end stop of z that is closed although the carriage is far below it.
+
+        Homing would then move down from it, and press the sensor deeper.
+        """
+        self.lost = "the end stop of z stays closed"
+        return AlarmError(
+            f"{self.name}: {self.lost} although the carriage is {below_mm:.1f} mm below it, so homing would press the "
+            "sensor deeper; check the switch and its cable"
+        )
 
     def reset_noticed(self, how: str) -> PositionLostError:
         """Return the error for an unexpected reset."""

@@ -161,6 +161,11 @@ class RunInfo:
         return () if self.protocol is None else plan_presses(self.protocol, self.levels, self.printed.name)
 
     @property
+    def press_by_number(self) -> dict[int, Press]:
+        """The same presses by their numbers."""
+        return {press.number: press for press in self.presses}
+
+    @property
     def version(self) -> int:
         """The version of the layout."""
         return SCHEMA_VERSION if self.protocol else IMPORTED_VERSION

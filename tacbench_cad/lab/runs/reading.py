@@ -216,7 +216,7 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
 
     A row must belong to the run's block and occur only once. If the run has a protocol, the row must agree with it.
     """
-    plan = {press.number: press for press in info.presses}
+    plan = info.press_by_number
     block = info.printed
     seen: dict[PressKey | int, int] = {}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 from collections.abc import Iterable, Iterator
@@ -12,6 +11,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from helpers.alarm import alarm
 from helpers.scripted_peer import Peer
 
 from tacbench_cad.lab.rig.arduino import ArduinoStage
@@ -252,13 +252,8 @@ def test_a_stop_from_a_signal_handler_ends_the_move_after_the_current_piece() ->
     script.pauses = [0.1, b"done\n"]
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
-        before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.25)
-            with pytest.raises(NotThereError, match="stopped on request"):
-                stage.move((20.0, 4.0, -1.0), 4.0)
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.25, stage.stop), pytest.raises(NotThereError, match="stopped on request"):
+            stage.move((20.0, 4.0, -1.0), 4.0)
         # The plan had ten pieces of half a second each.
         assert 1 <= len(script.moves) <= 6
         assert stage.position()[0] < 15.0

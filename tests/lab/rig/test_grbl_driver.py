@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 import threading
 import time
@@ -14,6 +13,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from helpers.alarm import alarm
 from helpers.scripted_grbl import ScriptedGrbl
 
 from tacbench_cad.lab.rig import grbl, grbl_link, greeting
@@ -535,31 +535,18 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
-        before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.15)
-            with pytest.raises(NotThereError, match="stopped on request"):
-                stage.move(THERE, 20.0)
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.15, stage.stop), pytest.raises(NotThereError, match="stopped on request"):
+            stage.move(THERE, 20.0)
         script.on_move = None
         assert stage.move(THERE, 20.0) == THERE
 
 
 def test_an_interruption_in_a_move_stops_the_carriage() -> None:
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
-        before = signal.signal(signal.SIGALRM, interrupt)
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.15)
-            with pytest.raises(KeyboardInterrupt):
-                stage.move(THERE, 20.0)
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.15), pytest.raises(KeyboardInterrupt):
+            stage.move(THERE, 20.0)
         script.on_move = None
         assert stage.position() == (-1.0, -1.0, -1.0)
 

@@ -14,6 +14,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from helpers.alarm import alarm
 from helpers.driver_faults import SPEED, survive
 
 from tacbench_cad.lab.rig import grbl_link
@@ -114,17 +115,9 @@ def test_limits_that_a_killed_program_left_switched_off_are_refused() -> None:
 
 
 def test_an_interruption_stops_homing() -> None:
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
     with launch("grbl", speed=10.0, start_mm=(60.0, 45.0, -80.0)) as rig, opener(rig.port) as stage:
-        before = signal.signal(signal.SIGALRM, interrupt)
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.2)
-            with pytest.raises(KeyboardInterrupt) as caught:
-                stage.home()
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.2), pytest.raises(KeyboardInterrupt) as caught:
+            stage.home()
         assert caught.value.__notes__ == ["homing was stopped, so the position is unknown"]
         where = rig.true_position()
         time.sleep(0.2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 import threading
 import time
@@ -15,6 +14,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from helpers.alarm import alarm
 from helpers.scripted_marlin import FIRMWARE, ScriptedMarlin
 
 from tacbench_cad.lab.rig import greeting, marlin_link
@@ -468,13 +468,8 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=2.0) as stage:
         stage.home()
         script.on = {b"M400": lambda line: [], b"M410": lambda line: []}
-        before = signal.signal(signal.SIGALRM, lambda number, frame: stage.stop())
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.1)
-            with pytest.raises(NotThereError, match="stopped on request"):
-                stage.move(THERE, 20.0)
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.1, stage.stop), pytest.raises(NotThereError, match="stopped on request"):
+            stage.move(THERE, 20.0)
         peer.wait_for(b"M410")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 import time
@@ -12,6 +11,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from helpers.alarm import alarm
 from helpers.driver_faults import SPEED, survive
 
 from tacbench_cad.lab.rig import marlin_link
@@ -64,23 +64,14 @@ def test_every_reply_may_come_late(monkeypatch: pytest.MonkeyPatch) -> None:
             assert rig.true_position() == pytest.approx(target, abs=0.03)
 
 
-def interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("emergency_parser", [False, True])
 def test_an_interruption_stops_homing(emergency_parser: bool) -> None:
     with (
         launch("marlin", speed=5.0, resets_on_open=False, emergency_parser=emergency_parser) as rig,
         opener(rig.port) as stage,
     ):
-        before = signal.signal(signal.SIGALRM, interrupt)
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.6)
-            with pytest.raises(KeyboardInterrupt) as caught:
-                stage.home()
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.6), pytest.raises(KeyboardInterrupt) as caught:
+            stage.home()
         assert caught.value.__notes__ == ["homing was stopped and the firmware halted; press its reset button"]
         stopped = rig.true_position()
         assert stopped[2] < 99.0
@@ -92,17 +83,12 @@ def test_homing_that_cannot_be_stopped_is_reported(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(marlin_link, "HOMING_STOP_S", 0.3)
     with launch("marlin", speed=5.0, resets_on_open=False) as rig, opener(rig.port) as stage:
 
-        def cut(*_: object) -> None:
+        def cut() -> None:
             rig.inject(Fault(kind="silence", direction="both"))
             raise KeyboardInterrupt
 
-        before = signal.signal(signal.SIGALRM, cut)
-        try:
-            signal.setitimer(signal.ITIMER_REAL, 0.6)
-            with pytest.raises(KeyboardInterrupt) as caught:
-                stage.home()
-        finally:
-            signal.signal(signal.SIGALRM, before)
+        with alarm(0.6, cut), pytest.raises(KeyboardInterrupt) as caught:
+            stage.home()
         assert "the carriage may still move" in caught.value.__notes__[0]
 
 
