@@ -158,9 +158,10 @@ class UniversalRobot(Closing):
         while True:
             self._clock.sleep(POLL_S)
             self._require_ready()
+            # Rest is asked for before the position, so that the position is that of an arm at rest.
+            at_rest = self._arm.isSteady()
             at = self.position()
             off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
-            at_rest = self._arm.isSteady()
             if self._stopped:
                 raise NotThereError(f"{self._name}: the move was stopped on request; home the stage first")
             if at_rest and off_mm <= self._options.tolerance_mm:
