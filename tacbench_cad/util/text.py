@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 
 def decimal(value: float) -> str:
@@ -37,6 +39,15 @@ def short_name(name: str) -> str:
 def decimal_hint(text: str) -> str:
     """Return ``; write 1.5`` for the text ``1,5``, as the end of an error message; an empty text for all others."""
     return f"; write {text.strip().replace(',', '.')}" if re.fullmatch(r"\s*[-+]?\d*,\d+\s*", text) else ""
+
+
+def toml_of(value: Any) -> str:
+    """Return a text, a number, a list, or a table of them as the value of a key in a TOML file."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {toml_of(each)}' for key, each in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_of, value))}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def counted(number: int, what: str) -> str:

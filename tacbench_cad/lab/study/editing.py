@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
+from tacbench_cad.util.text import toml_of
 
 #: The value of a key: a list, which may span several lines and contain comments; a text; or another word.
 _VALUE = r'\[(?:[^\]#]|#[^\n]*\n)*\]|"(?:[^"\\\n]|\\.)*"|\{[^}\n]*\}|[^\s#\[{"]+'
@@ -44,15 +44,6 @@ def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
     if not same:
         raise InputError(str(path), None, f"cannot be edited safely; {by_hand}")
     write_text(target, text)
-
-
-def toml_of(value: Any) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {toml_of(each)}' for key, each in value.items())} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(toml_of, value))}]"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def _with_key(text: str, table: str, key: str, value: str | None) -> str:
