@@ -12,9 +12,10 @@ from tacbench_cad.cli.common import next_block, note, print_json, print_next, pr
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
-    from tacbench_cad.slicing.compare import AsSliced, Extrema
+    from tacbench_cad.slicing.compare import AsSliced
     from tacbench_cad.slicing.surface import Frame
     from tacbench_cad.spec.block import Block
+    from tacbench_cad.spec.crests import Extrema
 
 
 def _frame_of(option: str, text: str) -> Frame:

@@ -8,7 +8,7 @@ the printed height. All numbers exclude the edge of the block, where every bead 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -16,7 +16,9 @@ import numpy as np
 
 from tacbench_cad.slicing.gcode import Sliced, read_gcode
 from tacbench_cad.slicing.surface import PITCH_MM, Frame, frames_of, points_of, printed_heights, staircase
+from tacbench_cad.spec import crests
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.crests import Extrema
 from tacbench_cad.spec.textures import Texture, catalogue
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
@@ -28,33 +30,12 @@ STEEP = 1.0
 EDGE_MM = 0.5
 #: The position error for which the effect on the height error is computed, in mm.
 MISPLACED_MM = 0.1
-#: The largest horizontal distance between a peak or valley of the formula and its printed extremum, in mm.
-NEAR_MM = 0.15
 #: If the height error exceeds this fraction of the relief's standard deviation, the print shows another texture.
 UNLIKE = 0.5
 #: The search for a height on a steep wall: largest distance and step, in mm, and the largest number of points.
 _REACH_MM, _STEP_MM, _MAX_STEEP = 0.8, 0.02, 20_000
 #: The distance of the points with which quarter turns and textures are distinguished, in mm.
 _COARSE_MM = 0.2
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extrema:
-    """The errors of all peaks or of all valleys.
-
-    Args:
-        count: The number of peaks or valleys of the formula, without the edge.
-        missed: The number of peaks that are too low, or valleys that are too high, by more than one layer.
-        mean_mm: The mean error; positive if peaks are too low or valleys too high.
-        worst_mm: The largest error.
-        missed_mm: The positions of the missed peaks or valleys in the block frame, shape (k, 2).
-    """
-
-    count: int
-    missed: int
-    mean_mm: float
-    worst_mm: float
-    missed_mm: Floats = field(metadata={"key": None})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,35 +142,16 @@ class AsSliced:
     @cached_property
     def peaks(self) -> Extrema:
         """The errors at the local maxima of the formula. A ridge counts as one maximum."""
-        return self._extrema(1.0)
+        return crests.peaks(*self._surfaces, self.sliced.layer_mm)
 
     @cached_property
     def valleys(self) -> Extrema:
         """The errors at the local minima of the formula."""
-        return self._extrema(-1.0)
+        return crests.valleys(*self._surfaces, self.sliced.layer_mm)
 
-    def _extrema(self, sign: float) -> Extrema:
-        from scipy import ndimage
-
-        formula, printed = sign * self.formula_mm, sign * self.printed_mm
-        # A texture that varies along one axis only has equal heights along its ridges, except for rounding.
-        highest = formula >= ndimage.maximum_filter(formula, size=3) - 1e-9
-        labels, count = ndimage.label(highest & self.inside, structure=np.ones((3, 3)))
-        if count == 0:
-            return Extrema(count=0, missed=0, mean_mm=0.0, worst_mm=0.0, missed_mm=np.zeros((0, 2)))
-        radius = max(1, round(NEAR_MM / (self.x_mm[1] - self.x_mm[0])))
-        near = ndimage.maximum_filter(printed, size=2 * radius + 1)
-        each = np.arange(1, count + 1)
-        short = np.asarray(ndimage.mean(formula - near, labels, each))
-        missed = short > self.sliced.layer_mm
-        middles = np.array(ndimage.center_of_mass(labels > 0, labels, each)).astype(int).reshape(-1, 2)[missed]
-        return Extrema(
-            count=count,
-            missed=int(missed.sum()),
-            mean_mm=float(short.mean()),
-            worst_mm=float(short.max()),
-            missed_mm=np.column_stack([self.x_mm[middles[:, 0]], self.y_mm[middles[:, 1]]]),
-        )
+    @property
+    def _surfaces(self) -> tuple[Floats, Floats, Bools, Floats, Floats]:
+        return self.formula_mm, self.printed_mm, self.inside, self.x_mm, self.y_mm
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
