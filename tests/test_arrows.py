@@ -22,8 +22,9 @@ BELOW = {
     "checks": {"util", "spec", "geometry", "formats"},
     "housing": {"util", "spec", "geometry", "formats", "render", "cq", "bd"},
     "slicing": {"util", "spec", "geometry", "formats", "render", "checks"},
-    "making": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing"},
-    "web": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing", "making", "lab"},
+    "scan": {"util", "spec", "formats"},
+    "making": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing", "scan"},
+    "web": {"util", "spec", "geometry", "formats", "render", "checks", "housing", "slicing", "scan", "making", "lab"},
     "lab": {"util", "spec"},
     "virtual_rig": {"util", "spec", "lab"},
 }
