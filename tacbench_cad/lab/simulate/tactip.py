@@ -6,6 +6,10 @@ spread by Boussinesq's kernel ``3 t^3 / (2 pi (r^2 + t^2)^(5/2))``, whose Fourie
 moves inwards by ``w`` and turns with the skin, whose slope changes by the gradient of ``w``. Its white tip is the end
 of a lever that begins in the middle of the skin. The gel's volume and the stretching of the skin are ignored.
 
+The dome is a sphere, so the overlap depends only on the position of its centre. If the sensor is turned, the same
+overlap lies under other pins: the pins are turned with the sensor, moved by the skin as above, and turned back for the
+camera, which is fixed to the sensor. Friction is ignored.
+
 Dome frame: the origin is the dome's centre, x and y are those of the block, and z points to the summit, so downwards on
 the rig. The camera looks along +z. In the image x grows to the right and y upwards, as seen from above.
 """
@@ -36,7 +40,8 @@ from tacbench_cad.lab.simulate.rendering import (
     visible,
     with_noise,
 )
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.rotation import UPRIGHT, lowest, matrix
+from tacbench_cad.lab.study.spec import Angles, Point
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
@@ -47,6 +52,8 @@ SIMULATED = "simulated TacTip"
 LEDS, LED_RADIUS_MM, LED_Z_MM = 6, 17.0, -15.0
 #: The smallest change of the light that a compressed video shows, as a fraction: half a count at white.
 LIGHT_STEP = 0.002
+#: The radius of the middle of the skin, where the levers of the pins begin.
+MIDDLE_MM = (DOME_RADIUS_MM + INNER_RADIUS_MM) / 2.0
 #: The side of the square over which the overlap is expanded in waves. It exceeds the dome by more than the kernel's
 #: reach. The expansion ends at the order at which the kernel has fallen below 1 %.
 _SQUARE_MM = 52.0
@@ -136,8 +143,33 @@ class Skin:
         return w, np.stack([slope_x, slope_y], axis=1)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Turned:
+    """The pins at rest of a sensor that is turned about the centre of its dome.
+
+    Args:
+        angles_deg: The angles of the sensor.
+        matrix: The turn in the dome frame, whose z points down, shape (3, 3).
+        outward: The unit vector from the centre of the dome to each pin, turned, shape (n, 3).
+        skin: The skin at the turned pins.
+    """
+
+    angles_deg: Angles
+    matrix: Floats
+    outward: Floats
+    skin: Skin
+
+    @classmethod
+    def of(cls, rest: Pins, angles_deg: Angles) -> _Turned:
+        """Turn the pins at rest."""
+        flipped = np.diag([1.0, 1.0, -1.0])
+        turn = flipped @ matrix(angles_deg) @ flipped
+        outward = -rest.facing if angles_deg == UPRIGHT else -rest.facing @ turn.T
+        return cls(angles_deg=angles_deg, matrix=turn, outward=outward, skin=Skin(DOME_RADIUS_MM * outward[:, :2]))
+
+
 class TacTip:
-    """The sensor. It has no state: an image depends only on contact, pose and random generator.
+    """The sensor. An image depends only on contact, pose and random generator.
 
     Args:
         colour: Whether images have shape (480, 640, 3), BGR, or (480, 640).
@@ -162,12 +194,8 @@ class TacTip:
         self.look = look
         self.camera = camera or Camera(focal_px=look.focal_px, middle_px=look.centre_px)
         self.rest = _pins_at_rest(look.rings)
-        outward = -self.rest.facing
-        self._skin = Skin(DOME_RADIUS_MM * outward[:, :2])
-        middle_mm = (DOME_RADIUS_MM + INNER_RADIUS_MM) / 2.0
-        self._roots_mm = middle_mm * outward
-        self._levers_mm = middle_mm - np.linalg.norm(self.rest.tips_mm, axis=1)
-        self._slopes = -outward[:, :2] / outward[:, 2:]
+        self._levers_mm = MIDDLE_MM - np.linalg.norm(self.rest.tips_mm, axis=1)
+        self._turned = _Turned.of(self.rest, UPRIGHT)
         radii_px = np.linalg.norm(self.camera.pixels(self.rest.tips_mm) - self.camera.middle_px, axis=1)
         places = radii_px / np.max(radii_px)
         light = _light(self.rest)
@@ -199,24 +227,19 @@ class TacTip:
             "focal_px": self.camera.focal_px,
         }
 
-    def pins(self, contact: DomeContact | None, pose_mm: Point) -> Pins:
+    def pins(self, contact: DomeContact | None, pose_mm: Point, angles_deg: Angles = UPRIGHT) -> Pins:
         """Return the pins with the summit at a pose.
 
         Args:
             contact: The surface under the dome; None for no contact.
             pose_mm: The summit in the work frame.
+            angles_deg: The angles of the sensor in the work frame.
         """
-        if contact is None or contact.force_n(*pose_mm) == 0.0:
-            return self.rest
-        overlap = contact.overlap(*pose_mm)
-        w, slope = self._skin.displacement(overlap.depth_mm, overlap.x_mm, overlap.y_mm, overlap.cell_mm)
-        facing = np.column_stack([self._slopes - slope, np.full(w.size, -1.0)])
-        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-        tips = self._roots_mm + self._levers_mm[:, None] * facing
-        tips[:, 2] -= w
-        return Pins(tips_mm=tips, facing=facing)
+        return self._pins_over(contact, lowest(pose_mm, angles_deg), angles_deg)
 
-    def approach(self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator) -> Pins:
+    def approach(
+        self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator, angles_deg: Angles = UPRIGHT
+    ) -> Pins:
         """Return the pins after another approach to a pose, which misses the pose by a random error.
 
         Args:
@@ -224,14 +247,34 @@ class TacTip:
             pose_mm: The summit in the work frame, as the stage reports it. A gauge has measured the force there, so the
                 force is reached at the summit's true position.
             rng: The random generator of the errors.
+            angles_deg: The angles of the sensor in the work frame.
         """
-        force_n = contact.force_n(*pose_mm) if contact is not None and self.look.misses else 0.0
+        below_mm = lowest(pose_mm, angles_deg)
+        force_n = contact.force_n(*below_mm) if contact is not None and self.look.misses else 0.0
         if contact is None or force_n == 0.0:
-            return self.pins(contact, pose_mm)
+            return self._pins_over(contact, below_mm, angles_deg)
         spreads = np.repeat([self.look.approach_mm, *self.look.sway_px], (2, 2, 1))
         dx, dy, column, row, radius = (spreads * rng.standard_normal(5)).tolist()
-        x, y = pose_mm[0] + dx, pose_mm[1] + dy
-        return replace(self.pins(contact, (x, y, contact.z_for_force(x, y, force_n))), sway_px=(column, row, radius))
+        x, y = below_mm[0] + dx, below_mm[1] + dy
+        pins = self._pins_over(contact, (x, y, contact.z_for_force(x, y, force_n)), angles_deg)
+        return replace(pins, sway_px=(column, row, radius))
+
+    def _pins_over(self, contact: DomeContact | None, below_mm: Point, angles_deg: Angles) -> Pins:
+        """Return the pins with the lowest point of the dome at a position of the work frame."""
+        if contact is None or contact.force_n(*below_mm) == 0.0:
+            return self.rest
+        if angles_deg != self._turned.angles_deg:
+            self._turned = _Turned.of(self.rest, angles_deg)
+        turned, overlap = self._turned, contact.overlap(*below_mm)
+        w, slope = turned.skin.displacement(overlap.depth_mm, overlap.x_mm, overlap.y_mm, overlap.cell_mm)
+        facing = -turned.outward
+        facing[:, :2] -= turned.outward[:, 2:] * slope
+        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        tips = MIDDLE_MM * turned.outward + self._levers_mm[:, None] * facing
+        tips[:, 2] -= w
+        if angles_deg == UPRIGHT:
+            return Pins(tips_mm=tips, facing=facing)
+        return Pins(tips_mm=tips @ turned.matrix, facing=facing @ turned.matrix)
 
     def frame(self, pins: Pins, rng: np.random.Generator, seconds: float = 0.0) -> Bytes:
         """Return one frame of pins, with flicker and noise.
@@ -267,7 +310,12 @@ class TacTip:
         return discs(self.camera, pins.tips_mm, pins.facing, radius_mm, counts, self._edge_px)
 
     def image(
-        self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator, seconds: float = 0.0
+        self,
+        contact: DomeContact | None,
+        pose_mm: Point,
+        rng: np.random.Generator,
+        seconds: float = 0.0,
+        angles_deg: Angles = UPRIGHT,
     ) -> Bytes:
         """Return the image with the summit at a pose.
 
@@ -276,11 +324,12 @@ class TacTip:
             pose_mm: The summit in the work frame.
             rng: The random generator of flicker and noise.
             seconds: The time since the start of the run.
+            angles_deg: The angles of the sensor in the work frame.
 
         Returns:
             uint8 of :attr:`shape`.
         """
-        return self.frame(self.pins(contact, pose_mm), rng, seconds)
+        return self.frame(self.pins(contact, pose_mm, angles_deg), rng, seconds)
 
 
 def _by_place(places: Floats, values: tuple[float, ...]) -> Floats:

@@ -24,6 +24,8 @@ ContactMode = Literal["force", "depth"]
 TouchMethod = Literal["gauge", "sensor", "taught"]
 Order = Literal["paper", "random"]
 Point = tuple[float, float, float]
+#: Rotations around x, y and z, in degrees.
+Angles = tuple[float, float, float]
 QuarterTurns = Annotated[int, Bounds(0, 3)]
 Baud = Annotated[int, Bounds(300, 10_000_000)]
 Copy = Annotated[int, Bounds(1, 999)]

@@ -1,0 +1,120 @@
+"""Rotations of the sensor: angles, matrices, rotation vectors, and the directions in which a sensor tilts.
+
+The angles of a rotation are those of the TacTip toolchains: degrees around the fixed axes x, y and z of the work frame,
+first around x, then y, then z (extrinsic xyz Euler angles, ``sxyz``). They are all 0 for a sensor that points straight
+down. A matrix turns column vectors of the same frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tacbench_cad.lab.study.spec import Angles, Point, WorkFrame
+from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.util.types import Floats
+
+#: The angles of a sensor that points straight down.
+UPRIGHT: Angles = (0.0, 0.0, 0.0)
+
+
+def matrix(angles_deg: Angles) -> Floats:
+    """Return the matrix of a rotation, shape (3, 3)."""
+    (sin_x, cos_x), (sin_y, cos_y), (sin_z, cos_z) = (
+        (math.sin(math.radians(angle)), math.cos(math.radians(angle))) for angle in angles_deg
+    )
+    around_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, -sin_x], [0.0, sin_x, cos_x]])
+    around_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
+    around_z = np.array([[cos_z, -sin_z, 0.0], [sin_z, cos_z, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(around_z @ around_y @ around_x)
+
+
+def angles_of(turn: Floats) -> Angles:
+    """Return the angles of a matrix. At 90 degrees around y, the angle around z is 0."""
+    sin_y = min(max(-float(turn[2, 0]), -1.0), 1.0)
+    if abs(sin_y) > 1.0 - 1e-12:
+        around_x, around_z = math.atan2(-turn[1, 2], turn[1, 1]), 0.0
+    else:
+        around_x, around_z = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+    return (math.degrees(around_x), math.degrees(math.asin(sin_y)), math.degrees(around_z))
+
+
+def from_vector(vector_rad: tuple[float, ...]) -> Floats:
+    """Return the matrix of a rotation vector: the direction is the axis, the length the angle in radians."""
+    angle = math.hypot(*vector_rad)
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = (value / angle for value in vector_rad)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
+
+
+def to_vector(turn: Floats) -> tuple[float, float, float]:
+    """Return the rotation vector of a matrix in radians; its length is at most pi."""
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    length = float(np.linalg.norm(axis))
+    angle = math.atan2(length, float(np.trace(turn)) - 1.0)
+    if length < 1e-6:
+        # The angle is nearly 0 or nearly pi. The largest column of the symmetric part is then along the axis.
+        if angle < 1.0:
+            return (0.5 * float(axis[0]), 0.5 * float(axis[1]), 0.5 * float(axis[2]))
+        outer = turn + turn.T + 2.0 * np.eye(3)
+        column = outer[:, int(np.argmax(np.diag(outer)))]
+        sign = 1.0 if float(column @ axis) >= 0.0 else -1.0
+        axis, length = sign * column, float(np.linalg.norm(column))
+    x, y, z = (float(value) for value in angle / length * axis)
+    return (x, y, z)
+
+
+def towards(direction_deg: float, angle_deg: float) -> Angles:
+    """Return the angles of an upright sensor that is turned around a horizontal axis.
+
+    Args:
+        direction_deg: The direction in which the top of the sensor leans, and in which a dome rolls, counter-clockwise
+            from the x axis.
+        angle_deg: The angle of the turn.
+    """
+    direction, angle = math.radians(direction_deg), math.radians(angle_deg)
+    return angles_of(from_vector((-angle * math.sin(direction), angle * math.cos(direction), 0.0)))
+
+
+def angle_between(first_deg: Angles, second_deg: Angles) -> float:
+    """Return the angle of the turn from one orientation to another, in degrees, from 0 to 180."""
+    return math.degrees(math.hypot(*to_vector(matrix(second_deg) @ matrix(first_deg).T)))
+
+
+def tilt(angles_deg: Angles) -> float:
+    """Return the angle between the axis of the sensor and the vertical, in degrees."""
+    return math.degrees(math.acos(min(max(float(matrix(angles_deg)[2, 2]), -1.0), 1.0)))
+
+
+def above(summit_mm: Point, angles_deg: Angles, distance_mm: float) -> Point:
+    """Return the point on the sensor's axis at a distance above its summit: the dome's centre at the dome's radius."""
+    x, y, z = (float(value) for value in np.asarray(summit_mm) + distance_mm * matrix(angles_deg)[:, 2])
+    return (x, y, z)
+
+
+def lowest(summit_mm: Point, angles_deg: Angles, radius_mm: float = DOME_RADIUS_MM) -> Point:
+    """Return the lowest point of the dome, a sphere. For an upright sensor, it is the summit."""
+    if angles_deg == UPRIGHT:
+        return summit_mm
+    x, y, z = above(summit_mm, angles_deg, radius_mm)
+    return (x, y, z - radius_mm)
+
+
+def in_work_frame(frame: WorkFrame, angles_deg: Angles) -> Angles:
+    """Convert angles from the stage's frame to the work frame of a block, which can be turned by quarter turns."""
+    return _in_frame(-90.0 * frame.quarter_turns, angles_deg)
+
+
+def in_stage_frame(frame: WorkFrame, angles_deg: Angles) -> Angles:
+    """Convert angles from the work frame of a block to the stage's frame."""
+    return _in_frame(90.0 * frame.quarter_turns, angles_deg)
+
+
+def _in_frame(turn_deg: float, angles_deg: Angles) -> Angles:
+    if turn_deg == 0.0 or angles_deg == UPRIGHT:
+        return angles_deg
+    turn = matrix((0.0, 0.0, turn_deg))
+    return angles_of(turn @ matrix(angles_deg) @ turn.T)
