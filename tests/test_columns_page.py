@@ -38,6 +38,7 @@ TABLES = {
     "textures.csv": [column.name for column in results.COLUMNS],
     "columns of score": score.COLUMNS,
     "presses of a split": PRESS_COLUMNS,
+    "series of a press": schema.columns(schema.MovingRow),
     "layout of a plate": plates.COLUMNS,
 }
 Capture = pytest.CaptureFixture[str]

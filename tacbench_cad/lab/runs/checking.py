@@ -18,6 +18,7 @@ from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.quality import Judge, Measured, beside_each_other
 from tacbench_cad.lab.runs.reading import Run, planned, shape_fault, since_good_check
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
+from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.runs.table import cut_torn_line, read_table
 from tacbench_cad.lab.vision.region import REGION_FILE, SURE, Region
 from tacbench_cad.lab.vision.resting import found_region, region_of
@@ -60,6 +61,7 @@ class RunReport:
         presses: The number of rows in ``targets.csv``.
         references: The number of frames without contact.
         stationary: The number of frames without motion.
+        series: The number of presses with a complete series of moving frames.
         out_of_band: The number of presses that did not reach their target force. The rows record this, so it is not a
             fault.
         unchecked: The number of presses that no good check of the position has followed. This is not a fault.
@@ -76,6 +78,7 @@ class RunReport:
     presses: int = 0
     references: int = 0
     stationary: int = 0
+    series: int = 0
     out_of_band: int = 0
     unchecked: int = 0
     unchecked_sideways: int = 0
@@ -111,6 +114,7 @@ def check_run(
     run = Run.open(folder)
     check = _Check(run)
     targets, references, still = check.tables(repair)
+    series = check.series(targets)
     unchecked, unchecked_sideways = check.position(targets)
     check.extra_files()
     check.frames(workers or os.cpu_count() or 1, progress)
@@ -125,6 +129,7 @@ def check_run(
         presses=len(targets),
         references=len(references),
         stationary=len(still),
+        series=series,
         out_of_band=sum(row.in_band is False for row in targets),
         unchecked=unchecked,
         unchecked_sideways=unchecked_sideways,
@@ -198,6 +203,36 @@ class _Check:
                 contact = "in contact" if in_contact else "without contact"
                 text = f"lacks {missing} of {counted(count, 'frame')} {contact} at the {when} of the run"
                 self.add("gap", schema.STATIONARY_FOLDER, text)
+
+    def series(self, rows: Sequence[Row]) -> int:
+        """Examine the series of moving frames, whose frames are then examined like all others.
+
+        Returns:
+            The number of complete series.
+        """
+        run, expected, complete = self.run, {f"press_{row.number}": row for row in rows}, 0
+        count = run.info.series_frames
+        folder = run.folder / schema.SERIES_FOLDER
+        for name in sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ():
+            if not count or name not in expected:
+                text = "has no row: it comes from an interrupted press, which is repeated when you resume the run"
+                self.add("extra", f"{schema.SERIES_FOLDER}/{name}", f"{text}, or you added it")
+        for row in rows if count else ():
+            below = schema.series_folder(row.number)
+            try:
+                moving = series_rows(run.folder, row.number, count)
+            except (InputError, CheckFailedError) as error:
+                present = (run.folder / below / schema.SERIES_FILE).exists()
+                text = str(error).removeprefix(f"{run.folder}{os.sep}").removeprefix(f"{below}/{schema.SERIES_FILE}: ")
+                self.add("row" if present else "missing", f"{below}/{schema.SERIES_FILE}", text)
+                continue
+            complete += 1
+            self.expected += [(f"{below}/{each.frame}", each.sha256) for each in moving]
+            known = {schema.SERIES_FILE, *(each.frame for each in moving)}
+            for entry in sorted((run.folder / below).iterdir()):
+                if entry.name not in known:
+                    self.add("extra", f"{below}/{entry.name}", "has no row in the table of the series")
+        return complete
 
     def position(self, rows: Sequence[Row]) -> tuple[int, int]:
         """Examine the checks of the position.

@@ -11,6 +11,7 @@ import io
 import struct
 import zlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,26 @@ _HEAD_BYTES = 33
 MAX_MEGAPIXELS = 60.0
 #: The end mark of a JPEG must be within this number of bytes from the end, because cameras add padding after it.
 _JPEG_PADDING = 4096
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameFile:
+    """The file of a frame.
+
+    Args:
+        data: The bytes.
+        suffix: The suffix of the file name: ``.png``, ``.jpg`` or ``.npy``.
+        sha256: The SHA-256 of the bytes.
+    """
+
+    data: bytes
+    suffix: str
+    sha256: str
+
+    @classmethod
+    def of(cls, data: bytes, suffix: str) -> FrameFile:
+        """Make a file from its bytes."""
+        return cls(data=data, suffix=suffix, sha256=sha256(data))
 
 
 def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:

@@ -14,6 +14,7 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.schema import PositionCheck, PressKey, Reference, Row, Stationary
+from tacbench_cad.lab.runs.series import Series, series_rows
 from tacbench_cad.lab.runs.table import RunTable, read_table
 from tacbench_cad.spec.printrecord import PrintRecord, read_record
 from tacbench_cad.util import door
@@ -137,6 +138,28 @@ class Run:
             CheckFailedError: The file is missing or damaged, or has another shape. With ``verify``: it was changed.
         """
         return self.read(row.path, row.image_sha256 if verify else None)
+
+    def series(self, row: Row, verify: bool = False) -> Series:
+        """Read the frames of the moving sensor after a press.
+
+        Args:
+            row: The row of the press.
+            verify: Compare each file with its checksum in the table.
+
+        Returns:
+            The series, with as many frames as :attr:`RunInfo.series_frames` says.
+
+        Raises:
+            InputError: The run has no series, or the table of the series cannot be read.
+            CheckFailedError: The series is missing or incomplete, or a frame is as in :meth:`frame`.
+        """
+        count = self.info.series_frames
+        if not count:
+            raise InputError("run", self.info.printed.name, "has no series: its protocol has no motion")
+        rows = series_rows(self.folder, row.number, count)
+        below = schema.series_folder(row.number)
+        frames = [self.read(f"{below}/{each.frame}", each.sha256 if verify else None) for each in rows]
+        return Series.of(rows, frames)
 
     def reference(self, number: int = 0) -> Frame:
         """Read a frame without contact. The first has number 0.

@@ -15,7 +15,7 @@ from functools import cache, cached_property
 from types import NoneType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 
-from tacbench_cad.lab.study.spec import Point, Pressed
+from tacbench_cad.lab.study.spec import Angles, Point, Pressed
 from tacbench_cad.util.errors import InputError, one_of
 
 #: The description of the run, the table with one row for each press, and the print record that the user fills in.
@@ -27,6 +27,8 @@ FRAME_FOLDERS = (IMAGE_FOLDER, DATA_FOLDER, REFERENCE_FOLDER, STATIONARY_FOLDER)
 #: The tables of the frames without contact and of the frames without motion.
 REFERENCES_FILE = f"{REFERENCE_FOLDER}/references.csv"
 STATIONARY_FILE = f"{STATIONARY_FOLDER}/stationary.csv"
+#: The folder of the series of moving frames, with a folder for each press, and the table in each of these folders.
+SERIES_FOLDER, SERIES_FILE = "series", "series.csv"
 #: The table of the checks of the position. It exists from the first check on.
 CHECKS_FILE = "position_checks.csv"
 #: The folder of the presses that were set aside, since a check showed that the position was wrong.
@@ -41,6 +43,9 @@ SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear
 #: unknown, the repeat is the number of the frame.
 PressKey = tuple[int, int, int]
 When = Literal["start", "end"]
+#: The origin of a moving frame's pose: the positions that the stage reported during the motion, or the frame's time and
+#: the planned motion.
+PoseFrom = Literal["reports", "time"]
 #: The reasons for a check of the position: presses that an earlier session left unchecked, the first press of a
 #: session, the protocol's interval, an unexpected height of contact, a force where the sensor should be free, and the
 #: end of the block. ``first`` is the repetition of the run's first press at its end, without homing.
@@ -52,6 +57,7 @@ STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), 
 IMAGE_SUFFIXES = (".png", ".jpg")
 
 _FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.(?:png|jpg)|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
+_MOVING_NAME = re.compile(r"frame_\d{1,9}\.(?:png|npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 #: The patterns of a whole number in ``object_label`` and in the other columns.
 _LABEL, _WHOLE = re.compile(r"[1-9]\d{0,2}"), re.compile(r"\d{1,9}")
@@ -78,6 +84,16 @@ def stationary_path(when: str, in_contact: bool, index: int, suffix: str) -> str
     """Return the path of a frame without motion, for example ``stationary/start_contact_01.png``."""
     contact = "contact" if in_contact else "free"
     return f"{STATIONARY_FOLDER}/{when}_{contact}_{index:02d}{suffix}"
+
+
+def series_folder(number: int) -> str:
+    """Return the path of a press's series, relative to the run folder: ``series/press_7``."""
+    return f"{SERIES_FOLDER}/press_{number}"
+
+
+def moving_name(index: int, count: int, suffix: str) -> str:
+    """Return the file name of a moving frame, numbered from 1: ``frame_07.png`` in a series of 12."""
+    return f"frame_{index:0{max(2, len(str(count)))}d}{suffix}"
 
 
 class TableRow:
@@ -273,6 +289,54 @@ class PositionCheck(TableRow):
     def covers_all_axes(self) -> bool:
         """Whether x, y and z were compared with the end stops."""
         return None not in (self.offset_x_mm, self.offset_y_mm, self.offset_z_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingRow(TableRow):
+    """A row of a press's ``series.csv``, which describes a frame of the moving sensor in contact.
+
+    Args:
+        time_s: The time of the frame since the first frame of the series, in s of the rig's clock.
+        pose_x: The x of the sensor's summit in the work frame at that time, in mm.
+        pose_y: The y of the sensor's summit in the work frame at that time, in mm.
+        pose_z: The z of the sensor's summit in the work frame at that time, in mm.
+        pose_rx: The rotation of the sensor around x, in degrees.
+        pose_ry: The rotation of the sensor around y, in degrees.
+        pose_rz: The rotation of the sensor around z, in degrees.
+        pose_from: See :data:`PoseFrom`.
+        force_n: The force at that time, in N, interpolated between two readings; None without a gauge.
+        frame: The file name of the frame, in the folder of the table.
+        sha256: The SHA-256 of the frame's file.
+    """
+
+    FILE = SERIES_FILE
+    time_s: float
+    pose_x: float
+    pose_y: float
+    pose_z: float
+    pose_rx: float = field(default=0.0, metadata={"column": "pose_Rx"})
+    pose_ry: float = field(default=0.0, metadata={"column": "pose_Ry"})
+    pose_rz: float = field(default=0.0, metadata={"column": "pose_Rz"})
+    pose_from: PoseFrom
+    force_n: float | None
+    frame: str
+    sha256: str
+
+    def __post_init__(self) -> None:
+        if not _MOVING_NAME.fullmatch(self.frame):
+            raise InputError("frame", self.frame, "must be frame_<n>.png or frame_<n>.npy")
+        if not _SHA256.fullmatch(self.sha256):
+            raise InputError("sha256", self.sha256, "must be 64 hexadecimal digits (0-9, a-f)")
+
+    @property
+    def pose_mm(self) -> Point:
+        """The position of the sensor's summit in the work frame, in mm."""
+        return (self.pose_x, self.pose_y, self.pose_z)
+
+    @property
+    def rotation_deg(self) -> Angles:
+        """The rotations of the sensor around x, y and z, in degrees."""
+        return (self.pose_rx, self.pose_ry, self.pose_rz)
 
 
 def block_values(printed: Pressed) -> dict[str, Any]:

@@ -56,6 +56,8 @@ def read_table(
     kind: type[T],
     check: Callable[[int, T], None] | None = None,
     faults: list[InputError] | None = None,
+    *,
+    below: str = "",
 ) -> RunTable[T]:
     """Read a table of a run. A missing or empty file has no rows.
 
@@ -65,11 +67,12 @@ def read_table(
         check: A function that is called with the line number and the row, and raises an InputError if the row
             contradicts the run or another row.
         faults: A list for the faults of single rows; None to raise the first fault.
+        below: The path of the table's folder, relative to the run folder, for a table that each press has.
 
     Raises:
         InputError: Same as for :func:`read_lines`, or a row cannot be read. The message names the line.
     """
-    path = folder / kind.FILE
+    path = folder / below / kind.FILE
     text = read_lines(path, columns(kind), faults, within=folder)
     rows = []
     for line, values in text.rows:

@@ -1,7 +1,8 @@
 """Writing of run folders, which can be interrupted at any time and resumed.
 
 The file of a frame, and the entry of the file in its folder, are forced to the disk before the row is written. The row
-is forced to the disk before the next press starts. A frame without a row is ignored, and its press is repeated.
+is forced to the disk before the next press starts. A frame without a row is ignored, and its press is repeated. The
+series of a press is written before the frame of the press.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -25,9 +25,10 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
-from tacbench_cad.lab.runs.pictures import encoded, sha256
+from tacbench_cad.lab.runs.pictures import FrameFile, encoded
 from tacbench_cad.lab.runs.reading import Run, planned, since_good_check
 from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationary, T, When
+from tacbench_cad.lab.runs.series import MovingFrame, require_complete, write_series
 from tacbench_cad.lab.runs.table import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
@@ -36,26 +37,6 @@ from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, write_json, write_text
 from tacbench_cad.util.packages import version
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameFile:
-    """The file of a frame.
-
-    Args:
-        data: The bytes.
-        suffix: The suffix of the file name: ``.png``, ``.jpg`` or ``.npy``.
-        sha256: The SHA-256 of the bytes.
-    """
-
-    data: bytes
-    suffix: str
-    sha256: str
-
-    @classmethod
-    def of(cls, data: bytes, suffix: str) -> FrameFile:
-        """Make a file from its bytes."""
-        return cls(data=data, suffix=suffix, sha256=sha256(data))
 
 
 class RunWriter:
@@ -100,13 +81,19 @@ class RunWriter:
             for table in (self._targets, self._references, self._stationary)
             if table.torn
         )
-        lost = next((folder / row.path for row in rows if not (folder / row.path).is_file()), None)
+        needed = [path for row in rows for path in self._paths(row)]
+        lost = next((folder / path for path in needed if not (folder / path).is_file()), None)
         if lost is not None:
             advice = "restore the file, or delete its row to repeat the press"
             raise InputError(str(lost), None, f"is missing, but targets.csv has a row for it; {advice}")
         # The last session may have ended between a bad check and its consequence.
         if self.checks and not self.checks[-1].ok:
             self._set_aside([row for row in self.unchecked if _earlier(row, self.checks[-1])])
+
+    def _paths(self, row: Row) -> list[str]:
+        """Return the paths of a press's frame and, if the run has series, of its table."""
+        table = f"{schema.series_folder(row.number)}/{schema.SERIES_FILE}"
+        return [row.path, table] if self.info.series_frames else [row.path]
 
     def _table(self, kind: type[T], check: Callable[[int, T], None] | None = None) -> GrowingTable[T]:
         return self._stack.enter_context(GrowingTable(self.folder, kind, check, durable=self._durable))
@@ -204,8 +191,9 @@ class RunWriter:
         after: Force | None = None,
         in_band: bool | None = None,
         time_utc: datetime | None = None,
+        moving: Sequence[MovingFrame] = (),
     ) -> str:
-        """Store a press: first its frame, then its row.
+        """Store a press: first its series, then its frame, then its row.
 
         Args:
             press: The press, from the run's plan.
@@ -215,6 +203,7 @@ class RunWriter:
             after: The force after the frame.
             in_band: Whether the target force was reached; None without a gauge.
             time_utc: The time of the frame.
+            moving: The frames of the series, in a run with a motion.
 
         Returns:
             The path of the frame's file, relative to the run folder.
@@ -227,6 +216,11 @@ class RunWriter:
         if time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
         x, y, z = (round(float(value), 6) for value in pose_mm)
+        require_complete(press.number, moving, self.info.series_frames)
+        if moving and press.number not in self.done:
+            files = [self._encoded(each.frame) for each in moving]
+            with timed(self.seconds, "sync"), refusing(self.folder):
+                write_series(self.folder, press.number, moving, files, self._durable)
         return self.sample(
             press.number,
             self._encoded(frame),
@@ -284,8 +278,8 @@ class RunWriter:
     ) -> int:
         """Store a check of the position. After a bad one, set aside all presses since the last good one.
 
-        Their rows and frames are moved to ``set_aside/NN``, where NN is the number of the check. The presses are then
-        missing in the run.
+        Their rows, frames and series are moved to ``set_aside/NN``, where NN is the number of the check. The presses
+        are then missing in the run.
 
         Args:
             reason: The reason for the check.
@@ -330,11 +324,15 @@ class RunWriter:
             aside.mkdir(parents=True, exist_ok=True)
             for row in wrong:
                 shutil.copyfile(self.folder / row.path, aside / row.sensor_image)
+                below = schema.series_folder(row.number)
+                if (self.folder / below).is_dir():
+                    shutil.copytree(self.folder / below, aside / below, dirs_exist_ok=True)
             write_text(aside / schema.TARGETS_FILE, table_text(Row, wrong), durable=self._durable)
             self._targets.close()
             write_text(self.folder / schema.TARGETS_FILE, table_text(Row, kept), durable=self._durable)
             for row in wrong:
                 (self.folder / row.path).unlink()
+                shutil.rmtree(self.folder / schema.series_folder(row.number), ignore_errors=True)
         self._targets = self._table(Row, planned(self.info))
         self.rows = kept
         self.done -= numbers

@@ -6,6 +6,7 @@ Nothing here uses a file or a device. Units are millimetres, newtons and seconds
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,6 +27,8 @@ Order = Literal["paper", "random"]
 Point = tuple[float, float, float]
 #: Rotations around x, y and z, in degrees.
 Angles = tuple[float, float, float]
+#: The motion of the sensor in contact after each press.
+Motion = Literal["none", "slide"]
 QuarterTurns = Annotated[int, Bounds(0, 3)]
 Baud = Annotated[int, Bounds(300, 10_000_000)]
 Copy = Annotated[int, Bounds(1, 999)]
@@ -47,6 +50,8 @@ def minus(a: Point, b: Point) -> Point:
 HARD_LIMIT_N = 5.0
 #: The largest number of presses of a block, which would take about a year.
 MAX_PRESSES = 1_000_000
+#: The largest number of frames of a series, which are kept in memory until the sensor is lifted.
+MAX_MOTION_FRAMES = 500
 #: The default depths below the first contact, in mm, for a rig without a gauge. They are the rounded depths to which
 #: the three forces press the simulated dome against a flat plate. A calibration of the rig gives better values.
 DEPTHS_MM = (0.35, 1.7, 2.2)
@@ -238,6 +243,12 @@ class Protocol:
         home_every: The number of presses after which the position is checked: the stage is homed and a press is
             repeated; 0 for no checks.
         slip_mm: The largest error of the position that such a check accepts.
+        motion: The motion after the frame of each press, during which a series of frames is recorded: none, or a slide
+            along a straight line at constant height.
+        motion_frames: The number of frames of a series, at equal distances from the start of the motion to its end.
+        slide_length_mm: The length of the slide.
+        slide_direction_deg: The direction of the slide in the block frame, counter-clockwise from the x axis.
+        slide_speed_mm_s: The speed of the slide.
     """
 
     contact: ContactMode = "force"
@@ -263,6 +274,11 @@ class Protocol:
     misses_allowed: Annotated[int, Bounds(1, 10_000)] = 5
     home_every: Annotated[int, Bounds(0, MAX_PRESSES)] = 50
     slip_mm: Annotated[float, Bounds(0.001, 10.0)] = 0.1
+    motion: Motion = "none"
+    motion_frames: Annotated[int, Bounds(2, MAX_MOTION_FRAMES)] = 10
+    slide_length_mm: Annotated[float, Bounds(0.01, 1000.0)] = 5.0
+    slide_direction_deg: Annotated[float, Bounds(-360.0, 360.0)] = 90.0
+    slide_speed_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 5.0
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -284,6 +300,17 @@ class Protocol:
             raise InputError(name, list(values), "must be positive numbers in increasing order")
         if values[-1] >= limit:
             raise InputError(name, values[-1], f"must be below {limit:g} {what}")
+
+    @property
+    def slide_mm(self) -> tuple[float, float]:
+        """The x and y of the end of a slide, relative to its start."""
+        angle = math.radians(self.slide_direction_deg)
+        return (self.slide_length_mm * math.cos(angle), self.slide_length_mm * math.sin(angle))
+
+    @property
+    def series_frames(self) -> int:
+        """The number of frames of each press's series; 0 without a motion."""
+        return 0 if self.motion == "none" else self.motion_frames
 
     @property
     def levels(self) -> int:

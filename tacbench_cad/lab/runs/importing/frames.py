@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.importing.samples import Loaded
-from tacbench_cad.lab.runs.pictures import JPEG, PNG, decoded, decoded_image, encoded, simulated_text
-from tacbench_cad.lab.runs.writing import FrameFile
+from tacbench_cad.lab.runs.pictures import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
 from tacbench_cad.util.errors import CheckFailedError
 
 _BMP, _TIFF = b"BM", (b"II*\0", b"MM\0*")
