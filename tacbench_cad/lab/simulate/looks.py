@@ -12,18 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.spec.skin import CAMERA_BELOW_MM, FOCAL_PX, TIP_RADIUS_MM
 from tacbench_cad.util.convert import Bounds, Checked, Length
 from tacbench_cad.util.errors import InputError
-
-#: The radius of the dome's inside. The skin is the rest up to the outside.
-INNER_RADIUS_MM = 18.4
-#: The thickness of the skin.
-SKIN_MM = DOME_RADIUS_MM - INNER_RADIUS_MM
-#: The distance of the pins' tips from the dome's centre in mm, if only their position in the image is known.
-TIP_RADIUS_MM = 17.48
-#: The distance of the camera's pinhole from the dome's centre, on the side away from the summit, in mm.
-CAMERA_BELOW_MM = 48.9
 
 #: A limit for profiles that reach to the end of the image.
 FAR = 1e6
@@ -190,7 +181,7 @@ CLEAN = Look(
         (24, 7.5, 15.0, 12.53, 12.02),
         (24, 7.5, 15.0, 14.00, 10.30),
     ),
-    focal_px=601.0,
+    focal_px=FOCAL_PX,
     centre_px=(319.5, 239.5),
     pin_diameter_mm=1.0,
     pin_counts=(200.0,),

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.simulate.looks import CAMERA_BELOW_MM, Look, Profile, Spot, Tint
+from tacbench_cad.lab.simulate.looks import Look, Profile, Spot, Tint
+from tacbench_cad.spec.skin import CAMERA_BELOW_MM, FOCAL_PX
 from tacbench_cad.util.types import Bytes, Floats
 
 #: The smallest height of a visible pin's peak above its surroundings, in standard deviations of the noise.
@@ -37,7 +38,7 @@ class Camera:
 
     width_px: int = 640
     height_px: int = 480
-    focal_px: float = 601.0
+    focal_px: float = FOCAL_PX
     below_mm: float = CAMERA_BELOW_MM
     middle_px: tuple[float, float] = (319.5, 239.5)
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.simulate.contact import DomeContact
-from tacbench_cad.lab.simulate.looks import CLEAN, INNER_RADIUS_MM, SKIN_MM, Look, Ring
+from tacbench_cad.lab.simulate.looks import CLEAN, Look, Ring
 from tacbench_cad.lab.simulate.rendering import (
     Camera,
     Discs,
@@ -43,6 +43,7 @@ from tacbench_cad.lab.simulate.rendering import (
 from tacbench_cad.lab.study.rotation import UPRIGHT, lowest, matrix
 from tacbench_cad.lab.study.spec import Angles, Point
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.spec.skin import INNER_RADIUS_MM, SKIN_MM, skin_transfer
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
 
@@ -113,7 +114,7 @@ class Skin:
         self._qx = step * np.arange(_ORDER + 1)  # p is real, so the other half are conjugates
         self._qy = step * np.arange(-_ORDER, _ORDER + 1)
         q = np.hypot(self._qx[None, :], self._qy[:, None])
-        kernel = (1.0 + q * thickness_mm) * np.exp(-q * thickness_mm) / _SQUARE_MM**2
+        kernel = skin_transfer(q, thickness_mm) / _SQUARE_MM**2
         kernel[:, 1:] *= 2.0
         self._kernel = kernel
         self._along_x = np.exp(1j * np.outer(places_mm[:, 0], self._qx))

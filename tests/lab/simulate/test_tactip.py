@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,13 +16,14 @@ from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.devices import GAUGE_NOISE_N, SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.simulate.heights import flat_plate
-from tacbench_cad.lab.simulate.looks import CLEAN, INNER_RADIUS_MM
+from tacbench_cad.lab.simulate.looks import CLEAN
 from tacbench_cad.lab.simulate.rendering import with_noise
 from tacbench_cad.lab.simulate.tactip import Skin, TacTip
 from tacbench_cad.lab.study.rotation import UPRIGHT, above, lowest, matrix, towards
 from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCES_N
+from tacbench_cad.spec.skin import INNER_RADIUS_MM, pin_shifts_px, shift_px_per_mm
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
 
@@ -292,3 +294,19 @@ def test_a_tilted_sensor_at_rest_shows_its_pins_at_rest() -> None:
     assert tip.pins(PLATE, (0.0, 0.0, 5.0), towards(0.0, 20.0)) is tip.rest
     # The summit is above the plate, but the tilted dome touches it.
     assert tip.pins(PLATE, (0.0, 0.0, 0.5), towards(0.0, 20.0)) is not tip.rest
+
+
+@pytest.mark.parametrize("wavelength", [4.0, 6.2, 10.0])
+def test_a_small_wave_on_a_plate_moves_the_pins_as_the_formula_of_the_skin_says(wavelength: float) -> None:
+    sensor, plate = TacTip(), flat_plate()
+    amplitude, press = 0.02, (0.0, 0.0, DomeContact(plate).z_for_force(0.0, 0.0, 3.0137))
+    wave = np.broadcast_to(amplitude * np.sin(2.0 * math.pi * plate.x_mm / wavelength), plate.z_mm.shape)
+    bent = DomeContact(replace(plate, z_mm=plate.z_mm + wave))
+    pins = sensor.camera.pixels(sensor.pins(DomeContact(plate), press).tips_mm)
+    moved = np.linalg.norm(sensor.camera.pixels(sensor.pins(bent, press).tips_mm) - pins, axis=1)
+    # Only pins whose neighbourhood touches the plate.
+    moved = moved[np.linalg.norm(20.0 / 17.48 * sensor.rest.tips_mm[:, :2], axis=1) < 5.0]
+    expected = amplitude * float(shift_px_per_mm(wavelength))
+    assert 0.8 * expected < float(np.max(moved)) < 1.25 * expected
+    mapped = pin_shifts_px(wave[:200, :200], plate.cell_mm)
+    assert float(np.nanmax(mapped[50:150, 50:150])) == pytest.approx(expected, rel=0.02)
