@@ -15,19 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.slicing.surface import PITCH_MM, Frame, frames_of, points_of, printed_heights, staircase
+from tacbench_cad.slicing.surface import Frame, frames_of, printed_heights, staircase
 from tacbench_cad.spec import crests
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.crests import Extrema
 from tacbench_cad.spec.textures import Texture, catalogue
+from tacbench_cad.spec.topgrid import EDGE_MM, PITCH_MM, points_of, without_edge
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
 #: The slope from which a wall counts as steep.
 STEEP = 1.0
-#: The width of the edge that is left out, in mm.
-EDGE_MM = 0.5
 #: The position error for which the effect on the height error is computed, in mm.
 MISPLACED_MM = 0.1
 #: If the height error exceeds this fraction of the relief's standard deviation, the print shows another texture.
@@ -81,7 +80,7 @@ class AsSliced:
     @cached_property
     def inside(self) -> Bools:
         """Whether a point is compared: it is not near the edge or the cut of the key. Shape (n, m)."""
-        return _inside(self.block, self.x_mm, self.y_mm)
+        return without_edge(self.block, self.x_mm, self.y_mm)
 
     @cached_property
     def slope(self) -> Floats:
@@ -253,7 +252,7 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
     frames = [frame] if frame is not None else frames_of(sliced, block)
     x, y = points_of(block, _COARSE_MM)
     looks = [printed_heights(sliced, block, place, x, y) for place in frames]
-    inside = _inside(block, x, y)
+    inside = without_edge(block, x, y)
     best = min(range(len(frames)), key=lambda i: _distance(block, block.texture, x, y, looks[i], inside))
     _require_likeness(sliced, block, x, y, looks[best], inside)
     x, y = points_of(block, pitch_mm)
@@ -268,16 +267,6 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
         formula_mm=formula,
         ideal_mm=staircase(sliced, formula),
     )
-
-
-def _inside(block: Block, x: Floats, y: Floats) -> Bools:
-    across, down = block.size_mm
-    inside = ((x > EDGE_MM) & (x < across - EDGE_MM))[:, None] & ((y > EDGE_MM) & (y < down - EDGE_MM))[None, :]
-    if block.region is not None:
-        inside &= block.region.distance(x[:, None], y[None, :]) < -EDGE_MM
-    if not inside.any():
-        raise InputError("texture", block.name, f"is too small: nothing remains without its edge of {EDGE_MM:g} mm")
-    return inside
 
 
 def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Floats, inside: Bools) -> float:

@@ -21,8 +21,6 @@ from tacbench_cad.util.types import Floats, Ints
 #: The largest difference between the printed outline and the sides of the block, in mm. If it is larger, the G-code is
 #: for another part.
 OUTLINE_MM = 0.5
-#: The distance of the points at which surfaces are compared, in mm, and the largest number of points.
-PITCH_MM, MAX_POINTS = 0.05, 1_000_000
 #: The largest length of a piece of a bead, in mm. Long beads are divided, so that their boxes contain few points.
 _PIECE_MM = 1.0
 #: The largest number of pieces over the block, and of points under them. A point counts once for each piece above it.
@@ -125,15 +123,6 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
             "is more than one block on the plate",
         )
     return frames
-
-
-def points_of(block: Block, pitch_mm: float = PITCH_MM) -> tuple[Floats, Floats]:
-    """Divide the block's top into cells and return the x (n,) and the y (m,) of their middles, in mm."""
-    x, y = block.size_mm
-    pitch = max(pitch_mm, math.sqrt(x * y / MAX_POINTS))
-    counts = (max(1, round(side / pitch)) for side in (x, y))
-    across, down = ((np.arange(count) + 0.5) * side / count for count, side in zip(counts, (x, y), strict=True))
-    return across, down
 
 
 def printed_heights(sliced: Sliced, block: Block, frame: Frame, x: Floats, y: Floats) -> Floats:

@@ -11,9 +11,10 @@ from helpers.gcode_writer import write_gcode
 
 from tacbench_cad.slicing.compare import AsSliced, compare
 from tacbench_cad.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.slicing.surface import Frame, points_of, staircase
+from tacbench_cad.slicing.surface import Frame, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.topgrid import points_of
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.errors import InputError
 

@@ -10,8 +10,9 @@ import pytest
 from helpers.gcode_writer import write_gcode
 
 from tacbench_cad.slicing.gcode import Beads, Sliced, read_gcode
-from tacbench_cad.slicing.surface import Frame, frames_of, points_of, printed_heights, staircase
+from tacbench_cad.slicing.surface import Frame, frames_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.topgrid import points_of
 from tacbench_cad.util.errors import InputError
 
 SMALL = Block.of(2, scale=0.5)
