@@ -23,7 +23,7 @@ from tacbench_cad.lab.rig.registry import Context, Driver, Kind
 from tacbench_cad.lab.rig.sensor import Frame, Sensor, SwappedColours
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
-from tacbench_cad.lab.study.spec import GaugeSettings, Point, SensorSettings, StageSettings
+from tacbench_cad.lab.study.spec import Angles, GaugeSettings, Point, SensorSettings, StageSettings
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest, one_of
 
 #: The attributes that every stage, gauge and sensor must have.
@@ -51,7 +51,7 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
     """
     simulated = f"stage ({settings.driver})" if settings.is_virtual else ""
     opened = open_device("stage", settings, Context(clock=clock or Clock(), simulated=simulated))
-    stage = LimitedStage(opened, settings.limits_mm)
+    stage = LimitedStage(opened, settings.limits_mm, settings.tilt_limit_deg)
     try:
         if isinstance(opened, HasLimits):
             stage.limits_mm = opened.kept_limits_mm(settings.limits_mm)
@@ -164,7 +164,8 @@ def _driver_of(factory: Callable[..., Any]) -> Driver:
         return factory(**settings.options, **{name: value for name, value in place.items() if value is not None})
 
     open.__module__ = factory.__module__
-    return Driver(open=open, summary=next(iter((factory.__doc__ or "").strip().splitlines()), ""))
+    summary = next(iter((factory.__doc__ or "").strip().splitlines()), "")
+    return Driver(open=open, summary=summary, turns=hasattr(factory, "turn") if isinstance(factory, type) else None)
 
 
 def _serial(factory: Callable[..., Stage], known: tuple[str, ...], summary: str) -> Driver:
@@ -241,8 +242,12 @@ TAXELS = Driver(
 def _point(value: Any) -> Point:
     x, y, z = (float(coordinate) for coordinate in value)
     if not all(map(math.isfinite, (x, y, z))):
-        raise ValueError(f"{value} is not a position in mm")
+        raise ValueError(f"{value} is not three numbers")
     return (x, y, z)
+
+
+def _angles(value: Any) -> Angles:
+    return _point(value)
 
 
 def _force(value: Any) -> Force:
@@ -259,7 +264,7 @@ def _frame(value: Any) -> Frame:
 
 #: The required results of the methods of a user's own device.
 RESULTS: Mapping[str, Mapping[str, Callable[[Any], Any]]] = {
-    "stage": {"move": _point, "position": _point},
+    "stage": {"move": _point, "position": _point, "turn": _angles, "rotation": _angles},
     "gauge": {"read": _force},
     "sensor": {"read": _frame},
 }

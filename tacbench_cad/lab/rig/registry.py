@@ -79,6 +79,7 @@ class Driver:
         install: The command that installs these packages.
         usb: The USB ids by which a connected device is recognised: ``2833:0209``, or ``0403`` for a vendor.
         product: A part of the product name by which a connected camera is recognised.
+        turns: Whether a stage can also turn the sensor; None if this is known only once the stage is open.
     """
 
     open: Callable[[Any, Context], Any]
@@ -88,6 +89,7 @@ class Driver:
     install: str = install_command("lab")
     usb: tuple[str, ...] = ()
     product: str = ""
+    turns: bool | None = False
 
     @property
     def missing(self) -> tuple[str, ...]:

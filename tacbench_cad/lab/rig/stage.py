@@ -1,12 +1,13 @@
-"""The interface of a stage: three axes that move to a target and report their position."""
+"""The interface of a stage: three axes that move to a target and report their position. Some stages can also turn."""
 
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, Self, cast, runtime_checkable
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.rotation import Turn, tilt
+from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
 from tacbench_cad.util.errors import InputError
 
 Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
@@ -69,6 +70,56 @@ class Stage(Device, Protocol):
         """Stop all motion at once. Signal handlers may call this during another call. Never raises."""
 
 
+@runtime_checkable
+class RotatingStage(Stage, Protocol):
+    """A stage that can also turn the sensor, for instance an arm. These two methods are optional.
+
+    The position of such a stage is that of the sensor's summit, also while the sensor is turned, and ``move`` keeps the
+    orientation. Angles are those of :mod:`tacbench_cad.lab.study.rotation`, in the stage's frame: all are 0 while the
+    sensor points straight down.
+    """
+
+    def turn(
+        self,
+        angles_deg: Angles,
+        speed_deg_s: float,
+        *,
+        above_mm: float = 0.0,
+        by_mm: Point = (0.0, 0.0, 0.0),
+    ) -> Angles:
+        """Turn the sensor about a point on its axis, and wait until the stage reports that it has arrived.
+
+        The turn is around one axis and at a constant speed. Meanwhile, the point moves in a straight line. Without
+        ``above_mm`` and ``by_mm``, the summit stays at its place. With the radius of a dome as ``above_mm``, the sensor
+        turns about the centre of the dome, and a suitable motion of the centre lets the dome roll.
+
+        Args:
+            angles_deg: The angles at the end.
+            speed_deg_s: The speed of the turn, in degrees/s.
+            above_mm: The distance of the point above the summit, along the sensor's axis.
+            by_mm: The motion of the point, in mm of the stage's frame.
+
+        Returns:
+            The reported angles.
+
+        Raises:
+            RigError: One of its subclasses: alarm, reset, silence, unplugged, not arrived.
+        """
+
+    def rotation(self) -> Angles:
+        """Return the reported angles in degrees."""
+
+
+def inner(stage: Stage) -> Stage:
+    """Return the stage behind its limits, which has the optional methods."""
+    return stage.stage if isinstance(stage, LimitedStage) else stage
+
+
+def can_turn(stage: Stage) -> bool:
+    """Return whether a stage has the optional methods of a :class:`RotatingStage`."""
+    return all(hasattr(inner(stage), name) for name in ("turn", "rotation"))
+
+
 def home_again(stage: Stage) -> Point | None:
     """Home a stage, and return the error that its position had before.
 
@@ -93,7 +144,7 @@ def home_again(stage: Stage) -> Point | None:
 
 def measures_offset(stage: Stage) -> bool:
     """Return whether a stage has the optional method ``home_offset_mm()``."""
-    return hasattr(stage.stage if isinstance(stage, LimitedStage) else stage, "home_offset_mm")
+    return hasattr(inner(stage), "home_offset_mm")
 
 
 class LimitedStage(Closing):
@@ -102,11 +153,13 @@ class LimitedStage(Closing):
     Args:
         stage: The stage.
         limits_mm: The lowest and highest x, y, z.
+        tilt_limit_deg: The largest angle between the axis of the sensor and the vertical.
     """
 
-    def __init__(self, stage: Stage, limits_mm: Limits) -> None:
+    def __init__(self, stage: Stage, limits_mm: Limits, tilt_limit_deg: float = StageSettings.tilt_limit_deg) -> None:
         self.stage = stage
         self.limits_mm = limits_mm
+        self.tilt_limit_deg = tilt_limit_deg
         self.identity = stage.identity
         self.simulated = stage.simulated
 
@@ -125,12 +178,7 @@ class LimitedStage(Closing):
             OutOfRangeError: The target is beyond a limit. No command was sent.
             InputError: The speed is not positive.
         """
-        for axis, value, (low, high) in zip("xyz", target_mm, self.limits_mm, strict=True):
-            # This comparison also refuses a NaN.
-            if not low <= value <= high:
-                raise OutOfRangeError(
-                    f"stage {axis} = {value:.4f} mm: must be from {low:g} to {high:g} mm, its limits; nothing was sent"
-                )
+        self._require_within(target_mm)
         if not speed_mm_s > 0.0:
             raise InputError("speed_mm_s", speed_mm_s, "must be above 0")
         return self.stage.move(target_mm, speed_mm_s)
@@ -139,6 +187,42 @@ class LimitedStage(Closing):
         """See :class:`Stage`."""
         return self.stage.position()
 
+    def turn(
+        self,
+        angles_deg: Angles,
+        speed_deg_s: float,
+        *,
+        above_mm: float = 0.0,
+        by_mm: Point = (0.0, 0.0, 0.0),
+    ) -> Angles:
+        """See :class:`RotatingStage`.
+
+        Raises:
+            OutOfRangeError: The end of the turn is beyond a limit. No command was sent.
+            InputError: The speed is not positive, or the stage cannot turn the sensor.
+        """
+        stage = self._rotating
+        if not (angle := tilt(angles_deg)) <= self.tilt_limit_deg + 1e-6:
+            raise OutOfRangeError(
+                f"the sensor would be tilted by {angle:.2f} degrees, beyond tilt_limit_deg = {self.tilt_limit_deg:g} "
+                "of the stage; nothing was sent"
+            )
+        if not speed_deg_s > 0.0:
+            raise InputError("speed_deg_s", speed_deg_s, "must be above 0")
+        turn = Turn(
+            summit_mm=stage.position(),
+            from_deg=stage.rotation(),
+            to_deg=angles_deg,
+            above_mm=above_mm,
+            by_mm=by_mm,
+        )
+        self._require_within(turn.at(1.0)[0])
+        return stage.turn(angles_deg, speed_deg_s, above_mm=above_mm, by_mm=by_mm)
+
+    def rotation(self) -> Angles:
+        """See :class:`RotatingStage`."""
+        return self._rotating.rotation()
+
     def stop(self) -> None:
         """See :class:`Stage`."""
         self.stage.stop()
@@ -146,3 +230,17 @@ class LimitedStage(Closing):
     def close(self) -> None:
         """See :class:`Stage`."""
         self.stage.close()
+
+    @property
+    def _rotating(self) -> RotatingStage:
+        if not can_turn(self.stage):
+            raise InputError("[stage] driver", self.identity, "cannot turn the sensor")
+        return cast(RotatingStage, self.stage)
+
+    def _require_within(self, target_mm: Point) -> None:
+        for axis, value, (low, high) in zip("xyz", target_mm, self.limits_mm, strict=True):
+            # This comparison also refuses a NaN.
+            if not low <= value <= high:
+                raise OutOfRangeError(
+                    f"stage {axis} = {value:.4f} mm: must be from {low:g} to {high:g} mm, its limits; nothing was sent"
+                )

@@ -8,6 +8,8 @@ down. A matrix turns column vectors of the same frame.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -79,6 +81,20 @@ def towards(direction_deg: float, angle_deg: float) -> Angles:
     return angles_of(from_vector((-angle * math.sin(direction), angle * math.cos(direction), 0.0)))
 
 
+def leaning(axis: Floats) -> Floats:
+    """Return the turn around a horizontal axis that brings an upright sensor's axis to a direction.
+
+    Args:
+        axis: The unit vector from the summit along the sensor's axis.
+    """
+    x, y, z = (float(value) for value in axis)
+    sideways = math.hypot(x, y)
+    if sideways == 0.0:
+        return np.eye(3) if z > 0.0 else matrix((180.0, 0.0, 0.0))
+    angle = math.atan2(sideways, z) / sideways
+    return from_vector((-angle * y, angle * x, 0.0))
+
+
 def angle_between(first_deg: Angles, second_deg: Angles) -> float:
     """Return the angle of the turn from one orientation to another, in degrees, from 0 to 180."""
     return math.degrees(math.hypot(*to_vector(matrix(second_deg) @ matrix(first_deg).T)))
@@ -101,6 +117,52 @@ def lowest(summit_mm: Point, angles_deg: Angles, radius_mm: float = DOME_RADIUS_
         return summit_mm
     x, y, z = above(summit_mm, angles_deg, radius_mm)
     return (x, y, z - radius_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turn:
+    """A turn about a point on the sensor's axis, around one axis, while this point moves in a straight line.
+
+    Args:
+        summit_mm: The summit at the start.
+        from_deg: The angles at the start.
+        to_deg: The angles at the end.
+        above_mm: The distance of the point above the summit: 0 for the summit itself.
+        by_mm: The motion of the point.
+    """
+
+    summit_mm: Point
+    from_deg: Angles
+    to_deg: Angles
+    above_mm: float = 0.0
+    by_mm: Point = (0.0, 0.0, 0.0)
+
+    @property
+    def angle_deg(self) -> float:
+        """The angle of the whole turn, from 0 to 180 degrees."""
+        return math.degrees(math.hypot(*self._vector))
+
+    def at(self, fraction: float) -> tuple[Point, Angles]:
+        """Return the summit and the angles after a fraction of the turn, from 0 to 1."""
+        x, y, z = (fraction * value for value in self._vector)
+        angles = angles_of(from_vector((x, y, z)) @ self._start) if 0.0 < fraction < 1.0 else self._end(fraction)
+        x, y, z = (a + fraction * b for a, b in zip(self._point_mm, self.by_mm, strict=True))
+        return above((x, y, z), angles, -self.above_mm), angles
+
+    def _end(self, fraction: float) -> Angles:
+        return self.from_deg if fraction <= 0.0 else self.to_deg
+
+    @cached_property
+    def _start(self) -> Floats:
+        return matrix(self.from_deg)
+
+    @cached_property
+    def _vector(self) -> tuple[float, float, float]:
+        return to_vector(matrix(self.to_deg) @ self._start.T)
+
+    @cached_property
+    def _point_mm(self) -> Point:
+        return above(self.summit_mm, self.from_deg, self.above_mm)
 
 
 def in_work_frame(frame: WorkFrame, angles_deg: Angles) -> Angles:

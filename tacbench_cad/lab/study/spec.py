@@ -403,6 +403,8 @@ class StageSettings(_Device):
         origin_mm: Same as for :class:`WorkFrame`.
         quarter_turns: Same as for :class:`WorkFrame`.
         limits_mm: The lowest and the highest allowed x, y and z, in the stage's frame.
+        tilt_limit_deg: The largest allowed angle between the sensor's axis and the vertical, of a stage that can turn
+            the sensor.
         travel_mm_s: The speed at the travel height, and down through free air to 1 mm above a known height.
         approach_mm_s: The speed of every step near the block and in contact.
         slots_mm: The offsets of a tray's slots from the origin, in the stage's frame; a single slot by default.
@@ -421,6 +423,7 @@ class StageSettings(_Device):
     origin_mm: Point = (0.0, 0.0, 0.0)
     quarter_turns: QuarterTurns = 0
     limits_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+    tilt_limit_deg: Annotated[float, Bounds(0.0, 60.0)] = 30.0
     travel_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 20.0
     approach_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 2.0
     slots_mm: Annotated[tuple[Point, ...], Length(1, 1000)] = ((0.0, 0.0, 0.0),)
