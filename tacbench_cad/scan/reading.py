@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import itertools
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -100,7 +101,13 @@ def read_scan(
     if len(scan.cloud) < MIN_POINTS:
         allowed = f"has {counted(len(scan.cloud), 'valid point')}, but a scan needs at least {MIN_POINTS}"
         raise InputError("scan", str(path), allowed)
-    return scan
+    return replace(scan, cloud=replace(scan.cloud, simulated=_is_simulated(path)))
+
+
+def _is_simulated(path: Path) -> bool:
+    """Check whether a comment at the beginning of a file says that it contains a simulated scan."""
+    with open_input(path, "scan", "any") as stream:
+        return re.search(rb"(?m)^(comment|#|//) simulated scan", stream.read(2000)) is not None
 
 
 def _mesh(path: Path, suffix: str, unit: Unit | None, size_mm: tuple[float, float, float] | None) -> ScanFile:

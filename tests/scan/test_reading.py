@@ -39,6 +39,9 @@ def test_a_ply_file_gives_its_points_without_the_invalid_ones(points: Floats, tm
     np.testing.assert_array_equal(scan.cloud.points_mm, points)
     assert (scan.kind, scan.dropped, scan.unit, scan.notes) == ("points", 4, "mm", ())
     assert not scan.cloud.simulated
+    text = (tmp_path / "a.ply").read_bytes().replace(b"element", b"comment simulated scan, seed 3\nelement", 1)
+    (tmp_path / "a.ply").write_bytes(text)
+    assert read_scan(tmp_path / "a.ply", unit="mm").cloud.simulated
 
 
 @pytest.mark.parametrize(("name", "head", "separator"), [
