@@ -33,8 +33,8 @@ _VIRTUAL = "With --virtual"
 @options.option("--texture", options.TEXTURE, "Texture of the block. Default: 1.", options.VIRTUAL_RIG)
 @options.option(
     "--driver",
-    options.text("NAME", "virtual-grbl", "virtual-marlin"),
-    "Firmware of the virtual stage: virtual-grbl or virtual-marlin. Default: virtual-grbl.",
+    options.text("NAME", "virtual-grbl", "virtual-marlin", "virtual-arm"),
+    "Virtual stage: virtual-grbl, virtual-marlin, or virtual-arm, which can turn the sensor. Default: virtual-grbl.",
     options.VIRTUAL_RIG,
 )
 @options.option(

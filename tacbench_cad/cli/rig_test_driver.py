@@ -99,8 +99,9 @@ def _checked(
     from tacbench_cad.lab.rig.drivers import open_device
     from tacbench_cad.lab.rig.registry import Context
     from tacbench_cad.lab.study.file import VIRTUAL_STAGES
-    from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
+    from tacbench_cad.lab.study.spec import VIRTUAL_ARM, GaugeSettings, SensorSettings, StageSettings
     from tacbench_cad.util.convert import from_plain
+    from tacbench_cad.virtual_rig.arm import VirtualArm
     from tacbench_cad.virtual_rig.process import launch
 
     clock, table = Clock(), dict(values)
@@ -109,7 +110,7 @@ def _checked(
         if kind == "stage":
             table = {"driver": driver, **VIRTUAL_STAGES.get(driver, {}), **table}
             settings = from_plain(StageSettings, table, "[stage] ")
-            if settings.is_virtual:
+            if settings.is_virtual and driver != VIRTUAL_ARM:
                 clock = Clock(speed=float(settings.options.get("speed", 1.0)))
                 rig = stack.enter_context(launch(driver.removeprefix("virtual-"), speed=clock.speed))
                 settings = from_plain(StageSettings, {**table, "port": rig.port}, "[stage] ")
@@ -118,6 +119,9 @@ def _checked(
         else:
             device = {key: table.pop(key) for key in ("device", "colour_order") if key in table}
             settings = from_plain(SensorSettings, {"driver": driver, **device, "options": table}, "[sensor] ")
+        if isinstance(settings, StageSettings) and driver == VIRTUAL_ARM:
+            arm = VirtualArm.open(settings)
+            return check_stage(arm, settings.limits_mm, arm.clock, beyond_mm=beyond)
         simulated = f"stage ({driver})" if driver.startswith("virtual-") else ""
         try:
             opened = open_device(kind, settings, Context(clock=clock, simulated=simulated), guarded=False)
@@ -161,7 +165,7 @@ def _kind_of(driver: str) -> Kind:
     elif not fitting:
         known = ", ".join(name for kind in registry.GROUPS for name in registry.names(kind))
         raise InputError(
-            "driver", driver, f"is not a driver; allowed: {known}, virtual-grbl, virtual-marlin, module:name"
+            "driver", driver, f"is not a driver; allowed: {', '.join((known, *StageSettings.VIRTUAL))}, module:name"
         )
     if len(fitting) != 1:
         raise InputError("kind", None, f"is required for {driver}: stage, gauge or sensor")

@@ -10,7 +10,7 @@ Import the names from this package. Each is loaded at its first use::
 The modules inside: ``machine`` moves a carriage in rig time; ``grbl``, ``marlin`` and ``arduino`` are state machines
 with bytes as input and output; ``board`` connects one to a serial line of a given speed and applies ``faults``;
 ``loadcell`` sends samples; ``server`` and ``transport`` provide pseudo-terminals or TCP ports; ``process`` starts the
-process.
+process. ``arm`` is a simulated arm without firmware, which can turn the sensor.
 """
 
 import lazy_loader

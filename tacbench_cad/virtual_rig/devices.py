@@ -12,6 +12,7 @@ from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, RigSettings, WorkFrame
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.arm import VirtualArm
 from tacbench_cad.virtual_rig.process import launch
 
 #: The speed of a virtual rig as a multiple of real time, if ``[stage] options.speed`` is not set.
@@ -56,7 +57,7 @@ class LaunchedStage(Closing):
         self.rig.close()
 
 
-SIMULATORS = Simulators(stage=LaunchedStage, gauge=SimulatedGauge, sensor=SimulatedSensor)
+SIMULATORS = Simulators(stage=LaunchedStage, arm=VirtualArm.open, gauge=SimulatedGauge, sensor=SimulatedSensor)
 
 
 def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[Rig]:

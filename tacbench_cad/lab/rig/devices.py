@@ -1,26 +1,27 @@
 """A whole rig from its settings. Real, virtual and simulated devices can be combined.
 
 *Virtual*: a firmware simulator in its own process, behind a serial port; the drivers are the real ones.
-*Simulated*: a device in this process that follows the position that the stage reports. The lab itself opens neither.
-Callers that need them pass :class:`Simulators`, as ``tacbench_cad.virtual_rig.devices.open_rig`` does.
+*Simulated*: a device in this process. A simulated gauge or sensor follows the position and the angles that the stage
+reports. The lab itself opens neither. Callers that need them pass :class:`Simulators`, as
+``tacbench_cad.virtual_rig.devices.open_rig`` does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage
+from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage, ready_stage
 from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.sensor import Sensor
-from tacbench_cad.lab.rig.stage import Stage
+from tacbench_cad.lab.rig.stage import RotatingStage, Stage, can_turn
 from tacbench_cad.lab.study.spec import (
+    VIRTUAL_ARM,
     GaugeSettings,
     HolderRim,
-    Point,
     PrintedBlock,
     RigSettings,
     StageSettings,
@@ -56,19 +57,31 @@ class VirtualStage(Following, Protocol):
     clock: Clock
 
 
+class SimulatedStage(RotatingStage, Protocol):
+    """A simulated stage without firmware.
+
+    Attributes:
+        clock: The clock of the stage, which the whole rig uses.
+    """
+
+    clock: Clock
+
+
 @dataclass(frozen=True, kw_only=True)
 class Simulators:
     """Functions that open virtual and simulated devices.
 
     Args:
         stage: Starts the firmware of a virtual stage.
-        gauge: Opens a gauge that follows a position.
-        sensor: Opens a sensor that follows a position; its last argument is the options of ``[sensor]``.
+        arm: Opens the simulated arm.
+        gauge: Opens a gauge that follows a position and, by ``rotation``, angles.
+        sensor: Opens a sensor that follows them; its last positional argument is the options of ``[sensor]``.
     """
 
     stage: Callable[[RigSettings], AbstractContextManager[VirtualStage]]
-    gauge: Callable[[Callable[[], Point], Clock], Gauge]
-    sensor: Callable[[Callable[[], Point], Clock, Mapping[str, Any]], Sensor]
+    arm: Callable[[StageSettings], SimulatedStage]
+    gauge: Callable[..., Gauge]
+    sensor: Callable[..., Sensor]
 
 
 @dataclass(kw_only=True)
@@ -167,23 +180,33 @@ def open_rig(
         stage_settings, gauge_settings, sensor_settings = settings.stage, settings.gauge, settings.sensor
         clock, simulated = Clock(), ""
         opened: list[object] = []
-        if stage_settings.is_virtual:
-            virtual = devices.enter_context(simulator("stage", stage_settings.driver).stage(settings))
-            opened.append(virtual)
-            clock = virtual.clock
-            stage_settings = replace(stage_settings, port=virtual.port)
-            if gauge_settings.port == VIRTUAL_PORT:
-                gauge_settings = replace(gauge_settings, port=virtual.gauge_port)
-                simulated = "load cell of the virtual rig"
-        stage = devices.enter_context(open_stage(stage_settings, clock))
+        if stage_settings.driver == VIRTUAL_ARM:
+            arm = simulator("stage", VIRTUAL_ARM).arm(stage_settings)
+            clock, stage = arm.clock, ready_stage(arm, stage_settings)
+        else:
+            if stage_settings.is_virtual:
+                virtual = devices.enter_context(simulator("stage", stage_settings.driver).stage(settings))
+                opened.append(virtual)
+                clock = virtual.clock
+                stage_settings = replace(stage_settings, port=virtual.port)
+                if gauge_settings.port == VIRTUAL_PORT:
+                    gauge_settings = replace(gauge_settings, port=virtual.gauge_port)
+                    simulated = "load cell of the virtual rig"
+            stage = open_stage(stage_settings, clock)
+        devices.enter_context(stage)
+        rotation = stage.rotation if can_turn(stage) else None
         taken = [stage_settings.port] if stage_settings.port else []
         gauge: Gauge | None = None
         if gauge_settings.driver == "simulated":
-            gauge = devices.enter_context(simulator("gauge", "simulated").gauge(stage.position, clock))
+            gauge = devices.enter_context(
+                simulator("gauge", "simulated").gauge(stage.position, clock, rotation=rotation)
+            )
         elif gauge_settings.driver != "none":
             gauge = devices.enter_context(open_gauge(gauge_settings, clock, taken=taken, simulated=simulated))
         if sensor_settings.driver == "simulated":
-            sensor = simulator("sensor", "simulated").sensor(stage.position, clock, sensor_settings.options)
+            sensor = simulator("sensor", "simulated").sensor(
+                stage.position, clock, sensor_settings.options, rotation=rotation
+            )
         else:
             taken += [gauge_settings.port] if gauge_settings.port else []
             sensor = open_sensor(sensor_settings, clock, taken=taken)

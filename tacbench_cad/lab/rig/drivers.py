@@ -50,7 +50,16 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
         RigError: The device does not answer, is not the expected one, or cannot be homed.
     """
     simulated = f"stage ({settings.driver})" if settings.is_virtual else ""
-    opened = open_device("stage", settings, Context(clock=clock or Clock(), simulated=simulated))
+    return ready_stage(open_device("stage", settings, Context(clock=clock or Clock(), simulated=simulated)), settings)
+
+
+def ready_stage(opened: Stage, settings: StageSettings) -> LimitedStage:
+    """Put an open stage behind its limits, and home it if the settings say so.
+
+    Raises:
+        InputError: The limits reach beyond those of the firmware.
+        RigError: The stage cannot be homed. It is then closed.
+    """
     stage = LimitedStage(opened, settings.limits_mm, settings.tilt_limit_deg)
     try:
         if isinstance(opened, HasLimits):

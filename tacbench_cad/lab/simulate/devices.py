@@ -1,4 +1,4 @@
-"""A simulated force gauge and a simulated sensor that follow the position that a stage reports."""
+"""A simulated force gauge and a simulated sensor that follow the position and the angles that a stage reports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
-from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
+from tacbench_cad.lab.study.rotation import UPRIGHT, in_work_frame, lowest
+from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.util.convert import Bounds, from_plain
 
 #: The sample rate of the simulated load cell in Hz. Rate and noise are those of an HX711 on a 10 N cell.
@@ -27,10 +28,13 @@ FRAME_RATE_HZ = 30.0
 
 
 class _Follower(Closing):
-    """The common part of both devices: the block under the sensor, and the sensor's position."""
+    """The common part of both devices: the block under the sensor, and the sensor's pose."""
 
-    def __init__(self, position: Callable[[], Point], clock: Clock, seed: int | None) -> None:
+    def __init__(
+        self, position: Callable[[], Point], rotation: Callable[[], Angles] | None, clock: Clock, seed: int | None
+    ) -> None:
         self._position = position
+        self._rotation = rotation or (lambda: UPRIGHT)
         self._clock = clock
         self._rng = np.random.Generator(np.random.SFC64(seed))
         self._contact: DomeContact | None = None
@@ -46,10 +50,12 @@ class _Follower(Closing):
         """
         self._contact, self._frame = contact_for(printed, holder), frame
 
-    def _pose(self) -> Point:
-        """Return the summit's reported position in the work frame."""
-        point = self._position()
-        return point if self._frame is None else self._frame.to_work(point)
+    def _pose(self) -> tuple[Point, Angles]:
+        """Return the summit's reported position and the reported angles in the work frame."""
+        point, angles = self._position(), self._rotation()
+        if self._frame is None:
+            return point, angles
+        return self._frame.to_work(point), in_work_frame(self._frame, angles)
 
 
 class SimulatedGauge(_Follower):
@@ -59,10 +65,18 @@ class SimulatedGauge(_Follower):
         position: Returns the stage's reported position in its own frame.
         clock: The rig's time.
         seed: The seed of the noise; None for a random one.
+        rotation: Returns the stage's reported angles in its own frame; None for a stage that cannot turn.
     """
 
-    def __init__(self, position: Callable[[], Point], clock: Clock, *, seed: int | None = None) -> None:
-        super().__init__(position, clock, seed)
+    def __init__(
+        self,
+        position: Callable[[], Point],
+        clock: Clock,
+        *,
+        seed: int | None = None,
+        rotation: Callable[[], Angles] | None = None,
+    ) -> None:
+        super().__init__(position, rotation, clock, seed)
         self.identity = "simulated load cell"
         self.simulated = "simulated load cell"
         self.calibration: dict[str, object] = {}
@@ -72,7 +86,7 @@ class SimulatedGauge(_Follower):
         """Return the contact force at the reported position, averaged over the noisy samples of the window."""
         samples = max(1, round(window_s * GAUGE_RATE_HZ))
         self._clock.sleep(samples / GAUGE_RATE_HZ)
-        true_n = 0.0 if self._contact is None else self._contact.force_n(*self._pose())
+        true_n = 0.0 if self._contact is None else self._contact.force_n(*lowest(*self._pose()))
         values = true_n - self._zero_n + GAUGE_NOISE_N * self._rng.standard_normal(samples)
         return Force(mean_n=float(np.mean(values)), spread_n=float(np.std(values)), samples=samples)
 
@@ -98,17 +112,25 @@ class SimulatedSensor(_Follower):
         options: ``colour`` (default false: grey images), ``look`` (a name of
             :data:`~tacbench_cad.lab.simulate.looks.LOOKS`, default ``clean``), ``flicker`` (a fraction; default: the
             look's own) and ``seed`` of the noise (default: a random one).
+        rotation: Same as for :class:`SimulatedGauge`.
 
     Raises:
         InputError: An option is unknown or not allowed.
     """
 
-    def __init__(self, position: Callable[[], Point], clock: Clock, options: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        position: Callable[[], Point],
+        clock: Clock,
+        options: Mapping[str, Any] | None = None,
+        *,
+        rotation: Callable[[], Angles] | None = None,
+    ) -> None:
         chosen = from_plain(_SensorOptions, dict(options or {}), "[sensor] ")
-        super().__init__(position, clock, chosen.seed)
+        super().__init__(position, rotation, clock, chosen.seed)
         self._tactip = TacTip(colour=chosen.colour, flicker=chosen.flicker, look=look_named(chosen.look))
         self._began_s = clock.now_s()
-        self._approached: tuple[DomeContact | None, Point] | None = None
+        self._approached: tuple[DomeContact | None, Point, Angles] | None = None
         self._pins = self._tactip.rest
         self.name = SIMULATED
         self.units = "counts"
@@ -119,9 +141,9 @@ class SimulatedSensor(_Follower):
     def read(self) -> Frame:
         """Return an image at the reported position, one frame later."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
-        pose = self._pose()
+        pose, angles = self._pose()
         # The error of an approach stays the same until the stage moves.
-        if self._approached != (self._contact, pose):
-            self._approached = self._contact, pose
-            self._pins = self._tactip.approach(self._contact, pose, self._rng)
+        if self._approached != (self._contact, pose, angles):
+            self._approached = self._contact, pose, angles
+            self._pins = self._tactip.approach(self._contact, pose, self._rng, angles)
         return self._tactip.frame(self._pins, self._rng, self._clock.now_s() - self._began_s)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.plate import block_of_word, read_layout
 from tacbench_cad.lab.study.spec import (
+    VIRTUAL_ARM,
     Copy,
     GaugeSettings,
     HolderRim,
@@ -31,6 +32,7 @@ from tacbench_cad.util.errors import InputError, located, one_of
 VIRTUAL_STAGES: Mapping[str, Mapping[str, Any]] = {
     "virtual-grbl": {"origin_mm": (80.0, 80.0, -60.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))},
     "virtual-marlin": {"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
+    VIRTUAL_ARM: {"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
 }
 Preset = Literal["paper", "released"]
 Scale = Annotated[float, Bounds(0.01, 100.0)]
@@ -110,7 +112,7 @@ def virtual_study(
         texture: The number, name or file of the texture.
         preset: ``paper`` or ``released``.
         scale: The block's scale.
-        driver: ``virtual-grbl`` or ``virtual-marlin``.
+        driver: ``virtual-grbl``, ``virtual-marlin`` or ``virtual-arm``.
         speed: The speed of the rig relative to real time; 50 is 50 times faster.
         out: The folder for the run folder; None if it is unknown.
         printer: The virtual printer of the block.
@@ -124,7 +126,7 @@ def virtual_study(
     document: dict[str, Any] = {
         "block": {"texture": texture, "preset": preset, "scale": scale, "printer": printer, "filament": filament},
         "stage": {"driver": driver, "options": {"speed": speed}},
-        "gauge": {"driver": "serial", "port": "virtual"},
+        "gauge": {"driver": "simulated"} if driver == VIRTUAL_ARM else {"driver": "serial", "port": "virtual"},
         "sensor": {"driver": "simulated"},
     }
     return replace(_study_file(document, Path()), out=out)
@@ -340,6 +342,8 @@ def _rig(document: _Devices, rim: HolderRim, protocol: Protocol, folder: Path, t
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
     if gauge.port == "virtual" and not stage.is_virtual:
         raise InputError("[gauge] port", gauge.port, "works only with a virtual stage; give the port of your load cell")
+    if gauge.port == "virtual" and stage.driver == VIRTUAL_ARM:
+        raise InputError("[gauge] port", gauge.port, f'{VIRTUAL_ARM} has no load cell; use driver = "simulated"')
     rig = RigSettings(stage=stage, gauge=gauge, sensor=sensor, holder=rim)
     rig.require_gauge_for(protocol)
     return rig

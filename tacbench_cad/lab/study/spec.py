@@ -62,6 +62,8 @@ SLIDE_PARTS = 200
 DEPTHS_MM = (0.35, 1.7, 2.2)
 
 
+#: The simulated stage that can turn the sensor. It has no firmware.
+VIRTUAL_ARM = "virtual-arm"
 #: The word in tables for an unknown printer, filament or label.
 UNKNOWN = "unknown"
 
@@ -432,7 +434,8 @@ class StageSettings(_Device):
     """The settings of the stage, in the table ``[stage]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, ``virtual-grbl``, ``virtual-marlin`` or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``virtual-grbl``, ``virtual-marlin``, ``virtual-arm`` or
+            ``module:name``.
         port: The stable name of a port, or a pyserial URL; None for a virtual stage, or to use the only possible port.
         baud: The baud rate, in symbols per second; None for the driver's default.
         origin_mm: Same as for :class:`WorkFrame`.
@@ -451,7 +454,7 @@ class StageSettings(_Device):
     """
 
     KIND = "stage"
-    VIRTUAL = ("virtual-grbl", "virtual-marlin")
+    VIRTUAL = ("virtual-grbl", "virtual-marlin", VIRTUAL_ARM)
     driver: str
     port: str | None = None
     baud: Baud | None = None

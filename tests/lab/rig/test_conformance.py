@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import wrong_drivers
-from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, GoodGauge, GoodSensor, GoodStage, Number
+from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, TURNING, GoodGauge, GoodSensor, GoodStage, Number
 
 from tacbench_cad.lab.rig import conformance_stage
 from tacbench_cad.lab.rig.clock import Clock
@@ -20,8 +20,10 @@ from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
+from tacbench_cad.lab.study.file import VIRTUAL_STAGES
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.virtual_rig.arm import VirtualArm
 from tacbench_cad.virtual_rig.process import launch
 
 HERE = Path(wrong_drivers.__file__).parent
@@ -63,6 +65,14 @@ def test_the_defect_of_a_stage_is_named(kind: type[GoodStage], monkeypatch: pyte
         monkeypatch.setattr(conformance_stage, "SLACK_S", 0.5)
     checks = check_stage(kind(clock), LIMITS, clock, beyond_mm=BEYOND)
     require_failed(checks, kind, STAGES[kind])
+
+
+@pytest.mark.parametrize("kind", TURNING, ids=lambda kind: kind.__name__)
+def test_the_defect_of_a_stage_that_turns_is_named(kind: type[VirtualArm]) -> None:
+    clock = Clock(speed=SPEED)
+    checks = check_stage(kind(clock), VIRTUAL_STAGES["virtual-arm"]["limits_mm"], clock, beyond_mm=BEYOND)
+    assert failed(checks) == ({"turn"} if TURNING[kind] else set())
+    assert not TURNING[kind] or detail(checks, "turn").startswith(TURNING[kind])
 
 
 @pytest.mark.parametrize("kind", GAUGES, ids=lambda kind: kind.__name__)
