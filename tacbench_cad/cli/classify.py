@@ -87,7 +87,7 @@ SWEPT = ("resolution", "components", "copies", "forces")
     "--components",
     options.or_none(options.COUNT),
     "Number of principal components, or none. Default: 25. There are three exceptions: a quarter of the samples if "
-    "there are fewer than 100, none for your own estimator, and 45 for the network of as-published.",
+    "there are fewer than 100, none for your own estimator and for forces, and 45 for the network of as-published.",
     options.ADVANCED,
 )
 @options.option(
@@ -152,6 +152,10 @@ def command(
     level. An edge filter (Sobel) is applied to all images. The classifier is tested on all copies, including copy 1.
     One more column shows the result without copy 1, which was in training.
 
+    If the protocol has a motion, --series classifies each press by all frames that were taken while the sensor slid,
+    rolled or tilted in contact. To see what the motion adds, classify once with and once without this option, each into
+    its own folder, and use "tacbench compare".
+
     The command writes classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF) into the output folder,
     and with --sweep also sweep.csv and a curve. It stores each finished trial there, so the same command resumes after
     an interruption.
@@ -160,6 +164,7 @@ def command(
       tacbench classify runs
       tacbench classify runs --hold-out copy,printer-filament
       tacbench classify runs --features markers
+      tacbench classify slides --series -o slide-classification
       tacbench classify runs --estimator my_model:pipeline
       tacbench classify runs --protocol paper -o paper-classification
       tacbench classify runs --protocol as-published -o as-published
@@ -190,8 +195,10 @@ def command(
         force_level = collection.levels[0]
     if isinstance(force_level, int):
         collection = collection.at_level(force_level)
+    collection.viewed(settings["features"], settings["series"])  # refuses series that do not exist
     image = settings["features"] == "pixels" and is_image(collection.frame(0))
-    given = usual(protocol, estimators, image=image, readings=len(collection))
+    forces = settings["features"] == "forces"
+    given = usual(protocol, estimators, image=image, readings=len(collection), forces=forces)
     copies = {"noise": noise, "brightness": () if brightness == "none" else brightness}
     given["augmentation"] = replace(given["augmentation"], **_given(copies))
     given |= _given({"components": components, "epochs": epochs, "batch_size": batch_size})

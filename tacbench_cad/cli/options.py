@@ -402,10 +402,16 @@ marker_settings = together(
 look = together(
     option(
         "--features",
-        choice("pixels", "markers"),
-        "Analyse the pixels, or the displacements of the markers.",
+        choice("pixels", "markers", "forces"),
+        "Analyse the pixels, the displacements of the markers, or with --series the forces during the motion.",
         FRAMES,
         default="pixels",
+    ),
+    flag(
+        "--series",
+        "Analyse the series of frames that were taken while the sensor moved in contact (slide, roll, tilt). Default: "
+        "the frame of each press.",
+        FRAMES,
     ),
     roi,
     marker_settings,

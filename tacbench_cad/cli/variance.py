@@ -60,7 +60,8 @@ def command(
     runs: tuple[Path, ...],
     protocol: Literal["paper", "as-published"],
     force_level: int | Literal["all"],
-    features: Literal["pixels", "markers"],
+    features: Literal["pixels", "markers", "forces"],
+    series: bool,
     roi: str | None,
     marker_sigma: float | None,
     marker_threshold: float | None,
@@ -85,6 +86,9 @@ def command(
     The noise is measured on the stationary frames in contact. If there are none, it is estimated from the repeats on
     one print and is only an upper bound.
 
+    If the protocol has a motion, --series analyses the frames that were taken while the sensor slid, rolled or tilted
+    in contact. Each variance is then also averaged over these frames, and motion.csv has the variance of each of them.
+
     Two more tables follow: the variance components with ISO 5725 limits, and permutation tests between printers. If a
     frame cannot be used, it is named and left out, and the exit code is 1.
 
@@ -99,6 +103,7 @@ def command(
       tacbench variance runs --register --jobs 4
       tacbench variance runs --features markers
       tacbench variance runs --roi auto
+      tacbench variance slides --series
       tacbench variance runs --colour --ddof 1 --json
     """
     from tacbench_cad.lab.analysis.collection import Collection
@@ -111,7 +116,8 @@ def command(
 
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "must be 0 or 1")
-    others = {"colour": colour, "ddof": ddof, "register": register, "roi": roi, "features": features != "pixels"}
+    others = {"colour": colour, "ddof": ddof, "register": register, "roi": roi, "series": series}
+    others["features"] = features != "pixels"
     for name in (name for name, value in others.items() if value and protocol == "as-published"):
         raise InputError(name, others[name], "is only for --protocol paper; as-published has fixed settings")
     if seed < 0:
@@ -119,6 +125,7 @@ def command(
     collection = Collection.open(runs)
     if isinstance(force_level, int):
         collection = collection.at_level(force_level)
+    collection = collection.viewed(features, series)
     markers = MarkerSettings(sigma_px=marker_sigma, threshold=marker_threshold)
     preprocess = None
     if protocol == "paper":

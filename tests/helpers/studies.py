@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
@@ -59,6 +60,9 @@ class Plan:
         shape: The shape of a frame.
         units: The unit of its numbers.
         resting: Draws a frame without contact; None for a run without such frames.
+        moving: Draws the frame of a slide with an index from 0; None for presses without a slide.
+        moving_force: Returns the force at this frame, in N; None for a rig without a gauge.
+        moving_frames: The number of frames of a slide.
     """
 
     textures: Sequence[int] = (1, 2)
@@ -72,6 +76,9 @@ class Plan:
     shape: tuple[int, ...] = SHAPE
     units: str = "counts"
     resting: Callable[[np.random.Generator], Frame] | None = None
+    moving: Callable[[PrintedBlock, Press, int, np.random.Generator], Frame] | None = None
+    moving_force: Callable[[PrintedBlock, Press, int], float] | None = None
+    moving_frames: int = 4
 
 
 def write_study(folder: Path, plan: Plan | None = None, **changes: Any) -> list[Path]:
@@ -99,7 +106,12 @@ def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
     info = RunInfo(
         printed=printed,
         levels=plan.levels,
-        protocol=Protocol(grid=plan.grid, stationary_frames=plan.still),
+        protocol=Protocol(
+            grid=plan.grid,
+            stationary_frames=plan.still,
+            motion="slide" if plan.moving else "none",
+            motion_frames=plan.moving_frames,
+        ),
         grid_spacing="own",
         holder=HolderRim(),
         frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),
@@ -112,7 +124,9 @@ def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
         for press in info.presses:
             name = f"{printed.name} {press.number}"
             rng = np.random.default_rng(list(name.encode()))
-            writer.press(press, (press.x_mm, press.y_mm, -0.5), plan.image(printed, press, rng), time_utc=WHEN)
+            pose_mm = (press.x_mm, press.y_mm, -0.5)
+            frame = plan.image(printed, press, rng)
+            writer.press(press, pose_mm, frame, time_utc=WHEN, moving=slide(printed, press, plan, rng))
         if plan.resting is not None:
             for index in range(3):
                 writer.reference(plan.resting(np.random.default_rng([index, *printed.name.encode()])), time_utc=WHEN)
@@ -122,3 +136,18 @@ def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
                 rng = np.random.default_rng(list(f"{printed.name} {when} {index}".encode()))
                 writer.stationary(when, True, index, plan.image(printed, middle, rng))
     return folder
+
+
+def slide(printed: PrintedBlock, press: Press, plan: Plan, rng: np.random.Generator) -> list[MovingFrame]:
+    """Return the frames of the slide after a press: 0.5 mm and 0.1 s apart along y."""
+    return [
+        MovingFrame(
+            frame=plan.moving(printed, press, index, rng),
+            time_s=0.1 * index,
+            pose_mm=(press.x_mm, press.y_mm + 0.5 * index, -0.5),
+            pose_from="time",
+            force_n=None if plan.moving_force is None else plan.moving_force(printed, press, index),
+        )
+        for index in range(plan.moving_frames if plan.moving else 0)
+        if plan.moving is not None
+    ]

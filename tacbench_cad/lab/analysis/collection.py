@@ -17,14 +17,17 @@ from tacbench_cad.lab.analysis.pressing import Pressing
 from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.info import MOTION_KEYS, RunInfo
 from tacbench_cad.lab.runs.reading import Run, find_runs
+from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Bools, Ints
+from tacbench_cad.util.types import Bools, Floats, Ints
 
 Chosen = Ints | Bools
+#: The features of a press that are analysed.
+FeatureName = Literal["pixels", "markers", "forces"]
 #: The facts that may be unknown for an imported press, with their fields: in its row, and in the printed block.
 _OF_ROWS = {"position": "position", "force": "force_level", "repeat": "repeat"}
 _OF_PRINTS = {name: name for name in ("printer", "filament", "session")} | {"label": "texture", "print": "copy"}
@@ -52,6 +55,31 @@ def _of_press(place: int) -> cached_property[NDArray[Any]]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Courses:
+    """The times and poses of the series of n presses, with T frames each.
+
+    Args:
+        digests: A checksum of the frames and forces of each series.
+        time_s: The time since the first frame, (n, T).
+        pose: The position in mm and the rotations in degrees of the sensor, (n, T, 6).
+    """
+
+    digests: list[bytes]
+    time_s: Floats
+    pose: Floats
+
+    @property
+    def distance_mm(self) -> Floats:
+        """The distance of the sensor from its position in the first frame, (n, T)."""
+        return np.asarray(np.linalg.norm(self.pose[..., :3] - self.pose[:, :1, :3], axis=2))
+
+    @property
+    def rotation_deg(self) -> Floats:
+        """The largest change of one of the three rotations since the first frame, (n, T)."""
+        return np.asarray(np.abs(self.pose[..., 3:] - self.pose[:, :1, 3:]).max(axis=2))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Collection:
     """The presses of one or several comparable runs: same protocol, grid, size and preset of the block, and sensor.
 
@@ -61,13 +89,16 @@ class Collection:
         runs: The runs.
         run: The index into ``runs``, shape (n,).
         number: The press number within the run, shape (n,).
-        features: The features of a frame: its pixel values, or the displacements of the markers in its image.
+        features: The analysed features: the pixel values of a frame, the displacements of the markers in its image, or
+            the forces during a press's motion.
+        series: Whether the series of moving frames of each press are analysed instead of the frames of the presses.
     """
 
     runs: tuple[Run, ...]
     run: Ints
     number: Ints
-    features: Literal["pixels", "markers"] = "pixels"
+    features: FeatureName = "pixels"
+    series: bool = False
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> Collection:
@@ -107,6 +138,37 @@ class Collection:
         if level not in self.levels:
             raise InputError("force-level", level, f"must be a level of the runs: {', '.join(map(str, self.levels))}")
         return self.chosen(self.level == level)
+
+    def viewed(self, features: FeatureName, series: bool) -> Collection:
+        """Return the same presses with other features, or with the series of moving frames.
+
+        Args:
+            features: See :class:`Collection`.
+            series: See :class:`Collection`.
+
+        Raises:
+            InputError: The forces are analysed without the series, a run has no series, or two runs have different
+                motions.
+        """
+        if features == "forces" and not series:
+            raise InputError("features", features, "are recorded during a motion; also give --series")
+        for run in self.runs if series else ():
+            if not run.info.series_frames:
+                raise InputError("series", str(run.folder), "does not exist: the protocol of this run has no motion")
+            for name, value in self._motion(run).items():
+                if value != self._motion(self.runs[0])[name]:
+                    raise InputError(
+                        name,
+                        value,
+                        f"in {run.folder}, but {self._motion(self.runs[0])[name]!r} in {self.runs[0].folder}; "
+                        "analyse the series of these runs separately",
+                    )
+        return replace(self, features=features, series=series)
+
+    @staticmethod
+    def _motion(run: Run) -> dict[str, object]:
+        """Return the settings of a run's motion."""
+        return {key: value for key, value in vars(run.info.protocol).items() if key.startswith(MOTION_KEYS)}
 
     @property
     def info(self) -> RunInfo:
@@ -156,16 +218,19 @@ class Collection:
 
     @property
     def units(self) -> str:
-        """The unit of the values: ``counts`` for images, ``px`` for displacements of their markers."""
-        return "px" if self.features == "markers" else str(self.info.sensor.get("units", "counts"))
+        """The unit of the values: ``counts`` of images, ``px`` for displacements of their markers, ``N`` for forces."""
+        units = {"markers": "px", "forces": "N"}
+        return units.get(self.features) or str(self.info.sensor.get("units", "counts"))
 
     @cached_property
     def beside_paper(self) -> bool:
         """Whether a comparison with the paper makes sense.
 
         It does if the runs follow a protocol, or if the paper has a figure for one of their printers, filaments and
-        textures.
+        textures. It never does for series, because the paper's sensor did not move in contact.
         """
+        if self.series:
+            return False
         return self.info.protocol is not None or any(
             variance_of(*map(str, names)) is not None
             for names in set(zip(self.printer.tolist(), self.filament.tolist(), self.texture.tolist(), strict=True))
@@ -178,11 +243,13 @@ class Collection:
 
     @cached_property
     def data_key(self) -> str:
-        """A checksum that identifies the presses and their frames."""
+        """A checksum that identifies the presses and their frames, or their series."""
         digest = hashlib.sha256()
-        for run, number in zip(self.run.tolist(), self.number.tolist(), strict=True):
+        for index, (run, number) in enumerate(zip(self.run.tolist(), self.number.tolist(), strict=True)):
             row = self._rows[run][number]
             digest.update(f"{self.runs[run].info.printed.name} {number} {row.image_sha256}\n".encode())
+            if self.series:
+                digest.update(self.courses.digests[index])
         return digest.hexdigest()
 
     #: The names of the texture, the printer, the filament, and printer_filament (``bambu-p1p_pla-minus``), each (n,).
@@ -249,9 +316,48 @@ class Collection:
         run = int(self.run[index])
         return self.runs[run].frame(self._rows[run][int(self.number[index])])
 
-    def path(self, index: int) -> str:
-        """Return the path of a press's frame, relative to its run folder: ``sensor_images/image_7.png``."""
-        return self._rows[int(self.run[index])][int(self.number[index])].path
+    def paths(self, index: int) -> tuple[str, ...]:
+        """Return the paths of the files of a press that are analysed, relative to its run folder.
+
+        These are the frame of the press (``sensor_images/image_7.png``), all frames of its series
+        (``series/press_7/frame_01.png`` and so on), or the table of its series, which has the forces.
+        """
+        run, number = int(self.run[index]), int(self.number[index])
+        if not self.series:
+            return (self._rows[run][number].path,)
+        folder = schema.series_folder(number)
+        if self.features == "forces":
+            return (f"{folder}/{schema.SERIES_FILE}",)
+        count, suffix = self.info.series_frames, Path(self._rows[run][number].path).suffix
+        return tuple(f"{folder}/{schema.moving_name(i, count, suffix)}" for i in range(1, count + 1))
+
+    @cached_property
+    def courses(self) -> Courses:
+        """The times and poses of all series. This reads the table of each series.
+
+        Raises:
+            CheckFailedError: A table is missing or incomplete.
+            InputError: A table cannot be read.
+        """
+        count = self.info.series_frames
+        courses = Courses(digests=[], time_s=np.empty((len(self), count)), pose=np.empty((len(self), count, 6)))
+        for index in range(len(self)):
+            rows = self.moving(index)
+            text = "".join(f"{row.sha256} {row.force_n}\n" for row in rows)
+            courses.digests.append(hashlib.sha256(text.encode()).digest())
+            courses.time_s[index] = [row.time_s for row in rows]
+            courses.pose[index] = [(*row.pose_mm, *row.rotation_deg) for row in rows]
+        return courses
+
+    def moving(self, index: int) -> tuple[schema.MovingRow, ...]:
+        """Return the rows of the series of a press: the time, the pose and the force of each frame.
+
+        Raises:
+            CheckFailedError: The table is missing, damaged or incomplete.
+            InputError: The table cannot be read.
+        """
+        run, number = int(self.run[index]), int(self.number[index])
+        return series_rows(self.runs[run].folder, number, self.info.series_frames)
 
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:

@@ -336,7 +336,7 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
             f"the sensors pressed different prints ({rows[0].prints_a} and {rows[0].prints_b}), so differences between "
             "prints make the intervals wider; smaller differences can be shown if both sensors press the same prints"
         )
-    for key in ("resolution", "components", "augmentation", "folds", "trials", "copies", "seed"):
+    for key in ("features", "series", "resolution", "components", "augmentation", "folds", "trials", "copies", "seed"):
         of_a, of_b = (to_plain(getattr(side.record, key)) for side in (a, b))
         if of_a != of_b:
             notes.append(f"{key}: {of_a} for A, {of_b} for B")

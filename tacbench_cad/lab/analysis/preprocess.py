@@ -1,25 +1,26 @@
 """The steps before the statistics: grey values, lower resolution, a region of interest, or marker displacements.
 
-Frames that are not images are only converted to float64.
+Frames that are not images are only converted to float64. Each frame of a series is preprocessed by itself.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.collection import Collection, FeatureName
 from tacbench_cad.lab.analysis.variance.moments import small_map
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.vision.displacements import MarkerFeatures
 from tacbench_cad.lab.vision.markers import MarkerSettings
 from tacbench_cad.lab.vision.region import Region, require_size
 from tacbench_cad.lab.vision.resting import region_of
 from tacbench_cad.util.convert import Bounds, check_fields
-from tacbench_cad.util.errors import CheckFailedError
+from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Bytes, Floats
 
 #: The weights of the channels of a stored image in the authors' notebooks: those of BT.601 for red, green and blue. The
@@ -39,6 +40,7 @@ class Preprocess:
         markers: The markers whose displacements are analysed instead of the pixels.
         notebook: Convert an image to grey as the authors' notebooks do (:data:`NOTEBOOK_GREY`), without rounding.
         edges: Replace each pixel by the magnitude of its Sobel derivatives, rounded and limited to 255.
+        forces: Whether the forces in the table of a series are analysed instead of frames.
     """
 
     colour: bool = False
@@ -47,13 +49,16 @@ class Preprocess:
     markers: MarkerFeatures | None = field(default=None, metadata={"key": None})
     notebook: bool = False
     edges: bool = False
+    forces: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self)
 
     @property
-    def features(self) -> Literal["pixels", "markers"]:
-        """The features of a frame."""
+    def features(self) -> FeatureName:
+        """The analysed features."""
+        if self.forces:
+            return "forces"
         return "pixels" if self.markers is None else "markers"
 
     def __call__(self, frame: Frame) -> Bytes | Floats:
@@ -94,10 +99,14 @@ class Preprocess:
     def of(self, run: Run, path: str) -> Bytes | Floats:
         """Read and preprocess a frame of a run; with markers, return their displacements in pixels, (markers, 2).
 
+        If forces are analysed, the path is that of a series' table, and the result are its forces in N, (frames,).
+
         Raises:
-            CheckFailedError: The file is missing or damaged, or its markers are not found.
+            CheckFailedError: The file is missing or damaged, its markers are not found, or a force is unknown.
             InputError: The region belongs to images of another size.
         """
+        if self.forces:
+            return _forces_n(run, path)
         return self(run.read(path)) if self.markers is None else self.markers.displacement_px(run, path)
 
     def picture(self, values: Floats, shape: tuple[int, ...]) -> Floats:
@@ -121,9 +130,26 @@ class Preprocess:
 AS_PUBLISHED = Preprocess(resolution=0.4, notebook=True)
 
 
+def _forces_n(run: Run, path: str) -> Floats:
+    """Return the forces in the table of a series.
+
+    Raises:
+        CheckFailedError: The table is missing, damaged or incomplete, or a force is unknown.
+    """
+    try:
+        number = int(path.split("/")[-2].rpartition("_")[2])
+        rows = series_rows(run.folder, number, run.info.series_frames)
+    except InputError as error:
+        raise CheckFailedError(str(error)) from None
+    unknown = next((row.frame for row in rows if row.force_n is None), None)
+    if unknown is not None:
+        raise CheckFailedError(f"{run.folder / path}: has no force of {unknown}")
+    return np.array([row.force_n for row in rows], dtype=np.float64)
+
+
 def preprocess_of(
     collection: Collection,
-    features: Literal["pixels", "markers"] = "pixels",
+    features: FeatureName = "pixels",
     roi: Region | str | None = None,
     *,
     colour: bool = False,
@@ -134,16 +160,20 @@ def preprocess_of(
 
     Args:
         collection: The study.
-        features: The features of a frame: its pixel values, or the displacements of the markers in its image.
+        features: The analysed features, see :class:`~tacbench_cad.lab.analysis.collection.Collection`.
         roi: The region of interest, or a text that :func:`~tacbench_cad.lab.vision.resting.region_of` understands.
         colour: Whether images keep their colours.
         resolution: The fraction of an image's width and height that remains.
         markers: The known settings of the markers.
 
     Raises:
-        InputError: The region is not allowed or not found, or no markers can be found.
+        InputError: The region is not allowed or not found, no markers can be found, or there was no gauge for forces.
         CheckFailedError: Fewer than half of the markers can be found in a run's frames without contact.
     """
+    if features == "forces":
+        if any(row.force_n is None for row in collection.moving(0)):
+            raise InputError("features", features, f"need a force gauge, but {collection.runs[0].folder} has no forces")
+        return Preprocess(forces=True)
     region = roi if isinstance(roi, Region) else region_of(collection.runs, roi)
     known = MarkerFeatures.learn(collection.runs, markers, region) if features == "markers" else None
     return Preprocess(colour=colour, resolution=resolution, region=region, markers=known)

@@ -150,7 +150,7 @@ def test_a_frame_without_markers_is_excluded(pressed: Path) -> None:
     features = MarkerFeatures.learn(collection.runs)
     run = collection.runs[0]
     with pytest.raises(CheckFailedError, match="0 of 49 markers were found"):
-        Preprocess(markers=features).of(_Black(run), collection.path(0))  # type: ignore[arg-type]
+        Preprocess(markers=features).of(_Black(run), collection.paths(0)[0])  # type: ignore[arg-type]
 
 
 class _Black:

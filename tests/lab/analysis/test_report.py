@@ -348,7 +348,9 @@ def test_the_sheet_shows_a_good_frame_of_each_texture_and_lists_textures_without
             (folder / "sensor_images" / f"image_{number}.png").write_bytes(b"")
     study = Collection.open([tmp_path / "runs"])
     first = study.frame(1)
-    finding = Finding(kind="blurred", where=study.path(int(np.flatnonzero(study.texture == "texture-2")[0])), text="")
+    finding = Finding(
+        kind="blurred", where=study.paths(int(np.flatnonzero(study.texture == "texture-2")[0]))[0], text=""
+    )
     report = RunReport(folder=folders[1], name="", simulated=(), planned=8, findings=(finding,))
     drawn: list[tuple[str, Any]] = []
     with pytest.MonkeyPatch.context() as patch:

@@ -23,7 +23,8 @@ class Features:
 
     Args:
         rows: A row for each press, (n, numbers): uint8 for images, otherwise float64.
-        shape: The shape of a frame before it became a row: (height, width) of a whole image, (pixels,) of a region.
+        shape: The shape of a frame before it became a row: (height, width) of a whole image, (pixels,) of a region. For
+            series, the number of frames is the first axis: (frames, height, width).
     """
 
     rows: Rows
@@ -44,13 +45,13 @@ def read_features(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Features:
-    """Read the frames of all presses of a collection, each frame once.
+    """Read the frames, or the series of frames, of all presses of a collection, each frame once.
 
     Args:
         collection: The presses.
         preprocess: The preprocessing of the frames.
         jobs: The number of threads that decode at the same time.
-        progress: Receives progress updates: the number of frames done and their total number.
+        progress: Receives progress updates: the number of presses done and their total number.
 
     Raises:
         CheckFailedError: Frames are missing or damaged, contain NaN or infinite numbers, or have another size. The
@@ -60,8 +61,10 @@ def read_features(
     from joblib import Parallel, delayed
 
     def read(index: int) -> tuple[NDArray[Any] | None, str]:
+        run = collection.runs[int(collection.run[index])]
         try:
-            return read_usable(collection.runs[int(collection.run[index])], collection.path(index), preprocess), ""
+            frames = [read_usable(run, path, preprocess) for path in collection.paths(index)]
+            return np.stack(frames) if collection.series else frames[0], ""
         except CheckFailedError as error:
             return None, str(error)
 
@@ -76,7 +79,7 @@ def read_features(
             rows = np.empty((count, row.size), row.dtype)
         if row is not None and rows is not None:
             if row.shape != shape or row.dtype != rows.dtype:
-                path = f"{collection.runs[int(collection.run[index])].folder}/{collection.path(index)}"
+                path = f"{collection.runs[int(collection.run[index])].folder}/{collection.paths(index)[0]}"
                 fault = f"{path}: is {row.dtype} {row.shape}, but the other frames are {rows.dtype} {shape}"
             else:
                 rows[index] = row.ravel()

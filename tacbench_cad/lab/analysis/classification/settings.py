@@ -17,6 +17,7 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, UNITS
+from tacbench_cad.lab.analysis.collection import FeatureName
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.convert import Bounds, Length, check_fields
@@ -62,7 +63,8 @@ class ClassificationSettings:
         batch_size: The number of rows in a step of the network.
         depth: The maximum depth of the forest's trees.
         train_on: The training combinations, used one at a time (not ``leak-free``).
-        features: The features of a frame: its pixel values, or the displacements of the markers in its image.
+        features: The analysed features, see :class:`~tacbench_cad.lab.analysis.collection.Collection`.
+        series: Whether all frames of a press's series are classified together, instead of the frame of the press.
         roi: The region of interest in the form of ``--roi``; None for the region that is stored with the runs.
         marker_sigma: The width of a marker divided by 2.8, in pixels; None for an estimate.
         marker_threshold: The minimum contrast of a marker, in counts; None for an estimate.
@@ -85,7 +87,8 @@ class ClassificationSettings:
     batch_size: Annotated[int, Bounds(1)] = 200
     depth: Annotated[int, Bounds(1)] = 50
     train_on: tuple[str, ...] = ()
-    features: Literal["pixels", "markers"] = "pixels"
+    features: FeatureName = "pixels"
+    series: bool = False
     roi: str | None = None
     marker_sigma: float | None = None
     marker_threshold: float | None = None
@@ -104,6 +107,8 @@ class ClassificationSettings:
             raise InputError("components", "none", "must be a number for the paper's protocol, for example 25")
         if self.clip and self.protocol != "paper":
             raise InputError("clip", True, "is for --protocol paper only; the other protocols do not clip their copies")
+        if self.protocol == "as-published" and self.series:
+            raise InputError("protocol", self.protocol, "is for the frames of presses; leave out --series")
         if self.protocol == "as-published" and (self.features != "pixels" or self.roi is not None):
             raise InputError(
                 "protocol", self.protocol, "uses the pixels of whole images; leave out --features and --roi"
@@ -131,8 +136,8 @@ class ClassificationSettings:
         Args:
             name: The name of a built-in estimator, or ``module:name`` of a user's estimator.
             seed: The seed. A user's estimator receives it in each parameter ``random_state``.
-            shape: The shape of a frame before it became a row; None if rows are principal components. A user's
-                estimator receives it in each parameter ``frame_shape``.
+            shape: The shape of a frame, or of a series, before it became a row; None if rows are principal components.
+                A user's estimator receives it in each parameter ``frame_shape``.
 
         Raises:
             InputError: ``module:name`` cannot be loaded or is not an estimator.
@@ -202,7 +207,12 @@ class ClassificationRecord(ClassificationSettings):
 
 
 def usual(
-    protocol: Protocol, estimators: tuple[str, ...], *, image: bool = True, readings: int | None = None
+    protocol: Protocol,
+    estimators: tuple[str, ...],
+    *,
+    image: bool = True,
+    readings: int | None = None,
+    forces: bool = False,
 ) -> dict[str, Any]:
     """Return the default settings of a protocol, as arguments of :class:`ClassificationSettings`.
 
@@ -212,12 +222,14 @@ def usual(
         image: Whether the frames are images.
         readings: The number of frames, if known. The leak-free protocol then uses at most a quarter of this number of
             principal components, so that even its smallest training sets have enough rows.
+        forces: Whether forces are classified. A series has few of them, so the leak-free protocol takes them all,
+            without principal components.
     """
     copies = Augmentation() if image else Augmentation(noise=None, brightness=())
     values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
     if protocol == "as-published":
         return {**values, "augmentation": replace(copies, brightness=()), **SAVED.get(estimators[0], {})}
-    if protocol == "leak-free" and any(is_plugin(name) for name in estimators):
+    if protocol == "leak-free" and (forces or any(is_plugin(name) for name in estimators)):
         values["components"] = None
     elif protocol == "leak-free" and readings is not None:
         values["components"] = max(1, min(ClassificationSettings.components or 1, readings // 4))

@@ -142,7 +142,7 @@ def _good_frames(study: Collection, texture: str, level: int, bad: set[tuple[Pat
     import cv2
 
     for at in np.flatnonzero((study.texture == texture) & (study.level == level)).tolist():
-        if (study.runs[int(study.run[at])].folder, study.path(at)) in bad:
+        if (study.runs[int(study.run[at])].folder, study.paths(at)[0]) in bad:
             continue
         try:
             frame = study.frame(at)

@@ -86,9 +86,9 @@ def write_report(
         settings = read_settings(chosen.variance / SETTINGS_FILE, Settings)
         if settings.protocol != "paper":
             raise InputError("variance", str(chosen.variance), _OTHER_PROTOCOL)
-        _require_same("variance", chosen.variance, settings.data, collection)
+        _require_same("variance", chosen.variance, settings, collection)
     for folder in chosen.classifications:
-        _require_same("classify", folder, ClassificationRecord.read(folder).data, collection)
+        _require_same("classify", folder, ClassificationRecord.read(folder), collection)
     files = out.with_name(f"{out.stem}_files")
     with locked(files):
         reports = tuple(_checked(collection, progress))
@@ -112,14 +112,15 @@ def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
         yield check_run(run.folder)
 
 
-def _require_same(option: str, folder: Path, data: str, collection: Collection) -> None:
+def _require_same(option: str, folder: Path, settings: Settings | ClassificationRecord, collection: Collection) -> None:
     """Check that an analysis used the presses of this study: all presses, or all presses at one force level.
 
     Raises:
         InputError: The analysis used other presses.
     """
-    parts = (collection, *(collection.at_level(level) for level in collection.levels))
-    if all(data != part.data_key for part in parts):
+    viewed = collection.viewed(settings.features, settings.series)
+    parts = (viewed, *(viewed.at_level(level) for level in viewed.levels))
+    if all(settings.data != part.data_key for part in parts):
         raise InputError(option, str(folder), "must be an analysis of all presses of these runs; repeat the analysis")
 
 

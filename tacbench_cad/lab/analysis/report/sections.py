@@ -153,6 +153,9 @@ def _maps(results: Results) -> Iterator[Part]:
     if settings.roi:
         where = f"The region of interest, {settings.roi}, in a frame without contact. Only its pixels are analysed."
         yield figure_part("variance/region", where)
+    if settings.series:
+        caption = "Variance of each frame of the series, along the motion of the sensor: mean over positions."
+        yield figure_part("variance/variance_motion", caption, "variance/motion.csv")
     if markers:
         caption = "Displacements of the markers at the largest force, mean over positions, prints and repeats."
         yield figure_part("variance/displacements", caption, "variance/displacements.csv")

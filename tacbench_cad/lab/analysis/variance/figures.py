@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.variance.cells import (
     Cell,
@@ -59,6 +60,8 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
         "between_textures": texture_figure,
         "components": component_figure,
     }
+    if result.steps:
+        figures["variance_motion"] = motion_figure
     if result.fields:
         figures["displacements"] = displacement_figure
     if result.protocol == "as-published":
@@ -307,6 +310,41 @@ def position_figure(result: VarianceResult) -> Figure:
     sides = f"x {grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y {grid.y_mm[0]:g} to {grid.y_mm[-1]:g} mm"
     figure.suptitle(f"press grid (arrows): {sides}", x=0.01, ha="left", fontsize=8.0)
     return figure
+
+
+def motion_figure(result: VarianceResult) -> Figure:
+    """Draw the variance along the motion: a panel for each force and combination, a line for each texture."""
+    levels = sorted({level for level, _ in result.steps})
+    combinations, textures = compared(result), result.collection.textures
+    label, course = _course(result.collection)
+    figure = new_figure(max(COLUMN_IN, 0.7 + 2.3 * len(levels)), 0.5 + 1.6 * len(combinations))
+    panels = figure.subplots(len(combinations), len(levels), squeeze=False, sharex=True, sharey=True)
+    for axes, (combination, level) in zip(panels.flat, product(combinations, levels), strict=True):
+        for i, texture in enumerate(textures):
+            values = result.steps.get((level, (combination, texture)))
+            if values is not None:
+                axes.plot(course, values, color=COLOURS[i % len(COLOURS)], label=short_texture(texture))
+        cells = [cell for cell in result.cells if (cell.combination, cell.force_level) == (combination, level)]
+        noise = [cell.noise_alone for cell in cells if cell.noise_alone]
+        if noise:
+            axes.axhline(np.mean(noise), color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label="noise alone")
+        axes.set_title(f"{name_of(combination)}, {result.collection.pressing.level_name(level)}", loc="left")
+        axes.set_ylim(bottom=0.0)
+    figure.supxlabel(label, fontsize=8.0)
+    figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
+    shown = {name: line for axes in panels.flat for line, name in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(shown.values(), shown.keys(), loc="outside right upper", title="texture")
+    return figure
+
+
+def _course(collection: Collection) -> tuple[str, Floats]:
+    """Return the label and the values of the axis along a motion: its distance, its rotation, or else its time."""
+    courses = collection.courses
+    of_axes = {"distance (mm)": courses.distance_mm, "rotation (degrees)": courses.rotation_deg}
+    for label, values in of_axes.items():
+        if values.max() > 0.0:
+            return label, values.mean(axis=0)
+    return "time (s)", courses.time_s.mean(axis=0)
 
 
 def _mosaic(

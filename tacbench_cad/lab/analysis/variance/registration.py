@@ -102,9 +102,12 @@ def register(
         dask: The address of a Dask scheduler, whose workers are then used instead.
 
     Raises:
-        InputError: The positions are unknown, the grid has one row and one column, or no cell has two prints.
+        InputError: The collection has series, the positions are unknown, the grid has one row and one column, or no
+            cell has two prints.
     """
     grid = collection.pressing.grid
+    if collection.series:
+        raise InputError("register", True, "is for the frames of presses; leave out --series")
     if grid is None:
         raise InputError("register", None, "needs the coordinates of the positions in mm, unknown for these runs")
     if len(grid.x_mm) < 2 and len(grid.y_mm) < 2:
@@ -165,7 +168,7 @@ def _frames(presses: Sequence[Press], runs: Sequence[Run], preprocess: Preproces
     """Yield the copy, the position from 0 and the numbers of each frame; unusable frames are left out."""
     for press in presses:
         with contextlib.suppress(CheckFailedError):  # the computation of the table has already named it
-            values = read_usable(runs[press.run], press.path, preprocess)
+            values = read_usable(runs[press.run], press.paths[0], preprocess)
             yield press.copy, press.position - 1, values.reshape(-1).astype(np.float32)
 
 

@@ -21,7 +21,11 @@ The result is sufficient for every statistic of :mod:`tacbench_cad.lab.analysis.
 * the squared distances between the texture means of a combination;
 * the variance of each pixel, summed over places, at a resolution for figures.
 
-A frame that is damaged or contains NaN is left out and listed; the rest is computed without it.
+If a press has a series of frames, the frames of one time step are in memory at a time. All sums are means over pixels,
+so the sums of a press with T frames are the means over the T steps: the pixels of all frames count alike.
+
+A frame that is damaged or contains NaN is left out and listed, with all frames of its press; the rest is computed
+without it.
 """
 
 from __future__ import annotations
@@ -32,7 +36,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,6 +69,8 @@ class PlaceSums:
         nested: The sums of squares of the nested design over all presses at the place.
         distances: For each combination, its textures, and the squared differences between the means of two textures,
             mean over pixels, shape (t, t).
+        steps: For each cell, the sum of squared deviations from the mean at each time step, mean over pixels, shape
+            (frames of a press,).
     """
 
     level: int
@@ -72,6 +78,7 @@ class PlaceSums:
     cells: Mapping[CellKey, CellSums]
     nested: NestedSums
     distances: Mapping[str, tuple[tuple[str, ...], Floats]]
+    steps: Mapping[CellKey, Floats]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -147,12 +154,52 @@ class Press(NamedTuple):
     copy: int
     repeat: int
     run: int
-    path: str
+    paths: tuple[str, ...]
 
     @property
     def cell(self) -> CellKey:
         """The printer-filament and the texture."""
         return (self.combination, self.texture)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Sums:
+    """The sums of a place, added up over time steps.
+
+    Args:
+        presses: The presses whose frames could be used.
+        grams: The products of the presses' deviations of each cell, mean over pixels.
+        outer: The sums of squares of textures and of printers, shape (2,).
+        distances: The textures of each combination.
+        squares: The squared differences between the means of these textures.
+        pictures: The sums of squared deviations of each cell as a picture.
+        fields: The mean displacements of the markers of each cell.
+        steps: The sum of squared deviations of each cell at each time step, mean over pixels.
+    """
+
+    presses: list[Press] = field(default_factory=list)
+    grams: dict[CellKey, Floats] = field(default_factory=dict)
+    outer: Floats = field(default_factory=lambda: np.zeros(2))
+    distances: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    squares: dict[str, Floats] = field(default_factory=dict)
+    pictures: dict[CellKey, Floats] = field(default_factory=dict)
+    fields: dict[CellKey, Floats] = field(default_factory=dict)
+    steps: list[dict[CellKey, Floats]] = field(default_factory=list)
+
+    def add(self, step: _Sums) -> None:
+        """Add the sums of another time step of the same presses."""
+        self.presses, self.distances = step.presses, step.distances
+        self.outer = self.outer + step.outer
+        self.steps += step.steps
+        pairs: Sequence[tuple[dict[Any, Floats], dict[Any, Floats]]] = (
+            (self.grams, step.grams),
+            (self.squares, step.squares),
+            (self.pictures, step.pictures),
+            (self.fields, step.fields),
+        )
+        for sums, more in pairs:
+            for key, values in more.items():
+                sums[key] = sums[key] + values if key in sums else values
 
 
 @dataclass(kw_only=True, eq=False)
@@ -195,47 +242,77 @@ class _Task:
     def place(self, presses: Sequence[Press]) -> None:
         """Add the sums of a place, unless none of its frames can be used."""
         level, position = presses[0].level, presses[0].position
+        sums, before = _Sums(), self.passed.frames
+        count = len(presses[0].paths)
+        while len(sums.steps) < count:
+            step = self.step(presses, len(sums.steps))
+            if not step.presses:
+                return
+            if step.presses != list(presses) and sums.steps:  # the earlier steps have a press that is left out now
+                sums, self.passed.frames = _Sums(), before
+            else:
+                sums.add(step)
+            presses = step.presses
+        cells = {}
         names = {what: i for i, what in enumerate(sorted({press.texture for press in presses}))}
-        cells: dict[CellKey, CellSums] = {}
-        textures: dict[str, Running] = {}
-        distances: dict[str, tuple[tuple[str, ...], Floats]] = {}
-        labels: list[tuple[int, int, int]] = []
-        for number, (combination, of_combination) in enumerate(groupby(presses, lambda press: press.combination)):
-            means: dict[str, Floats] = {}
-            for key, of_cell in groupby(of_combination, lambda press: press.cell):
-                read = ((press.copy, self.frame(press.run, press.path)) for press in of_cell)
-                used = [(copy, values) for copy, values in read if values is not None]
-                if not used:
-                    continue
-                texture = key[1]
-                copies = [copy for copy, _ in used]
-                shape = used[0][1].shape
-                summed = moments([values for _, values in used])
-                cells[key] = CellSums.of(summed.gram, copies, self.designs[level, key])
-                labels += [(names[texture], number, copy) for copy in copies]
-                textures.setdefault(texture, Running()).add(len(used), summed.mean, 0.0)
-                means[texture] = summed.mean
-                if self.preprocess.markers is not None:
-                    self.passed.add_field((level, key), summed.mean)
-                if len(used) > 1 and level in self.drawn[key]:
-                    self.passed.add_map(key, self.preprocess.picture(summed.squares, shape) / len(used))
-            if means:
-                distances[combination] = (tuple(means), _distances(list(means.values())))
-        if not cells:
-            return
-        grand = Running()
-        for running in textures.values():
-            grand.add(running.count, running.mean, 0.0)
+        numbers = {combination: i for i, combination in enumerate(sums.distances)}
+        labels = [(names[press.texture], numbers[press.combination], press.copy) for press in presses]
+        for key, of_cell in groupby(presses, lambda press: press.cell):
+            copies = [press.copy for press in of_cell]
+            cells[key] = CellSums.of(sums.grams[key] / count, copies, self.designs[level, key])
+            if key in sums.fields:
+                self.passed.add_field((level, key), sums.fields[key] / count)
+            if key in sums.pictures:
+                self.passed.add_map(key, sums.pictures[key] / (count * len(copies)))
         squares = (
-            grand.merged,
-            sum(texture.merged for texture in textures.values()),
+            *(sums.outer / count).tolist(),
             sum(cell.between for cell in cells.values()),
             sum(cell.within for cell in cells.values()),
         )
-        nested = NestedSums.of(labels, squares)
         self.passed.places.append(
-            PlaceSums(level=level, position=position, cells=cells, nested=nested, distances=distances)
+            PlaceSums(
+                level=level,
+                position=position,
+                cells=cells,
+                nested=NestedSums.of(labels, squares),
+                distances={name: (textures, sums.squares[name] / count) for name, textures in sums.distances.items()},
+                steps={key: np.hstack([step[key] for step in sums.steps]) for key in cells},
+            )
         )
+
+    def step(self, presses: Sequence[Press], number: int) -> _Sums:
+        """Return the sums of the frames that the presses at a place have at one time step."""
+        sums = _Sums()
+        textures: dict[str, Running] = {}
+        squares: dict[CellKey, Floats] = {}
+        for combination, of_combination in groupby(presses, lambda press: press.combination):
+            means: dict[str, Floats] = {}
+            for key, of_cell in groupby(of_combination, lambda press: press.cell):
+                read = ((press, self.frame(press.run, press.paths[number])) for press in of_cell)
+                used = [(press, values) for press, values in read if values is not None]
+                if not used:
+                    continue
+                sums.presses += [press for press, _ in used]
+                shape = used[0][1].shape
+                summed = moments([values for _, values in used])
+                sums.grams[key] = summed.gram
+                # The numbers of a series of forces are its time steps.
+                squares[key] = summed.squares if self.preprocess.forces else summed.squares.mean()
+                textures.setdefault(key[1], Running()).add(len(used), summed.mean, 0.0)
+                means[key[1]] = summed.mean
+                if self.preprocess.markers is not None:
+                    sums.fields[key] = summed.mean
+                if len(used) > 1 and presses[0].level in self.drawn[key]:
+                    sums.pictures[key] = self.preprocess.picture(summed.squares, shape)
+            if means:
+                sums.distances[combination] = tuple(means)
+                sums.squares[combination] = _distances(list(means.values()))
+        grand = Running()
+        for running in textures.values():
+            grand.add(running.count, running.mean, 0.0)
+        sums.outer = np.array([grand.merged, sum(texture.merged for texture in textures.values())])
+        sums.steps.append(squares)
+        return sums
 
     def floor(self, number: int) -> None:
         """Add the stationary frames of a run. Each session has its own mean, because the sensor was lifted between."""
@@ -278,7 +355,8 @@ def stream(
         progress: Receives progress updates: the number of frames done and their total number.
     """
     tasks = _tasks(collection, preprocess, executor.jobs)
-    total = len(collection) + sum(_still_frames(run) for run in collection.runs)
+    still = 0 if preprocess.forces else sum(_still_frames(run) for run in collection.runs)
+    total = len(collection) * len(collection.paths(0)) + still
     passed = Pass()
     for part in executor.map(_Task.done, tasks):
         passed.add(part)
@@ -296,7 +374,7 @@ def presses_of(collection: Collection) -> list[Press]:
         *(collection.print_number, collection.repeat, collection.run),
     )
     values = zip(*(column.tolist() for column in columns), strict=True)
-    return [Press._make((*press, collection.path(i))) for i, press in enumerate(values)]
+    return [Press._make((*press, collection.paths(i))) for i, press in enumerate(values)]
 
 
 def runs_to_send(collection: Collection) -> tuple[Run, ...]:
@@ -326,7 +404,7 @@ def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_T
     for press in presses:
         there[press.level, press.cell].add((press.copy, press.repeat))
     designs = {key: tuple(copy for copy, _ in sorted(repeats)) for key, repeats in there.items()}
-    still = [i for i, run in enumerate(collection.runs) if _still_frames(run)]
+    still = [i for i, run in enumerate(collection.runs) if _still_frames(run) and not preprocess.forces]
     count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(places))
     runs = runs_to_send(collection)
     return [

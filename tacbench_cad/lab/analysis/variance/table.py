@@ -22,7 +22,7 @@ from __future__ import annotations
 import operator
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import chain, combinations, product
 from typing import Any, Literal, get_args
@@ -102,6 +102,8 @@ class VarianceResult:
             cell has the most prints, at a resolution for figures.
         fields: The mean displacement of each marker over positions, prints and repeats, by level and cell, shape
             (n, 2); empty for pixels.
+        steps: For series, the variance at each time step (same ddof as the table), mean over pixels and positions, by
+            level and cell, shape (frames of a press,).
         outside: The fraction of the pixels that lie outside of the sensor. None if a region of interest leaves them
             out, or if the program is not sure where the sensor is.
         sums: The sums from which intervals are computed, by cell and level.
@@ -121,6 +123,7 @@ class VarianceResult:
     positions: Mapping[tuple[int, CellKey], Floats]
     maps: Mapping[CellKey, Floats]
     fields: Mapping[tuple[int, CellKey], Floats]
+    steps: Mapping[tuple[int, CellKey], Floats]
     outside: float | None
     sums: _Sums
     left_out: tuple[str, ...]
@@ -149,7 +152,7 @@ def variance_table(
     """Compute the variance table of a study, with its components, matrices, tests and maps.
 
     Args:
-        collection: The study.
+        collection: The study. If it has series, the variance is computed for each pixel of each frame of a series.
         preprocess: The preprocessing of the frames; None for grey at full size.
         protocol: ``paper`` for the variance over prints and repeats; ``as-published`` for the quantity that the paper
             printed: the variance over the repeats on one print at the lowest force level, for images at 40 % of their
@@ -176,10 +179,12 @@ def variance_table(
                 protocol,
                 "always uses grey images at 40 % of their size and ddof 0; leave out preprocess and ddof",
             )
+        if collection.series:
+            raise InputError("protocol", protocol, "is for the frames of presses; leave out --series")
         collection.require("the published quantity", "print")
         settings, quantity = AS_PUBLISHED, OF_REPEATS
         collection = collection.at_level(collection.levels[0])
-    collection = replace(collection, features=settings.features)
+    collection = collection.viewed(settings.features, collection.series)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
         passed = stream(collection, settings, executor, progress)
     sums = _summed(collection, passed.places, quantity)
@@ -223,6 +228,7 @@ def variance_table(
         positions=_positions(collection, passed.places, ddof, quantity),
         maps={key: _map(*passed.maps[key], of_levels.values(), ddof) for key, of_levels in sums.items()},
         fields={place: (total / count).reshape(-1, 2) for place, (total, count) in passed.fields.items()},
+        steps=_steps(passed.places, ddof) if collection.series else {},
         outside=_outside(collection, settings),
         sums=sums,
         left_out=tuple(passed.left_out),
@@ -410,6 +416,16 @@ def _positions(
                 row = positions.setdefault((place.level, key), np.full(count, np.nan))
                 row[place.position - 1] = cell.variance(ddof, quantity)
     return positions
+
+
+def _steps(places: Sequence[PlaceSums], ddof: int) -> dict[tuple[int, CellKey], Floats]:
+    """Return the variance of each cell at each time step, mean over pixels and positions."""
+    steps: dict[tuple[int, CellKey], list[Floats]] = defaultdict(list)
+    for place in places:
+        for key, cell in place.cells.items():
+            if cell.presses > 1:
+                steps[place.level, key].append(place.steps[key] / (cell.presses - ddof))
+    return {key: np.mean(of_places, axis=0) for key, of_places in steps.items()}
 
 
 def _map(picture: Floats, count: int, levels: Iterable[CellSums], ddof: int) -> Floats:

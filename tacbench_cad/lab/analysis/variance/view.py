@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import answers
-from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.collection import Collection, FeatureName
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
@@ -37,7 +37,7 @@ from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
-from tacbench_cad.util.text import interval, short
+from tacbench_cad.util.text import counted, interval, short
 
 #: The name of the settings file beside the tables.
 SETTINGS_FILE = "variance_settings.json"
@@ -92,6 +92,11 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("position", int),
         *(Column(name, float) for name in ("x_mm", "y_mm", "variance")),
     ),
+    "motion": (
+        *_CELL,
+        Column("frame", int),
+        *(Column(name, float) for name in ("time_s", "distance_mm", "rotation_deg", "variance")),
+    ),
     "displacements": (
         *_CELL,
         Column("marker", int),
@@ -135,7 +140,8 @@ class Settings:
     registered: bool
     left_out: tuple[str, ...]
     data: str
-    features: Literal["pixels", "markers"] = "pixels"
+    features: FeatureName = "pixels"
+    series: bool = False
     markers: int = 0
     roi: str = ""
     outside: float | None = None
@@ -173,6 +179,7 @@ class VarianceView:
             "components": result.components,
             "between_textures": list(_pairs(result)),
             "positions": list(_positions(result)),
+            "motion": list(_motion(result)),
             "displacements": list(_displacements(result)),
             "permutation": result.tests,
             "registration": [row for seating in seatings for row in seating.rows()],
@@ -190,6 +197,7 @@ class VarianceView:
                 left_out=result.left_out,
                 data=result.collection.data_key,
                 features=preprocess.features,
+                series=result.collection.series,
                 markers=preprocess.markers.count if preprocess.markers else 0,
                 roi=preprocess.region.text if preprocess.region else "",
                 outside=result.outside,
@@ -226,7 +234,7 @@ class VarianceView:
             )
         except (InputError, TypeError, ValueError) as error:
             raise InputError("table", str(folder / "variance.csv"), f"contains a wrong value: {error}") from None
-        collection = replace(collection, features=settings.features)
+        collection = collection.viewed(settings.features, settings.series)
         return cls(collection=collection, settings=settings, cells=cells, tables=tables)
 
     def write(self, folder: Path) -> list[Path]:
@@ -235,7 +243,11 @@ class VarianceView:
         Raises:
             InputError: A file cannot be written.
         """
-        optional = {"registration": self.settings.registered, "displacements": self.settings.features == "markers"}
+        optional = {
+            "registration": self.settings.registered,
+            "displacements": self.settings.features == "markers",
+            "motion": self.settings.series,
+        }
         names = [name for name in self.tables if optional.get(name, True)]
         paths = [self.tables[name].write(folder / f"{name}.csv", self.collection.simulated) for name in names]
         return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
@@ -249,7 +261,7 @@ class VarianceView:
             "units": self.unit,
             "grey": not self.settings.colour,
             "ddof": self.settings.ddof,
-            **{key: getattr(self.settings, key) for key in ("features", "markers", "roi", "outside")},
+            **{key: getattr(self.settings, key) for key in ("features", "series", "markers", "roi", "outside")},
             "variance": [
                 {
                     **{key: getattr(cell, key) for key in (*keys, "floor_from")},
@@ -293,6 +305,12 @@ class VarianceView:
             f"Noise alone is the variance expected from sensor noise alone{f' ({sources})' if sources else ''}. The "
             "unit of the intervals is the print. Floor removed is the variance with ddof 1 minus the noise floor."
         ]
+        if self.settings.series:
+            moving = counted(self.collection.info.series_frames, "frame")
+            notes.append(
+                f"Each figure is the mean over the {moving} of a series. They were taken while the sensor moved in "
+                "contact; the paper's sensor did not move."
+            )
         if self.settings.features == "markers":
             notes.append(
                 f"The figures are variances of displacements: of each of {self.settings.markers} markers from its "
@@ -392,6 +410,7 @@ class VarianceView:
         kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if self.collection.in_counts else ""
         if self.settings.protocol == "as-published":
             kind = f"; grey not rounded, {100.0 * self.settings.resolution:g} % of the size" if kind else ""
+        kind += "; series of moving frames" if self.settings.series else ""
         kind += "; displacement of markers" if self.settings.features == "markers" else ""
         return kind + (f"; inside {self.settings.roi}" if self.settings.roi else "")
 
@@ -490,6 +509,26 @@ def _displacements(result: VarianceResult) -> Iterator[Row]:
         for number, ((x, y), (dx, dy)) in enumerate(zip(places, shifts.tolist(), strict=True), start=1):
             cell = {**parts_of(combination), "texture": texture, "force_level": level, "marker": number}
             yield {**cell, "x_px": x, "y_px": y, "dx_px": dx, "dy_px": dy}
+
+
+def _motion(result: VarianceResult) -> Iterator[Row]:
+    """Yield the rows of ``motion.csv``; the times and poses are means over the presses of a cell."""
+    collection = result.collection
+    for (level, (combination, texture)), values in result.steps.items():
+        here = (collection.level == level) & (collection.combination == combination) & (collection.texture == texture)
+        course = {
+            name: getattr(collection.courses, name)[here].mean(axis=0).tolist()
+            for name in ("time_s", "distance_mm", "rotation_deg")
+        }
+        for index, value in enumerate(values.tolist()):
+            yield {
+                **parts_of(combination),
+                "texture": texture,
+                "force_level": level,
+                "frame": index + 1,
+                **{name: of_frames[index] for name, of_frames in course.items()},
+                "variance": value,
+            }
 
 
 def _positions(result: VarianceResult) -> Iterator[Row]:
