@@ -56,7 +56,19 @@ mathjax_path = "tex-svg-full.js"
 #: The table of contents beside every page.
 CONTENTS = {
     "Begin": ("start", "gallery", "view", "questions"),
-    "Print": ("print-set", "block", "outlines", "holder", "jig", "coupon", "textures", "design", "sources", "plates"),
+    "Print": (
+        "print-set",
+        "block",
+        "outlines",
+        "holder",
+        "jig",
+        "coupon",
+        "textures",
+        "design",
+        "sources",
+        "plates",
+        "compensate",
+    ),
     "Press": ("first-rig", "rig", "devices", "run", "watch", "runs", "own-data", "simulation", "simulation-model"),
     "Analyse": ("analysis", "networks", "numbers", "columns", "regions", "share"),
     "Script and extend": ("scripting", "cad", "any-part", "any-mesh", "freecad", "extending", "simulators"),

@@ -11,14 +11,18 @@ from pathlib import Path
 from typing import Literal
 
 from tacbench_cad.formats.stl import stl_header
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.block import CORRECTED, Block
+from tacbench_cad.spec.compensation import corrected_for, in_file
 from tacbench_cad.spec.outlines import outline_of_word
 from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.textures import texture as find_texture
-from tacbench_cad.util.door import open_input
+from tacbench_cad.util.convert import from_plain
+from tacbench_cad.util.door import open_input, read_document
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import MANIFEST_NAME
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _STEP_NAME = re.compile(r"FILE_NAME\(\s*'([^']*)'.*?'tacbench-cad ", re.DOTALL)
@@ -41,6 +45,46 @@ def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | No
     with open_input(path, kind="step") as stream:
         header = _STEP_NAME.search(stream.read(2048).decode("ascii", "replace"))
     return header.group(1) if header else None
+
+
+def corrected_preset(name: str) -> str | None:
+    """Return the preset in the name of a block whose file is corrected for a printer; None for other names."""
+    words = name.split("_")
+    preset = words[1].removesuffix(f"-{CORRECTED}") if len(words) > 1 else ""
+    return preset if preset in PRESETS and words[1] != preset else None
+
+
+def model_beside(path: Path) -> PrinterModel | None:
+    """Return the printer for which a file is corrected, from the manifest in its folder; None if that says nothing."""
+    manifest = path.parent / MANIFEST_NAME
+    if not manifest.is_file():
+        return None
+    try:
+        rows = read_document(manifest, "manifest", "json")["files"]
+        tables = [row["spec"]["printer_model"] for row in rows if row["file"] == path.name]
+        return from_plain(PrinterModel, tables[0])
+    except (InputError, LookupError, TypeError):
+        return None
+
+
+def claimed_correction(name: str, model: PrinterModel | None, texture: Texture | None = None) -> Block | None:
+    """Return the block in a corrected file with a given name; None if the name is not that of a block.
+
+    Args:
+        name: The name, with :func:`corrected_preset`.
+        model: The printer for which the file is corrected.
+        texture: Same as for :func:`claimed_block`.
+
+    Raises:
+        InputError: The printer is unknown.
+    """
+    block = claimed_block(name.replace(f"-{CORRECTED}_", "_", 1), texture)
+    if block is None:
+        return None
+    if model is None:
+        allowed = f"is missing; the file is corrected for a printer: give its model, or keep {MANIFEST_NAME} beside it"
+        raise InputError("--compensate FILE.toml", None, allowed)
+    return in_file(corrected_for(block, model))
 
 
 def claimed_block(name: str, texture: Texture | None = None) -> Block | None:

@@ -19,7 +19,7 @@ import numpy as np
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.body_shape import BodyShape, mesh_shape, solid_shape
 from tacbench_cad.checks.candidates import SIDE_MM, Expectation, stretch_of
-from tacbench_cad.checks.claim import claimed_name
+from tacbench_cad.checks.claim import claimed_name, model_beside
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
@@ -28,6 +28,7 @@ from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, MARGIN_MM
 from tacbench_cad.spec.outlines import MIN_SIDE_MM, MIN_WIDTH_MM, NAMED, Disc, Outline, RegularPolygon, Ring
+from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError
@@ -62,6 +63,7 @@ def examine(
     scale: float | None = None,
     *,
     full: bool | None = None,
+    compensate: PrinterModel | None = None,
 ) -> Report:
     """Identify the part in a file, and report every fault.
 
@@ -71,6 +73,7 @@ def examine(
         preset: ``paper`` or ``released`` (the published surface on its sample grid); None for the nearest preset.
         scale: The expected scale; None to take it from the part name in the file, or to compute it from the sides.
         full: Whether the checks by pymeshlab are done. None does them if pymeshlab is installed.
+        compensate: The printer for which the file is corrected; None to take it from the manifest beside the file.
 
     Returns:
         The report. A file that cannot be read has one failed check.
@@ -80,7 +83,8 @@ def examine(
             CAD kernel.
         MissingToolError: A package that the format or ``full`` needs is not installed.
     """
-    expected = Expectation(texture=texture, preset=preset, scale=scale)
+    model = compensate or model_beside(path)
+    expected = Expectation(texture=texture, preset=preset, scale=scale, model=model)
     try:
         if format_of(path).shape == "solid":
             report: Report = with_kernel(path, _examine_solid, path, expected)
@@ -308,7 +312,7 @@ def _near(match: Match) -> str:
 def _name(candidate: Candidate) -> str:
     block = candidate.block
     grid = " on its sample grid" if candidate.on_grid else ""
-    return f"{block.texture.name}, preset {block.preset}{grid}, scale {decimal(block.scale)}"
+    return f"{block.texture.name}, preset {block.preset_word}{grid}, scale {decimal(block.scale)}"
 
 
 def _allowed(candidate: Candidate) -> float:

@@ -9,7 +9,9 @@ from click.exceptions import Exit
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table
+from tacbench_cad.cli.compensating import show_effects
 from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.text import by, counted
 
 if TYPE_CHECKING:
@@ -33,6 +35,12 @@ if TYPE_CHECKING:
 )
 @options.option(
     "--copies", options.COUNT, "Make N files of each block, labelled with the number of the copy.", options.PARTS
+)
+@options.option(
+    "--compensate",
+    options.file("FILE.toml"),
+    "Correct the files for a printer, whose model tacbench printer-model wrote.",
+    options.PARTS,
 )
 @options.flag("--assembly", "Also write holder, blocks and jig together as one file.", options.PARTS)
 @options.option(
@@ -63,6 +71,9 @@ def command(verify: str, json: bool, **request: Any) -> None:
     If a part or a format needs a package that is not installed, this part or format is left out, and the command prints
     how to install the package. If you asked for the part or format by --parts or --formats, this is an error.
 
+    With --compensate, the sides, the height and the waves of each block are changed, so that its print is nearer to the
+    formula. The command prints the expected effect. Names and labels say that the block is corrected.
+
     Examples:
       tacbench make
       tacbench make --preset released --out published
@@ -71,19 +82,25 @@ def command(verify: str, json: bool, **request: Any) -> None:
       tacbench make --copies 6 --formats 3mf --parts blocks --out study
       tacbench make --parts coupon --formats stl  # find the fit first
       tacbench make --key --slots 6 --assembly    # all six blocks in one tray
+      tacbench make --compensate my-printer.toml --out corrected
     """
     from tacbench_cad.making.printset import Request, build
     from tacbench_cad.making.request import blocks_of
+    from tacbench_cad.spec.compensation import effect_of
     from tacbench_cad.spec.spectrum import error_note, turned_note
 
     options_of_call = Request(**options.request_fields(request), full=verify == "full")
     with ProgressLine(every_s=0.0) as progress:
         result = build(options_of_call, progress.show)
+    blocks = blocks_of(options_of_call)
+    effects = [effect_of(block) for block in blocks if block.correction is not None]
     if json:
-        print_json(result.as_dict())
+        expected = {"expected_prints": to_plain(effects)} if effects else {}
+        print_json({**result.as_dict(), **expected})
     else:
         _print(result)
-        blocks = blocks_of(options_of_call)
+        if effects:
+            show_effects(effects)
         print_lines(*filter(None, [note_of(block) for note_of in (turned_note, error_note) for block in blocks]))
         if request["parts"] != ("coupon",):
             print_lines(_preset(request["preset"]))

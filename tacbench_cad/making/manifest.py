@@ -12,10 +12,8 @@ from typing import Any
 
 from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import replacing, sha256
+from tacbench_cad.util.files import MANIFEST_NAME, replacing, sha256
 
-#: The name of the manifest in the output folder.
-MANIFEST_NAME = "manifest.json"
 #: The version of the manifest's layout. It changes when a key changes its meaning.
 SCHEMA = 1
 

@@ -18,7 +18,7 @@ from tacbench_cad.making.writing import Failure, Outcome, make_files, make_in_ch
 from tacbench_cad.util import plotting
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
-from tacbench_cad.util.files import TEMPORARY_PREFIX, locked
+from tacbench_cad.util.files import MANIFEST_NAME, TEMPORARY_PREFIX, locked
 from tacbench_cad.util.packages import require, why_missing
 from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
 from tacbench_cad.util.text import report
@@ -170,7 +170,7 @@ class _Making:
         self._result = PrintSet(out=request.out, left_out=list(work.left_out))
         self._fixture_meshes: dict[str, Mesh] = {}
         self._old = manifest.read_rows(request.out)
-        for name in (manifest.MANIFEST_NAME, PREVIEW_NAME):
+        for name in (MANIFEST_NAME, PREVIEW_NAME):
             if (self._out / name).is_dir():
                 raise InputError("output file", str(self._out / name), "is a folder; move it away")
 

@@ -6,6 +6,7 @@ the virtual printers read it.
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
 import re
@@ -53,7 +54,7 @@ class TransferPoint(Checked):
     """A point of the transfer function.
 
     Args:
-        wavelength_mm: The wavelength.
+        wavelength_mm: The wavelength in the print.
         factor: The amplitude of a wave in the print, divided by its amplitude in the file.
         low: The lower end of the factor's interval of 95 %.
         high: The upper end.
@@ -140,6 +141,11 @@ class PrinterModel(Checked):
                 raise InputError(f"[[{name}]] wavelength_mm", None, "must increase from point to point")
 
     @property
+    def fingerprint(self) -> str:
+        """The name with a hash of all values: ``ender-3_pla-plus-1a2b3c``. Another model has another fingerprint."""
+        return f"{self.name}-{hashlib.sha256(toml_text(self).encode()).hexdigest()[:6]}"
+
+    @property
     def scale(self) -> tuple[float, float, float]:
         """The scales along x, y and z; 1 along an axis that no scan determines."""
         x, y, z = (
@@ -152,6 +158,20 @@ class PrinterModel(Checked):
         """The offset of the walls; 0 if no scan determines it."""
         return 0.0 if self.offset_mm is None else self.offset_mm.value
 
+    def print_size_mm(self, sides_mm: tuple[float, float]) -> tuple[float, float]:
+        """Return the sides x, y of a print from those of its file."""
+        x, y = sides_mm
+        return (self.scale[0] * x + 2.0 * self.wall_offset_mm, self.scale[1] * y + 2.0 * self.wall_offset_mm)
+
+    def file_size_mm(self, sides_mm: tuple[float, float]) -> tuple[float, float]:
+        """Return the sides x, y of the file from those of its print."""
+        x, y = sides_mm
+        return ((x - 2.0 * self.wall_offset_mm) / self.scale[0], (y - 2.0 * self.wall_offset_mm) / self.scale[1])
+
+    def file_key_mm(self, key_mm: float | None) -> float | None:
+        """Return the leg of the key in the file from that in the print; None for no key."""
+        return None if key_mm is None else key_mm / math.sqrt(self.scale[0] * self.scale[1])
+
     def transfer(self, wavelength_mm: float, direction_deg: float) -> float:
         """Return the factor of a wave's amplitude in the print.
 
@@ -160,7 +180,7 @@ class PrinterModel(Checked):
         by the squares of cosine and sine. Along an axis without any measured wave the factor is 1.
 
         Args:
-            wavelength_mm: The wavelength at right angles to the crests.
+            wavelength_mm: The wavelength in the print, at right angles to the crests.
             direction_deg: The angle from the x axis of the direction in which the height changes: 0 for a wave along
                 x, 90 for a wave along y.
         """

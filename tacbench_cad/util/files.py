@@ -26,6 +26,9 @@ _FOLDER_PREFIX = f"{TEMPORARY_PREFIX}folder-"
 #: The file that a running process locks. The file may remain after a process was killed, but the lock does not.
 LOCK_NAME = ".tacbench-lock"
 
+#: The name of the manifest in the folder of a print set.
+MANIFEST_NAME = "manifest.json"
+
 _REASONS = {
     errno.EACCES: "is not writable",
     errno.EPERM: "is not writable",

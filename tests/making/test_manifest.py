@@ -10,7 +10,7 @@ import pytest
 
 from tacbench_cad.making import manifest
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import sha256
+from tacbench_cad.util.files import MANIFEST_NAME, sha256
 
 
 def row(folder: Path, name: str, content: str = "solid") -> dict[str, Any]:
@@ -61,7 +61,7 @@ def test_no_manifest_means_no_rows(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_is_not_a_manifest_is_refused_and_kept(tmp_path: Path, text: str) -> None:
-    path = tmp_path / manifest.MANIFEST_NAME
+    path = tmp_path / MANIFEST_NAME
     path.write_text(text)
     with pytest.raises(InputError, match=r"manifest"):
         manifest.read_rows(tmp_path)
@@ -69,7 +69,7 @@ def test_a_file_that_is_not_a_manifest_is_refused_and_kept(tmp_path: Path, text:
 
 
 def test_a_manifest_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
-    (tmp_path / manifest.MANIFEST_NAME).write_bytes(b"\xff\xfe\x00\x01")
+    (tmp_path / MANIFEST_NAME).write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match="is not a manifest"):
         manifest.read_rows(tmp_path)
 

@@ -1,0 +1,348 @@
+"""The correction of a block's file for a printer, so that its print equals the formula, and the prediction of prints.
+
+For a print of a file, a :class:`~tacbench_cad.spec.printermodel.PrinterModel` predicts the sides, the height and the
+amplitude of each wave. A corrected file has the inverse of these errors, within limits. If a texture is not a sum of
+waves, only sides and heights are corrected.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from tacbench_cad.spec.block import Block, extremes_on
+from tacbench_cad.spec.extremes import Extremes
+from tacbench_cad.spec.printermodel import PrinterModel
+from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Bools, Floats
+
+#: The largest factor by which the amplitude of a wave is corrected; the smallest is its inverse.
+MAX_FACTOR = 2.0
+#: If a printer leaves less than this fraction of a wave, the wave is lost, and it is not corrected.
+MIN_TRANSFER = 0.1
+#: The largest number of steps that bring the relief to that of the formula, and the difference that ends them, in mm.
+_STEPS, _RELIEF_MM = 8, 1e-5
+#: The number of points along each side at which deviations are predicted.
+_POINTS = 401
+
+
+def corrected_for(block: Block, model: PrinterModel) -> Block:
+    """Return a block whose file is corrected for a printer. All values of the block still describe the print.
+
+    Raises:
+        InputError: The block has an outline that is not a rectangle, or the corrected file is not allowed.
+    """
+    if block.outline is not None:
+        allowed = f"only rectangular blocks can be corrected for a printer, but the outline is a {block.outline}"
+        raise InputError("compensate", model.name, allowed)
+    corrected = replace(block, correction=model)
+    in_file(corrected)
+    return corrected
+
+
+def in_file(block: Block) -> Block:
+    """Return the block with the sizes and the waves of its file; the block itself if it is not corrected.
+
+    Raises:
+        InputError: The corrected file is not allowed, for example because its base is too thin.
+    """
+    return block if block.correction is None else _in_file(block, block.correction)
+
+
+@lru_cache(maxsize=64)
+def _in_file(block: Block, model: PrinterModel) -> Block:
+    (scale_x, scale_y, scale_z), offset = model.scale, model.wall_offset_mm
+    width, depth = model.file_size_mm(block.size_mm)
+    size = (width / block.scale, depth / block.scale)
+    texture, origin, units = block.texture, block.origin_uv, block.nominal_mm_per_unit
+    if isinstance(texture.surface, WaveSum):
+        texture = replace(texture, surface=_multiplied(texture.surface, _factors(block, model)))
+        origin = (origin[0] + offset / block.mm_per_unit[0], origin[1] + offset / block.mm_per_unit[1])
+        units = (units[0] / scale_x, units[1] / scale_y, units[2])
+    else:  # a spline may be unknown outside of its sides, so it keeps to them
+        stretch = (size[0] / block.nominal_size_mm[0], size[1] / block.nominal_size_mm[1])
+        units = (units[0] * stretch[0], units[1] * stretch[1], units[2] / scale_z)
+    start = replace(
+        block,
+        texture=texture,
+        nominal_size_mm=size,
+        nominal_mm_per_unit=units,
+        nominal_height_mm=block.nominal_height_mm + 2.0 * block.relief_mm / block.scale,
+        origin_uv=origin,
+        key_mm=model.file_key_mm(block.key_mm),
+        correction=None,
+        design=block,
+    )
+    # The highest point of the print determines the height of the formula's zero, and this the height of the file.
+    top_mm = block.datum_mm + block.extremes.high
+    datum_mm = (top_mm - Print(file=start, model=model).extremes.high) / scale_z
+    return replace(start, nominal_height_mm=(datum_mm + start.height_mm - start.datum_mm) / block.scale)
+
+
+def for_fixtures(block: Block) -> Block:
+    """Return the block for which fixtures are made. If it is corrected, it has the sides of the file.
+
+    The same printer prints the fixtures, so they need the same scales. The height is the same for all textures.
+    """
+    if block.correction is None:
+        return block
+    height_mm = block.nominal_height_mm / block.correction.scale[2]
+    return replace(in_file(block), texture=block.texture, nominal_height_mm=height_mm, design=None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Print:
+    """The predicted print of a file, in its own frame with the lower corner at (0, 0).
+
+    Args:
+        file: The block as it is in the file; see :func:`in_file`.
+        model: The printer.
+    """
+
+    file: Block
+    model: PrinterModel
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """The sides of the print."""
+        return self.model.print_size_mm(self.file.size_mm)
+
+    @property
+    def datum_mm(self) -> float:
+        """The height of the formula's zero in the print."""
+        return self.model.scale[2] * self.file.datum_mm
+
+    @property
+    def height_mm(self) -> float:
+        """The height of the highest point of the print."""
+        return self.datum_mm + self.extremes.high
+
+    @property
+    def relief_mm(self) -> float:
+        """The difference between the highest and the lowest point of the relief."""
+        return self.extremes.high - self.extremes.low
+
+    @cached_property
+    def surface(self) -> WaveSum:
+        """The printed relief around the height :attr:`datum_mm`.
+
+        Raises:
+            InputError: The texture is not a sum of waves.
+        """
+        flat = self.file.surface
+        if not isinstance(flat, WaveSum):
+            allowed = "is not a sum of waves, so its print cannot be predicted"
+            raise InputError("texture", self.file.texture.name, allowed)
+        (x, y, _), offset = self.model.scale, self.model.wall_offset_mm
+        placed = flat.mapped((x, y), 1.0, (-offset / x, -offset / y))
+        return _multiplied(placed, transfers(placed, self.model))
+
+    @cached_property
+    def extremes(self) -> Extremes:
+        """The lowest and the highest value of the printed relief, without the key."""
+        if not isinstance(self.file.surface, WaveSum):
+            own, by = self.file.extremes, self.model.scale[2]
+            return replace(own, low=own.low * by, high=own.high * by)
+        return extremes_on(self.surface, self.size_mm, (self.file.design or self.file).key_mm)
+
+    def deviation_mm(self, block: Block) -> Floats:
+        """Return the height of the print above the formula on a grid of points, after the best fit of a plane.
+
+        The centres of both are on each other, as after an alignment of a scan.
+
+        Args:
+            block: The block that the print is expected to equal.
+
+        Returns:
+            The deviations, shape (nx, ny).
+        """
+        x, y = (np.linspace(0.0, side, _POINTS) for side in block.size_mm)
+        shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(self.size_mm, block.size_mm, strict=True))
+        z = self.surface.grid(x + shift_x, y + shift_y) - block.surface.grid(x, y)
+        z -= z.mean()
+        for axis, line in enumerate((x, y)):
+            line = line - line.mean()
+            slope = z.mean(axis=1 - axis) @ line / (line @ line)
+            z -= slope * (line[:, None] if axis == 0 else line[None, :])
+        return np.asarray(z)
+
+
+def _multiplied(surface: WaveSum, factors: Floats) -> WaveSum:
+    """Return the surface with each wave multiplied by its factor."""
+    waves = zip(surface.waves, factors.tolist(), strict=True)
+    return WaveSum(tuple(replace(wave, amplitude=wave.amplitude * by) for wave, by in waves))
+
+
+def transfers(surface: WaveSum, model: PrinterModel) -> Floats:
+    """Return the factor by which a print multiplied the amplitude of each wave, shape (n,).
+
+    Args:
+        surface: The surface in mm, with the wavelengths of the print.
+        model: The printer.
+    """
+    factors = [
+        model.transfer(2.0 * math.pi / math.hypot(f, g), math.degrees(math.atan2(g, f))) if (f or g) else 1.0
+        for _, f, g, _ in surface.table
+    ]
+    return np.array(factors, dtype=np.float64)
+
+
+def is_correctable(surface: WaveSum, model: PrinterModel) -> Bools:
+    """Return for each wave of a printed surface in mm whether its amplitude can be corrected, shape (n,).
+
+    It cannot if the ridges of the wave are narrower than the nozzle, or if the printer loses the wave.
+    """
+    turns = np.hypot(surface.table[:, 1], surface.table[:, 2])
+    wide = (turns > 0.0) & (turns <= math.pi / model.nozzle_mm)
+    return np.asarray(wide & (transfers(surface, model) >= MIN_TRANSFER))
+
+
+def _factors(block: Block, model: PrinterModel) -> Floats:
+    """Return the factor by which the file multiplies the amplitude of each wave.
+
+    Each factor is the inverse of the transfer function, within the limits. The waves that cannot be corrected leave a
+    difference between the relief of the print and that of the formula. It is removed by the smallest change of the
+    other waves, in the sense of least squares.
+    """
+    design = block.surface
+    assert isinstance(design, WaveSum)
+    transfer, free = transfers(design, model), is_correctable(design, model)
+    amplitude = design.table[:, 0]
+    free &= amplitude != 0.0
+    low, high = np.ones(len(free)), np.ones(len(free))
+    low[free], high[free] = 1.0 / MAX_FACTOR, MAX_FACTOR
+    factors = np.clip(1.0 / np.where(free, transfer, 1.0), low, high)
+    for _ in range(_STEPS):
+        extremes = extremes_on(_multiplied(design, factors * transfer), block.size_mm, block.key_mm)
+        missing = block.relief_mm - (extremes.high - extremes.low)
+        # How much the relief grows with the amplitude of each wave, while the extremes stay where they are.
+        (x0, y0), (x1, y1) = extremes.at_low, extremes.at_high
+        _, f, g, phase = design.table.T
+        growth = np.sin(f * x1 + g * y1 + phase) - np.sin(f * x0 + g * y0 + phase)
+        room = free & np.where(growth * amplitude * missing > 0.0, factors < high, factors > low)
+        total = float(np.sum(growth[room] ** 2))
+        if abs(missing) <= _RELIEF_MM or total == 0.0:
+            break
+        change = np.where(room, growth * missing / total, 0.0)
+        factors = np.clip(
+            factors + np.divide(change, amplitude * transfer, out=np.zeros_like(change), where=room), low, high
+        )
+    return factors
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedWave:
+    """A wave of a formula, as it is printed from a plain and from a corrected file.
+
+    Args:
+        wavelength_mm: The wavelength.
+        direction_deg: The angle between the x axis and the direction in which the height changes.
+        amplitude_mm: The amplitude in the formula.
+        plain_mm: The amplitude in the print of a plain file.
+        file_mm: The amplitude in the corrected file.
+        corrected_mm: The amplitude in the print of the corrected file.
+        note: Why the wave is not completely corrected; empty if it is.
+    """
+
+    wavelength_mm: float
+    direction_deg: float
+    amplitude_mm: float
+    plain_mm: float
+    file_mm: float
+    corrected_mm: float
+    note: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """The expected effect of a correction.
+
+    Args:
+        block: The name of the corrected block.
+        texture: The name of the texture.
+        model: The name of the printer model.
+        size_mm: The sides and the height of the formula's block.
+        plain_size_mm: The sides and the height of a print of the plain file.
+        corrected_size_mm: The sides and the height of a print of the corrected file.
+        file_size_mm: The sides and the height of the corrected file.
+        relief_mm: The relief of the formula.
+        plain_relief_mm: The relief of a print of the plain file.
+        corrected_relief_mm: The relief of a print of the corrected file.
+        plain_rms_mm: The predicted root mean square deviation of such a print from the formula; None if the texture is
+            not a sum of waves.
+        corrected_rms_mm: The same for the corrected file.
+        waves: The waves, by decreasing amplitude; empty if the texture is not a sum of waves.
+    """
+
+    block: str
+    texture: str
+    model: str
+    size_mm: tuple[float, float, float]
+    plain_size_mm: tuple[float, float, float]
+    corrected_size_mm: tuple[float, float, float]
+    file_size_mm: tuple[float, float, float]
+    relief_mm: float
+    plain_relief_mm: float
+    corrected_relief_mm: float
+    plain_rms_mm: float | None
+    corrected_rms_mm: float | None
+    waves: tuple[PredictedWave, ...]
+
+
+def effect_of(block: Block) -> Effect:
+    """Return the expected effect of a block's correction.
+
+    Raises:
+        InputError: The block is not corrected.
+    """
+    model = block.correction
+    if model is None:
+        raise InputError("block", block.name, "is not corrected for a printer")
+    plain = Print(file=replace(block, correction=None), model=model)
+    corrected = Print(file=in_file(block), model=model)
+    waves: tuple[PredictedWave, ...] = ()
+    rms: list[float | None] = [None, None]
+    design, file = block.surface, corrected.file.surface
+    if isinstance(design, WaveSum) and isinstance(file, WaveSum):
+        rms = [float(np.sqrt(np.mean(each.deviation_mm(block) ** 2))) for each in (plain, corrected)]
+        free = is_correctable(design, model)
+        rows = zip(design.waves, file.waves, plain.surface.waves, corrected.surface.waves, free.tolist(), strict=True)
+        waves = tuple(
+            PredictedWave(
+                wavelength_mm=2.0 * math.pi / math.hypot(wave.f, wave.g),
+                direction_deg=math.degrees(math.atan2(wave.g, wave.f)),
+                amplitude_mm=abs(wave.amplitude),
+                plain_mm=abs(before.amplitude),
+                file_mm=abs(changed.amplitude),
+                corrected_mm=abs(after.amplitude),
+                note=_note(abs(changed.amplitude / wave.amplitude), wave.f, wave.g, model, can),
+            )
+            for wave, changed, before, after, can in rows
+            if wave.amplitude and (wave.f or wave.g)
+        )
+    return Effect(
+        block=block.name,
+        texture=block.texture.name,
+        model=model.name,
+        size_mm=(*block.size_mm, block.height_mm),
+        plain_size_mm=(*plain.size_mm, plain.height_mm),
+        corrected_size_mm=(*corrected.size_mm, corrected.height_mm),
+        file_size_mm=(*corrected.file.size_mm, corrected.file.height_mm),
+        relief_mm=block.relief_mm,
+        plain_relief_mm=plain.relief_mm,
+        corrected_relief_mm=corrected.relief_mm,
+        plain_rms_mm=rms[0],
+        corrected_rms_mm=rms[1],
+        waves=tuple(sorted(waves, key=lambda wave: -wave.amplitude_mm)),
+    )
+
+
+def _note(factor: float, f: float, g: float, model: PrinterModel, correctable: bool) -> str:
+    if not correctable:
+        narrow = math.hypot(f, g) > math.pi / model.nozzle_mm
+        return "narrower than the nozzle" if narrow else "lost by the printer"
+    return f"limit {MAX_FACTOR:g}" if not 1.001 / MAX_FACTOR < factor < 0.999 * MAX_FACTOR else ""

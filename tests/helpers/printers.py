@@ -1,0 +1,29 @@
+"""A printer model for tests."""
+
+from __future__ import annotations
+
+from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
+
+
+def measured(value: float) -> Measured:
+    return Measured(value=value, low=value - 0.001, high=value + 0.001)
+
+
+def points(*pairs: tuple[float, float]) -> tuple[TransferPoint, ...]:
+    return tuple(TransferPoint(wavelength_mm=w, factor=f, low=f, high=f) for w, f in pairs)
+
+
+#: A printer that loses 30 % of the finest printable wave and shrinks 0.4 %.
+PRINTER = PrinterModel(
+    name="ender-3_pla-plus",
+    printer="ender-3",
+    filament="pla-plus",
+    nozzle_mm=0.4,
+    prints=1,
+    scale_x=measured(0.996),
+    scale_y=measured(0.995),
+    scale_z=measured(1.004),
+    offset_mm=measured(0.05),
+    transfer_x=points((0.8, 0.7), (8.0, 0.99)),
+    transfer_y=points((0.8, 0.6), (8.0, 0.98)),
+)

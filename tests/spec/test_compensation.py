@@ -1,0 +1,128 @@
+"""The correction of files for a printer: the predicted print equals the formula, within the limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.printers import PRINTER, points
+
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.compensation import (
+    MAX_FACTOR,
+    Print,
+    corrected_for,
+    effect_of,
+    for_fixtures,
+    in_file,
+    is_correctable,
+    transfers,
+)
+from tacbench_cad.spec.outlines import Disc
+from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.errors import InputError
+
+
+@pytest.mark.parametrize(("texture", "preset"), [("3", "paper"), ("4", "paper"), ("1", "released")])
+def test_the_predicted_print_has_the_sides_the_height_and_the_relief_of_the_formula(texture: str, preset: str) -> None:
+    block = Block.of(texture, preset, key_mm=3.0, scale=1.5)
+    printed = Print(file=in_file(corrected_for(block, PRINTER)), model=PRINTER)
+    assert printed.size_mm == pytest.approx(block.size_mm, abs=1e-9)
+    top = block.datum_mm + block.extremes.high
+    assert printed.height_mm == pytest.approx(top, abs=1e-6)
+    assert printed.relief_mm == pytest.approx(block.relief_mm, abs=2e-5)
+    assert printed.datum_mm + printed.extremes.high == pytest.approx(top, abs=1e-6)
+
+
+def test_a_texture_of_long_waves_is_corrected_completely() -> None:
+    block = Block.of("2")
+    file = in_file(corrected_for(block, PRINTER))
+    # The print of the file is the formula, point by point, in the frame of the print.
+    x, y = np.linspace(0.0, 23.3, 30), np.linspace(0.0, 30.0, 30)
+    printed = Print(file=file, model=PRINTER)
+    assert np.max(np.abs(printed.surface.grid(x, y) - block.surface.grid(x, y))) < 1e-5
+    plain = Print(file=block, model=PRINTER)
+    assert plain.size_mm == pytest.approx((0.996 * 23.3 + 0.1, 0.995 * 30.0 + 0.1))
+    assert np.std(plain.deviation_mm(block)) > 0.02 > 1e-5 > np.std(printed.deviation_mm(block))
+
+
+def test_no_wave_is_changed_beyond_the_limit_or_below_the_nozzle() -> None:
+    weak = replace(PRINTER, transfer_x=points((0.8, 0.3), (8.0, 0.9)), transfer_y=points((0.5, 0.05), (9.0, 1.0)))
+    block = Block.of("4")
+    file = in_file(corrected_for(block, weak))
+    design = block.surface
+    assert isinstance(design, WaveSum) and isinstance(file.surface, WaveSum)
+    factors = file.surface.table[:, 0] / design.table[:, 0]
+    free = is_correctable(design, weak)
+    assert np.all(factors[~free] == 1.0) and np.all(factors <= MAX_FACTOR + 1e-12)
+    wavelengths = 2.0 * math.pi / np.hypot(design.table[:, 1], design.table[:, 2])
+    assert np.all(wavelengths[free] >= 0.8) and np.any(wavelengths[~free] < 0.8)
+    notes = {wave.note for wave in effect_of(corrected_for(block, weak)).waves}
+    assert notes == {"", "limit 2", "narrower than the nozzle"}
+
+
+def test_a_lost_wave_stays_as_it_is() -> None:
+    texture = Texture(name="two", surface=plane_waves((1.0, 1.0, 0.0), (0.2, 0.0, 4.0)))
+    lost = replace(PRINTER, transfer_y=points((1.0, 0.02), (2.0, 0.05)))
+    effect = effect_of(corrected_for(Block.of(texture), lost))
+    assert [wave.note for wave in effect.waves] == ["", "lost by the printer"]
+    assert effect.waves[1].file_mm == pytest.approx(0.2)
+
+
+def test_the_effect_has_the_amplitudes_and_the_deviation_before_and_after() -> None:
+    effect = effect_of(corrected_for(Block.of("5"), PRINTER))
+    first = effect.waves[0]
+    assert first.plain_mm == pytest.approx(first.amplitude_mm * PRINTER.transfer(first.wavelength_mm * 0.996, 0.0))
+    assert first.plain_mm < first.amplitude_mm < first.corrected_mm + 0.01 < first.file_mm + 0.01
+    assert effect.plain_rms_mm is not None and effect.corrected_rms_mm is not None
+    assert effect.corrected_rms_mm < effect.plain_rms_mm / 3.0
+    assert effect.size_mm == pytest.approx(effect.corrected_size_mm)
+    with pytest.raises(InputError, match="is not corrected"):
+        effect_of(Block.of("5"))
+
+
+def test_an_oblique_wave_gets_the_mean_of_both_directions() -> None:
+    surface = plane_waves((1.0, 1.0, 1.0))
+    x, y = (PRINTER.transfer(2.0 * math.pi / math.sqrt(2.0), angle) for angle in (0.0, 90.0))
+    assert transfers(surface, PRINTER) == pytest.approx((x + y) / 2.0)
+    oblique = Texture(name="oblique", surface=plane_waves((0.5, 1.0, 1.0), (0.5, 2.0, -1.0)))
+    effect = effect_of(corrected_for(Block.of(oblique), PRINTER))
+    assert effect.corrected_relief_mm == pytest.approx(effect.relief_mm, abs=1e-4)
+
+
+def test_a_spline_gets_its_sides_and_its_height_only() -> None:
+    block = Block.of("ridges")
+    effect = effect_of(corrected_for(block, PRINTER))
+    assert effect.corrected_size_mm == pytest.approx((*block.size_mm, block.height_mm))
+    assert effect.corrected_relief_mm == pytest.approx(block.relief_mm)
+    assert effect.waves == () and effect.corrected_rms_mm is None
+
+
+def test_names_and_labels_say_that_a_block_is_corrected() -> None:
+    block = Block.of("4", key_mm=3.0, copy=2)
+    corrected = corrected_for(block, PRINTER)
+    file = in_file(corrected)
+    assert corrected.name == file.name == file.solid_name == "texture-4_paper-corrected_x1_key3_copy02"
+    assert corrected.label_words == file.label_words == ("T4", "PAPER", "CORR", "X1", "02")
+    assert file.engraving is not None and "paper-corrected" in file.title
+    assert in_file(block) is block and block.name == "texture-4_paper_x1_key3_copy02"
+
+
+def test_all_textures_share_the_fixtures_of_the_corrected_sides() -> None:
+    blocks = [corrected_for(Block.of(texture, key_mm=3.0), PRINTER) for texture in ("1", "4", "ridges")]
+    silhouettes = {block.silhouette for block in blocks}
+    assert len(silhouettes) == 1
+    for block in blocks:
+        assert in_file(block).silhouette == block.silhouette
+        assert for_fixtures(block).silhouette == block.silhouette
+        assert for_fixtures(block).size_mm == pytest.approx(in_file(block).size_mm)
+    plain = Block.of("1")
+    assert for_fixtures(plain) is plain
+
+
+def test_an_outline_cannot_be_corrected() -> None:
+    with pytest.raises(InputError, match="only rectangular blocks"):
+        corrected_for(Block.of("1", outline=Disc(diameter_mm=20.0)), PRINTER)
