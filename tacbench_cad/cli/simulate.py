@@ -141,6 +141,7 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
     lines.append(
         f"  {needed.others:,} other images: for each block, frames without contact and 4 x "
         f"{protocol.stationary_frames} frames without motion"
+        + (f", and {protocol.series_frames} moving frames after each press" if protocol.series_frames else "")
     )
     kind = f"look {how.look}, {'colour' if how.colour else 'grey'}"
     there = f"{needed.there:,} images exist; " if needed.there else ""

@@ -100,6 +100,22 @@ class PressGrid:
                 )
 
 
+def beyond_top_mm(block: Block, points_mm: Floats) -> Floats:
+    """Return how far each point lies outside of the top of a block, in mm; at most 0 for a point on the top.
+
+    Args:
+        block: The block.
+        points_mm: The x and y of the points in the block frame, shape (n, 2).
+    """
+    (x, y), size = np.asarray(points_mm).T, block.size_mm
+    beyond = np.maximum.reduce([-x, -y, x - size[0], y - size[1]])
+    if block.outline is not None:
+        beyond = np.maximum(beyond, block.outline.excess(x, y))
+    if block.key_mm is not None:
+        beyond = np.maximum(beyond, (x - y - (size[0] - block.key_mm)) / math.sqrt(2.0))
+    return np.asarray(beyond)
+
+
 def contact_radius_mm(force_n: float) -> float:
     """Return the radius of the sensor's contact with a flat plate, in mm.
 

@@ -40,7 +40,7 @@ PX_PER_MM = FOCAL_PX / (CAMERA_BELOW_MM + TIP_RADIUS_MM)
 #: frames without motion. This standard deviation is 0.033 px along each axis for the noisiest of the simulated sensors.
 FELT_PX = 0.1
 #: The smallest fraction of the kernel's weight that must lie on known points.
-_MIN_KNOWN = 0.5
+_MIN_KNOWN = 0.7
 
 
 def skin_transfer(wavenumber: ArrayLike, thickness_mm: float = SKIN_MM) -> Floats:
@@ -72,7 +72,7 @@ def pin_shifts_px(deviation_mm: Floats, step_mm: float) -> Floats:
         step_mm: The distance of neighbouring points.
 
     Returns:
-        The shifts, shape (n, m); NaN where the deviation is unknown, or unknown over most of the neighbourhood.
+        The shifts, shape (n, m); NaN where the deviation is unknown over most of the neighbourhood.
     """
     from scipy import fft
 
@@ -93,4 +93,4 @@ def pin_shifts_px(deviation_mm: Floats, step_mm: float) -> Floats:
     mean = float(deviation_mm[known].mean())
     inside = spread(np.where(known, deviation_mm - mean, 0.0)) / np.where(enough, weight, np.nan)
     slopes = np.gradient(inside, step_mm) if min(n, m) > 1 else (np.full((n, m), np.nan),) * 2
-    return np.where(known, PX_PER_MM * LEVER_MM * np.hypot(*slopes), np.nan)
+    return np.asarray(PX_PER_MM * LEVER_MM * np.hypot(*slopes))

@@ -25,13 +25,14 @@ def points_of(block: Block, pitch_mm: float = PITCH_MM) -> tuple[Floats, Floats]
     return across, down
 
 
-def without_edge(block: Block, x_mm: Floats, y_mm: Floats) -> Bools:
+def without_edge(block: Block, x_mm: Floats, y_mm: Floats, edge_mm: float = EDGE_MM) -> Bools:
     """Return which points of a grid are compared: those that are not near the edge or the cut of the key.
 
     Args:
         block: The block.
         x_mm: The x coordinates of the grid, shape (n,).
         y_mm: The y coordinates of the grid, shape (m,).
+        edge_mm: The width of the edge that is left out.
 
     Returns:
         Shape (n, m).
@@ -40,10 +41,10 @@ def without_edge(block: Block, x_mm: Floats, y_mm: Floats) -> Bools:
         InputError: No point is left.
     """
     across, down = block.size_mm
-    along_x, along_y = (x_mm > EDGE_MM) & (x_mm < across - EDGE_MM), (y_mm > EDGE_MM) & (y_mm < down - EDGE_MM)
+    along_x, along_y = (x_mm > edge_mm) & (x_mm < across - edge_mm), (y_mm > edge_mm) & (y_mm < down - edge_mm)
     inside = along_x[:, None] & along_y[None, :]
     if block.region is not None:
-        inside &= block.region.distance(x_mm[:, None], y_mm[None, :]) < -EDGE_MM
+        inside &= block.region.distance(x_mm[:, None], y_mm[None, :]) < -edge_mm
     if not inside.any():
-        raise InputError("texture", block.name, f"is too small: nothing remains without its edge of {EDGE_MM:g} mm")
+        raise InputError("texture", block.name, f"is too small: nothing remains without its edge of {edge_mm:g} mm")
     return inside

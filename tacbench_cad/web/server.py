@@ -4,6 +4,8 @@ A page in the browser must be safe from other users of the machine and from othe
 
 - The server listens on 127.0.0.1, unless the user gives another address of the machine.
 - The address contains a random token. A request without it is refused.
+- Other users of the machine can read the command line of the browser. The browser is therefore started with an address
+  that works once and leads to the page.
 - The header Host must name the address of the server. A page of another site that points its own name to this address
   (DNS rebinding) sends its own name.
 - The header Origin, which the browser adds to the requests of a script, must be the address of this server.
@@ -24,7 +26,7 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -49,11 +51,13 @@ class Guard:
         token: The token, the first part of every path.
         port: The port of the server.
         host: The address of the server.
+        once: A path that leads to the page the first time it is requested; empty for none.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int, host: str = HOST) -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int, host: str = HOST, once: str = "") -> None:
         self.app = app
         self._token = token.encode()
+        self._once = once
         self._hosts = tuple(f"{name}:{port}" for name in ((HOST, "localhost") if host == HOST else (in_url(host),)))
         policy = (
             f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' "
@@ -72,13 +76,20 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass an allowed request on, and refuse all others."""
         refusal = self._refusal(scope)
-        if refusal is None:
+        if refusal is None and self._opens(scope):
+            self._once = ""
+            await RedirectResponse(f"/{self._token.decode()}/")(scope, receive, self._with_headers(send))
+        elif refusal is None:
             scope = {**scope, "root_path": f"/{self._token.decode()}"}
             await self.app(scope, receive, self._with_headers(send))
         elif scope["type"] == "http":
             await PlainTextResponse(refusal, 403)(scope, receive, self._with_headers(send))
         else:
             await send({"type": "websocket.close", "code": 1008, "reason": refusal})
+
+    def _opens(self, scope: Scope) -> bool:
+        """Return whether this is the request for the address that works once."""
+        return bool(self._once) and scope["type"] == "http" and scope["path"] == f"/{self._once}"
 
     def _refusal(self, scope: Scope) -> str | None:
         """Return why a request is not allowed, or None."""
@@ -91,7 +102,7 @@ class Guard:
         if len(hosts) != 1 or hosts[0] not in self._hosts:
             return "The header Host must be the address and the port of this server."
         first = scope["path"].encode("utf-8", "surrogateescape").split(b"/")[1:2]
-        if not first or not secrets.compare_digest(first[0], self._token):
+        if not self._opens(scope) and (not first or not secrets.compare_digest(first[0], self._token)):
             return "The address has no valid token. Use the whole address that the command printed."
         origins = headers.get(b"origin", [])
         needed = scope["type"] == "websocket"
@@ -192,10 +203,10 @@ def serve(
         InputError: The address or the port cannot be used.
     """
     with bound_socket(port, host) as listener:
-        token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
-        address = f"http://{in_url(host)}:{port}/{token}/"
+        token, once, port = secrets.token_urlsafe(24), secrets.token_urlsafe(24), listener.getsockname()[1]
+        server_address = f"http://{in_url(host)}:{port}"
         settings = uvicorn.Config(
-            Guard(Starlette(routes=list(routes)), token, port, host),
+            Guard(Starlette(routes=list(routes)), token, port, host, once if browser else ""),
             log_config=None,
             log_level="warning",
             access_log=False,
@@ -207,9 +218,9 @@ def serve(
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=_CLOSING_S,
         )
-        announce(address)
+        announce(f"{server_address}/{token}/")
         if browser:  # a browser without windows keeps the thread busy until it is closed
-            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+            threading.Thread(target=webbrowser.open, args=(f"{server_address}/{once}",), daemon=True).start()
         server = uvicorn.Server(settings)
         if end is not None:
             threading.Thread(target=_stop_after, args=(end, server), daemon=True).start()

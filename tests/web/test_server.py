@@ -60,6 +60,19 @@ def test_a_request_without_the_token_is_refused(client: TestClient, path: str) -
     assert TOKEN not in answer.text
 
 
+def test_the_address_for_the_browser_works_once() -> None:
+    client = TestClient(
+        Guard(Starlette(routes=file_routes("tacbench_cad.web.design", "page.html")), TOKEN, PORT, once="x")
+    )
+    assert client.get("/x/", headers=HERE).status_code == 403
+    assert client.get("/x", headers={"host": "evil.example"}).status_code == 403
+    answer = client.get("/x", headers=HERE, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (307, f"/{TOKEN}/")
+    assert client.get(f"/{TOKEN}/", headers=HERE).status_code == 200
+    refused = client.get("/x", headers=HERE, follow_redirects=False)
+    assert refused.status_code == 403 and TOKEN not in refused.text
+
+
 @pytest.mark.parametrize(
     "host", ["evil.example", f"evil.example:{PORT}", "127.0.0.1", "127.0.0.1:80", f"127.0.0.1.evil:{PORT}"]
 )

@@ -28,12 +28,14 @@ def require_reach(protocol: Protocol, holder: HolderRim, frames: Sequence[WorkFr
     """
     heights = (-protocol.depth_limit_mm, travel_height_mm(protocol, holder))
     for slot, frame in enumerate(frames, start=1):
-        places = [frame.to_stage((float(x), float(y), z)) for x, y in protocol.grid.positions_mm for z in heights]
+        points = protocol.path_mm().reshape(-1, 2)
+        places = [frame.to_stage((float(x), float(y), z)) for x, y in points for z in heights]
         for axis, (low, high) in enumerate(limits_mm):
             lowest, highest = min(place[axis] for place in places), max(place[axis] for place in places)
             if not (low <= lowest and highest <= high):
                 raise InputError(
                     f"[stage] limits_mm {'xyz'[axis]}",
                     [low, high],
-                    f"slot {slot} needs {lowest:.3f} to {highest:.3f} mm (positions, clearance and depth limit)",
+                    f"slot {slot} needs {lowest:.3f} to {highest:.3f} mm "
+                    "(positions, slides, clearance and depth limit)",
                 )

@@ -15,8 +15,10 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter, timed
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
+from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
@@ -64,7 +66,7 @@ class SimulatedBlock:
     Args:
         name: The name of the run folder.
         presses: The number of new presses.
-        images: The number of new images, including references and frames without motion.
+        images: The number of new images, including references, frames without motion and moving frames.
         worst_n: The largest distance of a new force from its target, in N; 0 in depth mode.
         seconds: The time spent in ``print`` (the height map), ``press`` (poses and pins), ``draw``, ``encode`` and
             ``write``, in s.
@@ -153,6 +155,30 @@ class FrameSource:
                 self._kept[key] = (pose, contact.force_n(*pose), self.sensor.approach(contact, pose, rng))
         return self._kept[key]
 
+    def moving(self, press: Press, pose: Point, when: datetime) -> list[MovingFrame]:
+        """Return the frames of the slide after a press, at constant height and speed; none without a motion.
+
+        Args:
+            press: The press.
+            pose: The pose of the press, where the slide begins.
+            when: The time at which the slide begins.
+        """
+        protocol, count, contact, drag = self.info.plan.protocol, self.info.series_frames, self._contact, Drag()
+        (dx, dy), frames = protocol.slide_mm, []
+        for index in range(count):
+            fraction = index / (count - 1)
+            at = (pose[0] + fraction * dx, pose[1] + fraction * dy, pose[2])
+            time_s = fraction * protocol.slide_length_mm / protocol.slide_speed_mm_s
+            with timed(self.seconds, "press"):
+                force_n = contact.force_n(*at)
+                # The error of the approach stays the same during the slide.
+                rng = seeded("approach", self._seed, self.info.printed.name, press.number)
+                pins = self.sensor.approach(contact, at, rng, lag_mm=drag.move(at, force_n))
+            name = f"press {press.number} moving {index}"
+            frame = self.frame(pins, name, when + timedelta(seconds=time_s))
+            frames.append(MovingFrame(frame=frame, time_s=time_s, pose_mm=at, pose_from="time", force_n=force_n))
+        return frames
+
     def _depth_of(self, press: Press, contact: DomeContact) -> float:
         if press.target_n is not None:
             z = contact.z_for_force(press.x_mm, press.y_mm, press.target_n)
@@ -195,7 +221,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
     with RunWriter.open(folder, info, durable=False) as run:
         source = FrameSource(info, options)
         missing = run.missing(info.presses)
-        images, worst = len(missing), 0.0
+        images, worst = len(missing) * (1 + info.series_frames), 0.0
         if run.reference_time is None:
             run.reference(source.frame(source.sensor.rest, "reference 0"), BEGIN)
             images += 1
@@ -212,16 +238,18 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
                 force = Force(mean_n=force_n, spread_n=0.0, samples=1)
                 error = abs(force_n - press.target_n)
                 in_band, worst = error <= press.band_n, max(worst, error)
-            run.press(press, pose, source.frame(pins, f"press {press.number}", now), force, force, in_band, now)
+            frame, moving = source.frame(pins, f"press {press.number}", now), source.moving(press, pose, now)
+            run.press(press, pose, frame, force, force, in_band, now, moving)
         images += _stationary(run, source, "end")
         seconds = {**source.seconds, "encode": run.seconds["encode"], "write": run.seconds["sync"]}
     return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
 
 
 def other_images(info: RunInfo) -> int:
-    """Return the number of reference and stationary images of a run."""
+    """Return the number of reference, stationary and moving images of a run."""
     presses_each = math.floor(info.plan.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
-    return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.stationary_frames
+    moving = len(info.presses) * info.series_frames
+    return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.stationary_frames + moving
 
 
 def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:

@@ -111,7 +111,7 @@ class SimulationEstimate:
     Args:
         blocks: The number of blocks.
         presses: The number of images of presses.
-        others: The number of images without a press: references and stationary frames.
+        others: The number of other images: references, stationary frames and the moving frames of series.
         there: The number of images that already exist.
         bytes_each: The size of an image's file.
         seconds_each: The processor time of an image, in s, for one process.
@@ -246,7 +246,8 @@ def simulate_study(
 
 def images_there(folder: Path) -> int:
     """Return the number of images in a run folder."""
-    return sum(1 for name in schema.FRAME_FOLDERS for _ in (folder / name).glob("*.png"))
+    frames = sum(1 for name in schema.FRAME_FOLDERS for _ in (folder / name).glob("*.png"))
+    return frames + sum(1 for _ in (folder / schema.SERIES_FOLDER).glob("*/*.png"))
 
 
 def _measured(info: RunInfo, options: SimulationOptions) -> tuple[float, float]:

@@ -8,7 +8,8 @@ of a lever that begins in the middle of the skin. The gel's volume and the stret
 
 The dome is a sphere, so the overlap depends only on the position of its centre. If the sensor is turned, the same
 overlap lies under other pins: the pins are turned with the sensor, moved by the skin as above, and turned back for the
-camera, which is fixed to the sensor. Friction is ignored.
+camera, which is fixed to the sensor. Friction acts only in a slide: there the skin in contact lags behind the dome (see
+:mod:`tacbench_cad.lab.simulate.drag`), and the pins above it with it.
 
 Dome frame: the origin is the dome's centre, x and y are those of the block, and z points to the summit, so downwards on
 the rig. The camera looks along +z. In the image x grows to the right and y upwards, as seen from above.
@@ -228,18 +229,31 @@ class TacTip:
             "focal_px": self.camera.focal_px,
         }
 
-    def pins(self, contact: DomeContact | None, pose_mm: Point, angles_deg: Angles = UPRIGHT) -> Pins:
+    def pins(
+        self,
+        contact: DomeContact | None,
+        pose_mm: Point,
+        angles_deg: Angles = UPRIGHT,
+        lag_mm: tuple[float, float] = (0.0, 0.0),
+    ) -> Pins:
         """Return the pins with the summit at a pose.
 
         Args:
             contact: The surface under the dome; None for no contact.
             pose_mm: The summit in the work frame.
             angles_deg: The angles of the sensor in the work frame.
+            lag_mm: The x and y by which the dome is ahead of the skin in contact, see
+                :class:`~tacbench_cad.lab.simulate.drag.Drag`.
         """
-        return self._pins_over(contact, lowest(pose_mm, angles_deg), angles_deg)
+        return self._pins_over(contact, lowest(pose_mm, angles_deg), angles_deg, lag_mm)
 
     def approach(
-        self, contact: DomeContact | None, pose_mm: Point, rng: np.random.Generator, angles_deg: Angles = UPRIGHT
+        self,
+        contact: DomeContact | None,
+        pose_mm: Point,
+        rng: np.random.Generator,
+        angles_deg: Angles = UPRIGHT,
+        lag_mm: tuple[float, float] = (0.0, 0.0),
     ) -> Pins:
         """Return the pins after another approach to a pose, which misses the pose by a random error.
 
@@ -249,18 +263,21 @@ class TacTip:
                 force is reached at the summit's true position.
             rng: The random generator of the errors.
             angles_deg: The angles of the sensor in the work frame.
+            lag_mm: Same as for :meth:`pins`.
         """
         below_mm = lowest(pose_mm, angles_deg)
         force_n = contact.force_n(*below_mm) if contact is not None and self.look.misses else 0.0
         if contact is None or force_n == 0.0:
-            return self._pins_over(contact, below_mm, angles_deg)
+            return self._pins_over(contact, below_mm, angles_deg, lag_mm)
         spreads = np.repeat([self.look.approach_mm, *self.look.sway_px], (2, 2, 1))
         dx, dy, column, row, radius = (spreads * rng.standard_normal(5)).tolist()
         x, y = below_mm[0] + dx, below_mm[1] + dy
-        pins = self._pins_over(contact, (x, y, contact.z_for_force(x, y, force_n)), angles_deg)
+        pins = self._pins_over(contact, (x, y, contact.z_for_force(x, y, force_n)), angles_deg, lag_mm)
         return replace(pins, sway_px=(column, row, radius))
 
-    def _pins_over(self, contact: DomeContact | None, below_mm: Point, angles_deg: Angles) -> Pins:
+    def _pins_over(
+        self, contact: DomeContact | None, below_mm: Point, angles_deg: Angles, lag_mm: tuple[float, float]
+    ) -> Pins:
         """Return the pins with the lowest point of the dome at a position of the work frame."""
         if contact is None or contact.force_n(*below_mm) == 0.0:
             return self.rest
@@ -273,6 +290,9 @@ class TacTip:
         facing /= np.linalg.norm(facing, axis=1, keepdims=True)
         tips = MIDDLE_MM * turned.outward + self._levers_mm[:, None] * facing
         tips[:, 2] -= w
+        if lag_mm != (0.0, 0.0):
+            # The skin that is pressed in most is the skin in contact. The skin around it lags less.
+            tips[:, :2] -= (w / np.max(w))[:, None] * np.array(lag_mm)
         if angles_deg == UPRIGHT:
             return Pins(tips_mm=tips, facing=facing)
         return Pins(tips_mm=tips @ turned.matrix, facing=facing @ turned.matrix)

@@ -12,14 +12,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+
 from tacbench_cad.lab.rig import registry
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
-from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid
+from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
 from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields
 from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.types import Floats
 
 ContactMode = Literal["force", "depth"]
 TouchMethod = Literal["gauge", "sensor", "taught"]
@@ -52,6 +55,8 @@ HARD_LIMIT_N = 5.0
 MAX_PRESSES = 1_000_000
 #: The largest number of frames of a series, which are kept in memory until the sensor is lifted.
 MAX_MOTION_FRAMES = 500
+#: The number of parts of a slide whose ends are checked to lie on the block.
+SLIDE_PARTS = 200
 #: The default depths below the first contact, in mm, for a rig without a gauge. They are the rounded depths to which
 #: the three forces press the simulated dome against a flat plate. A calibration of the rig gives better values.
 DEPTHS_MM = (0.35, 1.7, 2.2)
@@ -308,6 +313,36 @@ class Protocol:
         """The x and y of the end of a slide, relative to its start."""
         angle = math.radians(self.slide_direction_deg)
         return (self.slide_length_mm * math.cos(angle), self.slide_length_mm * math.sin(angle))
+
+    def path_mm(self, parts: int = 1) -> Floats:
+        """Return the points of all presses and slides, shape (parts + 1, positions, 2), from the start to the end.
+
+        Args:
+            parts: The number of equal parts into which each slide is divided.
+        """
+        end = self.slide_mm if self.motion == "slide" else (0.0, 0.0)
+        fractions = np.linspace(0.0, 1.0, parts + 1)[:, None, None]
+        return np.asarray(self.grid.positions_mm + fractions * np.array(end))
+
+    def require_slides_on(self, block: Block) -> None:
+        """Check that every slide stays on the top of a block.
+
+        Raises:
+            InputError: A slide leaves it.
+        """
+        if self.motion != "slide":
+            return
+        path = self.path_mm(SLIDE_PARTS)
+        beyond = beyond_top_mm(block, path.reshape(-1, 2)).reshape(path.shape[:2]).max(axis=0)
+        worst = int(beyond.argmax())
+        if beyond[worst] > 1e-9:
+            (x, y), size = path[0, worst], block.size_mm
+            raise InputError(
+                "slide_length_mm",
+                self.slide_length_mm,
+                f"the slide from x {x:g}, y {y:g} mm leaves the top of the block ({size[0]:g} x {size[1]:g} mm) by "
+                f"{beyond[worst]:.3g} mm; use a shorter slide, another slide_direction_deg or another grid",
+            )
 
     @property
     def series_frames(self) -> int:
@@ -572,6 +607,7 @@ class Study:
             raise InputError("study", twice, "occurs twice; give the copies different numbers")
         for planned in self.blocks:
             self.protocol.grid.require_on(planned.printed.block)
+            self.protocol.require_slides_on(planned.printed.block)
             wrong = [level for level in planned.levels if not 1 <= level <= self.protocol.levels]
             if wrong:
                 raise InputError("force_levels", wrong[0], f"must be from 1 to {self.protocol.levels}")

@@ -12,6 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -323,3 +324,22 @@ def test_an_interruption_ends_with_130_and_the_study_can_be_resumed(tmp_path: Pa
     for run in folder.iterdir():
         assert check_run(run).ok
         assert len(Run.open(run).rows) == 24
+
+
+def test_a_slide_study_has_a_series_of_moving_frames_for_each_press(tmp_path: Path) -> None:
+    study = _study(motion="slide", motion_frames=4, slide_length_mm=6.0, slide_speed_mm_s=3.0, repeats=1)
+    study = replace(study, blocks=(replace(study.blocks[1], levels=(2,)),))
+    needed = estimate_simulation(study, tmp_path)
+    (block,) = simulate_study(study, tmp_path)
+    folder = tmp_path / block.name
+    assert images_there(folder) == block.images == needed.presses + needed.others
+    assert check_run(folder, workers=1).findings == ()
+    run = Run.open(folder)
+    for row in run.rows:
+        series = run.series(row, verify=True)
+        np.testing.assert_allclose(series.time_s, [0.0, 2 / 3, 4 / 3, 2.0], atol=1e-4)
+        np.testing.assert_allclose(series.pose_mm[:, 1], row.pose_mm[1] + np.array([0.0, 2.0, 4.0, 6.0]), atol=1e-6)
+        np.testing.assert_allclose(series.pose_mm[:, [0, 2]], [[row.pose_mm[0], row.pose_mm[2]]] * 4, atol=1e-6)
+        assert series.force_n is not None and series.force_n[0] == pytest.approx(row.measured_force_n, abs=1e-5)
+        assert series.pose_from == "time"
+    assert b"simulated TacTip" in (folder / "series" / "press_1" / "frame_02.png").read_bytes()[:400]

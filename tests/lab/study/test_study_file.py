@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
@@ -220,3 +221,35 @@ def test_a_wrong_plan_is_named(tmp_path: Path, plan: str | None, station: str, m
     path.write_text(station)
     with pytest.raises(InputError, match=message):
         read_study(path)
+
+
+SLIDE = BLOCK + '[protocol]\nmotion = "slide"\n'
+
+
+def test_a_slide_has_a_direction_in_the_frame_of_the_block(tmp_path: Path) -> None:
+    protocol = _read(tmp_path, SLIDE + "slide_length_mm = 4\nslide_direction_deg = 150\n").study.protocol
+    assert protocol.series_frames == 10
+    assert protocol.slide_mm == pytest.approx((-(12.0**0.5), 2.0))
+    assert protocol.path_mm(2)[1] == pytest.approx(protocol.grid.positions_mm + np.array([-(3.0**0.5), 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("slide_length_mm = 30\n", r"slide_length_mm = 30.*from x 4, y 23 mm leaves the top of the block .* by 23"),
+        ("slide_length_mm = 4.5\nslide_direction_deg = 180\n", r"slide_length_mm = 4\.5.*from x 4, .* by 0\.5 mm"),
+        ("motion_frames = 1\n", r"motion_frames = 1.*from 2 to 500"),
+        ("slide_speed_mm_s = 0\n", "slide_speed_mm_s"),
+        ("slide_mm = 3\n", "slide_mm"),
+    ],
+)
+def test_slides_that_are_not_possible_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        _read(tmp_path, SLIDE + text)
+
+
+def test_a_slide_must_not_cross_the_key(tmp_path: Path) -> None:
+    keyed = SLIDE.replace("texture = 4", "texture = 4\nkey_mm = 3") + "grid = { x_mm = [19], y_mm = [5] }\n"
+    assert _read(tmp_path, keyed + "slide_direction_deg = 0\nslide_length_mm = 4\n").study.presses
+    with pytest.raises(InputError, match="from x 19, y 5 mm leaves the top"):
+        _read(tmp_path, keyed + "slide_direction_deg = -45\n")

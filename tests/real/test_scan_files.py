@@ -1,0 +1,107 @@
+"""Files that come with packages of others are read as scans: meshes, a range image, point clouds and height maps."""
+
+from __future__ import annotations
+
+import gzip
+import importlib.util
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tacbench_cad.scan.reading import MIN_POINTS, read_scan
+from tacbench_cad.scan.roughness import roughness
+from tacbench_cad.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
+from tacbench_cad.spec.block import Block
+
+pytestmark = pytest.mark.real
+
+
+def folder(package: str, inside: str) -> Path:
+    """Return a folder inside an installed package; skip the test if it is not there."""
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
+        pytest.skip(f"{package} is not installed: pip install {package}")
+    place = Path(spec.origin).parent / inside
+    if not place.is_dir():
+        pytest.skip(f"this version of {package} brings no {inside}")
+    return place
+
+
+@pytest.mark.parametrize("name", ["airplane.obj", "bunny.obj", "cow.obj", "bone.ply", "colored_airplane.ply",
+                                  "bunny10k_textured.obj", "rangemaps/face000.ply"])  # fmt: skip
+def test_sample_meshes_of_pymeshlab(name: str) -> None:
+    pymeshlab = pytest.importorskip("pymeshlab", exc_type=ImportError)
+    pytest.importorskip("trimesh")
+    path = folder("pymeshlab", "tests/sample_meshes") / name
+    scan = read_scan(path, unit="mm")
+    assert len(scan.cloud) >= MIN_POINTS
+    meshes = pymeshlab.MeshSet()
+    meshes.load_new_mesh(str(path))
+    vertices = meshes.current_mesh().vertex_matrix()
+    low, high = scan.cloud.points_mm.min(axis=0), scan.cloud.points_mm.max(axis=0)
+    slack = 0.03 * np.ptp(vertices, axis=0)  # the points of a coarse mesh lie on its triangles, not at its corners
+    assert np.all(np.abs(low - vertices.min(axis=0)) <= slack)
+    assert np.all(np.abs(high - vertices.max(axis=0)) <= slack)
+
+
+def test_meshes_of_pybullet_data() -> None:
+    pytest.importorskip("trimesh")
+    place = folder("pybullet_data", ".")
+    paths = [path for ending in ("stl", "STL", "obj") for path in sorted(place.glob(f"*/meshes/**/*.{ending}"))][:12]
+    assert len(paths) >= 5
+    for path in paths:
+        scan = read_scan(path, unit="m")
+        assert np.all(np.isfinite(scan.cloud.points_mm)), path.name
+
+
+def test_elevations_that_come_with_matplotlib(tmp_path: Path) -> None:
+    samples = folder("matplotlib", "mpl-data/sample_data")
+    with np.load(samples / "jacksboro_fault_dem.npz") as archive:
+        elevation = np.asarray(archive["elevation"], dtype=np.float64)
+    with gzip.open(samples / "s1045.ima.gz") as stream:
+        slice_ = np.frombuffer(stream.read(), dtype=np.uint16).reshape(256, 256)
+    np.save(tmp_path / "dem.npy", elevation)
+    scan = read_scan(tmp_path / "dem.npy", unit="m", mm_per_pixel=90_000.0)
+    assert len(scan.cloud) == elevation.size
+    assert np.ptp(scan.cloud.points_mm[:, 2]) == pytest.approx(1000.0 * np.ptp(elevation))
+    image = pytest.importorskip("PIL.Image")
+    image.fromarray(slice_).save(tmp_path / "slice.tif")
+    levels = read_scan(tmp_path / "slice.tif", unit="um", mm_per_pixel=0.1)
+    assert levels.cloud.points_mm[:, 2].max() == pytest.approx(slice_.max() / 1000.0)
+
+
+def test_point_clouds_by_laspy(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    points = simulate_scan(Block.of(2), ScanTruth(points=5000)).points_mm
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales, header.offsets = np.full(3, 1e-5), points.min(axis=0)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.write(tmp_path / "a.las")
+    scan = read_scan(tmp_path / "a.las", unit="mm", size_mm=(23.3, 30.0, 7.0))
+    np.testing.assert_allclose(scan.cloud.points_mm, points, atol=1e-5)
+
+
+@pytest.mark.parametrize("ending", ["sur", "sdf", "al3d", "x3p"])
+def test_files_of_instruments_by_surfalize(ending: str, tmp_path: Path) -> None:
+    surfalize = pytest.importorskip("surfalize")
+    block = Block.of(2)
+    cloud = simulate_height_map(block, ScanTruth(seed=1), step_mm=0.1)
+    assert cloud.grid is not None
+    heights = cloud.grid.heights_mm[5:-5, 5:-5]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            surfalize.Surface(1000.0 * heights[::-1], 100.0, 100.0).save(tmp_path / f"a.{ending}")
+        except Exception as error:
+            pytest.skip(f"surfalize {surfalize.__version__} does not write .{ending}: {error}")
+    scan = read_scan(tmp_path / f"a.{ending}", size_mm=(*block.size_mm, block.height_mm))
+    assert scan.kind == "height map"
+    assert scan.notes == ()
+    assert scan.cloud.grid is not None
+    assert scan.cloud.grid.step_mm == pytest.approx((0.1, 0.1))
+    read = scan.cloud.grid.heights_mm
+    np.testing.assert_allclose(read - np.nanmean(read), heights - np.nanmean(heights), atol=1e-3)
+    assert roughness(scan.cloud.grid).sq_um == pytest.approx(roughness(cloud.grid).sq_um, rel=0.1)
