@@ -24,7 +24,9 @@ class Estimate:
 
     Args:
         name: Such as ``shift_x_mm``, ``rotation_z_deg``, ``scale_x``, ``skew_xy``, ``base_mm``, ``wall_offset_mm``.
-            Rotations are small rotations of the print about the centre of the block, added to the pose.
+            Rotations are small rotations of the print about the centre of the block, added to the pose. A shift has
+            the value of the pose, and the standard error of the centre of the block, so that it does not depend on
+            where the scanner has its origin.
         value: The value. If it is not determined, it is the start or the nominal value.
         standard_error: The standard error; infinite if the scan does not determine the value.
         determined: Whether the scan determines the value.

@@ -1,0 +1,163 @@
+"""The steps of a fine fit: from a rough pose to estimates with intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tacbench_cad.scan.estimates import Estimate, Fit, WaveEstimate
+from tacbench_cad.scan.faces import TABLE, TOP, WALL, assign, walls_of
+from tacbench_cad.scan.pose import Pose
+from tacbench_cad.scan.refining import (
+    TUKEY,
+    Normal,
+    Solved,
+    State,
+    Unknowns,
+    edge_width,
+    errors,
+    iterate,
+    normal_equations,
+    solve,
+    unknowns,
+    with_noise,
+)
+from tacbench_cad.scan.relief import Relief
+from tacbench_cad.scan.waves import wave_estimates
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.types import Floats
+
+#: The number of points of the first steps, and of the steps that compare poses.
+FIRST_POINTS = 4_000
+COMPARED_POINTS = 20_000
+#: The largest number of products in the sums of one step, which limits the number of points.
+_MAX_PRODUCTS = 6e9
+_MAX_POINTS = 2_000_000
+
+
+def thinned(points: Floats, count: int) -> Floats:
+    """Return at most ``count`` of the points, drawn evenly. The same points give the same selection."""
+    if len(points) <= count:
+        return points
+    return points[np.sort(np.random.default_rng(0).choice(len(points), count, replace=False))]
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """The first steps of a fit, in which points within a shrinking distance of a sharper and sharper relief count."""
+
+    block: Block
+    limits: tuple[float, ...]
+    reliefs: tuple[Relief, ...]
+
+    @classmethod
+    def of(cls, block: Block) -> Rough:
+        """Return the steps for a block. Many poses can share them."""
+        plain = Relief.of(block)
+        limits = tuple(factor * plain.rms_mm for factor in (1.0, 0.6, 0.35))
+        return cls(block, limits, tuple(plain.changed(plain.changes, 0.5 * limit) for limit in limits))
+
+    def __call__(self, points: Floats, pose: Pose) -> State:
+        """Return the state after these steps."""
+        faces = frozenset((TABLE, TOP, *(WALL + i for i in range(len(walls_of(self.block))))))
+        unknown = unknowns("pose", self.reliefs[0], (), waves=False)
+        state = State(pose, self.reliefs[0], faces=faces)
+        for limit, relief, steps in zip(self.limits, self.reliefs, (5, 4, 4), strict=True):
+            state = replace(state, relief=relief, depth_mm=limit / TUKEY, lateral_mm=limit / TUKEY)
+            state = iterate(points, self.block, state, unknown, limit, steps)
+        return state
+
+
+def cost(points: Floats, block: Block, state: State, limit_mm: float) -> Floats:
+    """Return the squared distance of each point from its face, at most the squared limit, in mm^2; shape (n,)."""
+    assigned = assign(state.pose.to_block(points), block, state.relief, limit_mm, edge_width(state))
+    distance = errors(assigned, state) / np.sqrt(1.0 + assigned.slope2)
+    return np.asarray(np.minimum(np.nan_to_num(distance**2, nan=limit_mm**2), limit_mm**2))
+
+
+def faces_seen(points: Floats, block: Block, state: State, limit_mm: float) -> frozenset[int]:
+    """Return the faces to which at least 1 % of the points belong."""
+    assigned = assign(state.pose.to_block(points), block, state.relief, limit_mm, edge_width(state))
+    kinds, counts = np.unique(assigned.face[assigned.clear], return_counts=True)
+    return frozenset(int(kind) for kind, number in zip(kinds, counts, strict=True) if number >= 0.01 * len(points))
+
+
+def simple(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, frozenset[int]]:
+    """Return the state with the scale and the skew fitted but not the waves, and the faces that the scan shows."""
+    state = replace(state, relief=Relief.of(block), depth_mm=limit_mm / TUKEY, lateral_mm=limit_mm / TUKEY)
+    faces = faces_seen(points, block, state, limit_mm)
+    state = replace(state, faces=faces)
+    return iterate(points, block, state, unknowns(fit, state.relief, faces, waves=False), limit_mm, 4), faces
+
+
+def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, Unknowns]:
+    """Return the state with the scale, the skew and the waves fitted, and the parameters of the fit."""
+    state, faces = simple(points, block, state, fit, limit_mm)
+    full = unknowns(fit, state.relief, faces, waves=True)
+    for _ in range(6):
+        before = state.depth_mm
+        state = iterate(points, block, state, full, limit_mm, 3)
+        state = with_noise(points, block, state, limit_mm, blur=True)
+        if abs(state.depth_mm - before) < 0.02 * before:
+            break
+    return state, full
+
+
+@dataclass(frozen=True, eq=False)
+class Final:
+    """The last step of a fit: the state, the solved equations, and standard errors of all unknowns."""
+
+    state: State
+    unknown: Unknowns
+    solved: Solved
+    standard_error: Floats
+    correlation: float
+
+
+def finish(points: Floats, block: Block, state: State, unknown: Unknowns, limit_mm: float, blur: bool) -> Final:
+    """Return the last steps of a fit with as many points as time allows, and the standard errors."""
+    columns = len(unknown.names) + 2 * len(state.relief.fitted)
+    points = thinned(points, int(min(_MAX_POINTS, max(COMPARED_POINTS, _MAX_PRODUCTS / columns**2))))
+    state = iterate(points, block, state, unknown, limit_mm, 2)
+    state = with_noise(points, block, state, limit_mm, blur=blur)
+    state = iterate(points, block, state, unknown, limit_mm, 1)
+    normal = normal_equations(points, block, state, unknown, limit_mm, scores=True)
+    solved = solve(normal, unknown, block)
+    correlation = _correlation(normal)
+    ratio = normal.weight_sum / max(normal.slope_sum, 1e-9)
+    covariance = solved.gain @ normal.scores @ solved.gain
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0) * correlation) * ratio
+    return Final(state, unknown, solved, np.where(solved.determined, error, math.inf), math.sqrt(correlation))
+
+
+def _correlation(normal: Normal) -> float:
+    """Return the factor by which sums over cells vary more than independent residuals would; at least 1."""
+    cells = np.count_nonzero(normal.cell_sums)
+    if cells < 20 or normal.square_sum <= 0.0:
+        return 1.0
+    factor = float(normal.cell_sums @ normal.cell_sums) / normal.square_sum
+    return factor if factor > 1.0 + 2.0 * math.sqrt(2.0 / cells) else 1.0
+
+
+def estimates(final: Final, block: Block) -> tuple[Estimate, ...]:
+    """Return the estimates of the parameters of the pose and the print."""
+    state, names = final.state, final.unknown.names
+    values = {f"scale_{axis}": float(state.pose.stretch[i, i]) for i, axis in enumerate("xyz")}
+    values |= {"skew_xy": float(state.pose.stretch[0, 1]), "skew_xz": float(state.pose.stretch[0, 2])}
+    values |= {"skew_yz": float(state.pose.stretch[1, 2]), "wall_offset_mm": state.wall_offset_mm}
+    values |= {f"shift_{axis}_mm": float(state.pose.shift_mm[i]) for i, axis in enumerate("xyz")}
+    values["base_mm"] = block.base_mm + state.base_mm
+    result = []
+    for j, name in enumerate(names):
+        value, error = values.get(name, 0.0), float(final.standard_error[j])
+        result.append(
+            Estimate(name=name, value=value, standard_error=error, determined=bool(final.solved.determined[j]))
+        )
+    return tuple(result)
+
+
+def waves(final: Final) -> tuple[WaveEstimate, ...]:
+    """Return the estimates of the waves."""
+    return wave_estimates(final.state.relief, final.unknown, final.standard_error[len(final.unknown.names) :])

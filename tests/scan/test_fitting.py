@@ -1,0 +1,93 @@
+"""The fit of a scan: pose, scale, waves, what is undetermined, and what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tacbench_cad.scan.cloud import Cloud
+from tacbench_cad.scan.estimates import ScanFit
+from tacbench_cad.scan.fitting import fit_scan
+from tacbench_cad.scan.pose import Pose
+from tacbench_cad.scan.refining import centre_of
+from tacbench_cad.scan.simulating import WALLS, ScanTruth, simulate_foreign, simulate_scan, stretch
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.errors import InputError
+
+SCALE = (0.996, 0.9975, 0.998)
+SHRUNK = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch(SCALE))
+
+
+def pose_errors(pose: Pose, truth: Pose, block: Block) -> tuple[float, np.ndarray]:
+    """Return the angle between two poses in degrees, and the difference at the centre of the block, shape (3,)."""
+    turn = pose.rotation @ truth.rotation.T
+    centre = centre_of(block)
+    place = pose.to_print(((centre - truth.shift_mm) @ truth.rotation)[None])[0]
+    return math.degrees(math.acos(min(1.0, (np.trace(turn) - 1.0) / 2.0))), place - centre
+
+
+def scanned(block: Block, fit: str = "scale", **truth: object) -> tuple[ScanFit, ScanTruth]:
+    made = ScanTruth(**{"points": 20_000, "pose": SHRUNK, "seed": 1, **truth}).with_random_pose()  # type: ignore[arg-type]
+    return fit_scan(simulate_scan(block, made), block, fit), made  # type: ignore[arg-type]
+
+
+def test_a_whole_scan_gives_pose_scale_and_waves() -> None:
+    block = Block.of(3)
+    fit, truth = scanned(block, outlier_fraction=0.02, transfer_x=lambda length: 0.7 if length < 3.0 else 1.0)
+    angle, place = pose_errors(fit.pose, truth.pose, block)
+    assert angle < 0.02
+    assert np.abs(place).max() < 0.005
+    for name, value in zip(("scale_x", "scale_y", "scale_z"), SCALE, strict=True):
+        estimate = fit.parameter(name)
+        assert abs(estimate.value - value) < min(4.0 * estimate.standard_error, 0.001)
+    assert fit.undetermined == ("base_mm",)
+    assert fit.half_turn == "decided"
+    assert fit.alternatives == ()
+    assert fit.noise_mm == pytest.approx(0.02, rel=0.05)
+    assert 0.93 < fit.used.mean() < 0.99
+    second = next(wave for wave in fit.waves if wave.direction_deg == 0.0 and 2.5 < wave.wavelength_mm < 2.55)
+    assert second.ratio_low - 0.01 < 0.7 < second.ratio_high + 0.01
+    deviation = fit.deviation_mm[fit.on_walls & fit.used]
+    assert abs(float(np.mean(deviation))) < 0.002
+    assert np.isnan(fit.deviation_mm[~(fit.on_top | fit.on_walls)]).all()
+
+
+def test_a_texture_along_x_says_nothing_along_y_without_a_wall() -> None:
+    block = Block.of(1)
+    fit, truth = scanned(block, walls=())
+    assert {"shift_y_mm", "scale_y"} <= set(fit.undetermined)
+    angle, place = pose_errors(fit.pose, truth.pose, block)
+    assert angle < 0.05
+    assert abs(place[0]) < 0.005
+    seen, truth = scanned(block, walls=WALLS)
+    assert "shift_y_mm" not in seen.undetermined
+    assert abs(pose_errors(seen.pose, truth.pose, block)[1][1]) < 0.005
+
+
+def test_half_a_top_without_walls_lists_the_poses_that_it_cannot_tell_apart() -> None:
+    block = Block.of(2)
+    fit, truth = scanned(block, walls=(), top_fraction=0.5)
+    assert fit.alternatives
+    far = [pose_errors(pose, truth.pose, block) for pose in (fit.pose, *fit.alternatives)]
+    assert any(angle < 0.1 and np.abs(place).max() < 0.02 for angle, place in far)
+
+
+def test_skew_is_found() -> None:
+    block = Block.of(2)
+    pose = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch(SCALE, (0.003, 0.0, 0.0)))
+    fit, _ = scanned(block, "square", pose=pose, table_mm=4.0)
+    assert fit.parameter("skew_xy").value == pytest.approx(0.003, abs=2e-4)
+    assert fit.parameter("base_mm").value == pytest.approx(block.base_mm, abs=0.005)
+
+
+@pytest.mark.parametrize("kind", ["flat", "plane waves"])
+def test_a_flat_or_another_object_is_refused(kind: str) -> None:
+    with pytest.raises(InputError, match="does not show texture-2_paper_x1"):
+        fit_scan(simulate_foreign(kind, points=10_000), Block.of(2))  # type: ignore[arg-type]
+
+
+def test_a_scan_needs_points() -> None:
+    with pytest.raises(InputError, match=r"few\.xyz: has 3 points; a scan needs at least 500 points"):
+        fit_scan(Cloud(points_mm=np.eye(3), source="few.xyz"), Block.of(2))
