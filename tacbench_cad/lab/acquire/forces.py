@@ -10,7 +10,7 @@ from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, GaugeError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
-from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.lab.study.spec import Point, Protocol
 
 #: The force of a free sensor as a fraction of the hard limit, above which the sensor touches something or the gauge is
 #: faulty.
@@ -57,6 +57,7 @@ class ContactForce:
         self.felt = felt
         self.zero_n = 0.0
         self.touch_n = MIN_TOUCH_N
+        self._newest: tuple[Point, float] | None = None
 
     def tare(self) -> None:
         """Zero the gauge. The sensor must be free.
@@ -71,12 +72,17 @@ class ContactForce:
     def follow_zero(self) -> None:
         """Read the free force and use it as the new zero if it has drifted.
 
+        The first reading does not wait until the sensor has settled. It is enough if it shows the old zero with the
+        noise of a sensor at rest.
+
         Raises:
             ContactError: The force has changed too much for drift since the last press.
             GaugeError: The value is too large for a free sensor.
         """
-        self.clock.sleep(self.protocol.settle_s)
         free = self._raw(self.protocol.force_window_s)
+        if TOUCH_DEVIATIONS * free.spread_n > self.touch_n or self._has_drifted(free):
+            self.clock.sleep(self.protocol.settle_s)
+            free = self._raw(self.protocol.force_window_s)
         self.touch_n = max(MIN_TOUCH_N, TOUCH_DEVIATIONS * free.spread_n)
         self._require_free(free.mean_n - self.zero_n)
         max_free_n = FREE_FRACTION * self.protocol.hard_limit_n
@@ -85,7 +91,7 @@ class ContactForce:
                 f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
                 f"{max_free_n:g} N counts as drift); tare or repair it"
             )
-        if abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n):
+        if self._has_drifted(free):
             self.zero_n = free.mean_n
 
     def require_free(self) -> None:
@@ -113,6 +119,17 @@ class ContactForce:
         """
         return self._net(0.0)
 
+    def here_n(self) -> float:
+        """Return the newest force. It is read again only if the carriage has moved since.
+
+        Raises:
+            ForceLimitError: The force is above the hard limit.
+            GaugeError: The force is not a number.
+        """
+        if self._newest is None or self._newest[0] != self.carriage.at:
+            return self.glance().mean_n
+        return self._newest[1]
+
     def settled(self) -> Force:
         """Return the force after the step has settled, averaged over the protocol's window.
 
@@ -132,6 +149,9 @@ class ContactForce:
         """
         return self._net(self.protocol.force_window_s)
 
+    def _has_drifted(self, free: Force) -> bool:
+        return abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n)
+
     def _require_free(self, net_n: float) -> None:
         if abs(net_n) > FREE_TOUCHES * self.touch_n:
             raise ContactError(
@@ -142,6 +162,7 @@ class ContactForce:
     def _net(self, window_s: float) -> Force:
         read = self._raw(window_s)
         force = replace(read, mean_n=read.mean_n - self.zero_n)
+        self._newest = self.carriage.at, force.mean_n
         self.felt(self.carriage.at[2], force.mean_n)
         return force
 

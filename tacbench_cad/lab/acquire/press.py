@@ -3,6 +3,9 @@
 On the way down to the height from which the search starts, the force is read at short intervals, since a motor may have
 slipped and the block may be nearer than the stage reports.
 
+In contact, a step is longer than an approach step only if earlier approaches on the block have shown how the force
+grows with depth. The start of such a step is the measured force, so an unexpected height of the block does not matter.
+
 The search always approaches from above. Printed plastic and a gel-filled dome show hysteresis and creep, and a stage
 has backlash, so the force at a height depends on the direction of the last motion. After a press that is too hard, the
 sensor is therefore lifted half an approach step above the new height and lowered to it again.
@@ -26,9 +29,12 @@ from tacbench_cad.lab.study.spec import Point, Protocol
 MARGIN_STEPS = 2.0
 #: The assumed growth of the force from one coarse step to the next. A coarse step is taken only if the target would
 #: still not be reached with this growth. Contact stiffens with depth: ``F ~ depth^2`` triples the increase from the
-#: first step to the second.
+#: first step to the second. A longer step is taken only if the target would still not be reached with this multiple of
+#: the known increase. If the measured increase differs from the known one by more than this factor, no further step of
+#: the approach is longer.
 GROWTH = 3.0
-#: The distance from the band, in half widths of the band, beyond which a shorter step is taken, since predictions lag.
+#: The distance from the target, in half widths of the band, beyond which a shorter step is taken, since predictions
+#: lag, and after which the force is read without waiting until the step has settled.
 FAR_BANDS = 4.0
 #: The fraction of the predicted step that is taken there.
 FAR_FRACTION = 0.8
@@ -86,6 +92,44 @@ class Slope:
         return -slope if slope < 0.0 else None
 
 
+@dataclass(kw_only=True)
+class KnownGrowth:
+    """The largest force that earlier approaches on a block have met at each depth below their first contact.
+
+    Args:
+        step_mm: The distance between two depths, in mm: the approach step.
+        largest_n: The forces in N at the depths 0, 1, 2, ... steps. They do not decrease.
+    """
+
+    step_mm: float
+    largest_n: list[float] = field(default_factory=list)
+
+    def add(self, depth_mm: float, force_n: float) -> None:
+        """Learn the force at a depth below the last free height. First contact was at most a step below that height."""
+        known, index = self.largest_n, round(depth_mm / self.step_mm) - 1
+        if index == len(known):
+            known.append(known[-1] if known else 0.0)
+        if index >= 0:
+            known[index:] = [max(force_n, largest_n) for largest_n in known[index:]]
+
+    def safe_steps(self, now_n: float, depth_mm: float, below_n: float, *, max_steps: int) -> tuple[int, float]:
+        """Return how many steps at once are safe, and the largest known increase of the force over them, in N.
+
+        Args:
+            now_n: The present force. If it is much larger than known at this depth, nothing is known.
+            depth_mm: The depth below the last free height.
+            below_n: The force that must not be reached with :data:`GROWTH` times the increase.
+            max_steps: The largest number of steps.
+        """
+        index = round(depth_mm / self.step_mm) - 1
+        if not (0 <= index < len(self.largest_n) and now_n <= GROWTH * self.largest_n[index]):
+            return 0, 0.0
+        start = max(index + 1, sum(force_n < now_n for force_n in self.largest_n))
+        known = self.largest_n[start : start + max_steps + 1]
+        safe = [force_n - known[0] for force_n in known[1:] if now_n + GROWTH * (force_n - known[0]) < below_n]
+        return len(safe), safe[-1] if safe else 0.0
+
+
 class Presser:
     """Presses one block, position by position, and remembers the heights at which the sensor was free.
 
@@ -111,6 +155,7 @@ class Presser:
         self.carriage = carriage
         self.force = force
         self.touch = touch
+        self._growth = KnownGrowth(step_mm=protocol.approach_step_mm)
         #: The longest move after which the force is still safe, if the sensor was free at its start.
         self._blind_mm = protocol.approach_step_mm
         self._free_mm: dict[int, float] = {}
@@ -145,45 +190,73 @@ class Presser:
         slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.fine_step_mm)
         self._start(press)
         free_mm = self.carriage.at[2]
-        before, now = 0.0, force.glance().mean_n
+        before, now = 0.0, force.here_n()
+        is_known = True
+        learned: list[tuple[float, float]] = []
         while now + GROWTH * max(now - before, 0.0) < low_n:
-            z = self.carriage.to_height(self.carriage.aim_mm - step)
-            before, now = now, force.glance().mean_n
+            count, growth_n = 0, 0.0
+            if is_known and now >= force.touch_n:
+                depth_mm, left_mm = free_mm - self.carriage.at[2], self.carriage.aim_mm - self.carriage.lowest_mm
+                count, growth_n = self._growth.safe_steps(now, depth_mm, low_n, max_steps=int(left_mm / step))
+            z = self.carriage.to_height(self.carriage.aim_mm - max(count, 1) * step)
+            start, now = now, force.glance().mean_n
+            before = now - (now - start) / max(count, 1)
             slope.add(z, now)
             if now < force.touch_n:
                 self._free_mm[press.position] = free_mm = z
+            elif count <= 1:
+                learned.append((free_mm - z, now))
+            else:
+                is_known = growth_n / GROWTH < now - start < GROWTH * growth_n
         if self.nominal_mm is not None:
             above = free_mm - self.nominal_mm(press.x_mm, press.y_mm)
             self._above_nominal_mm = max(self._above_nominal_mm, above)
-        contact = self._search(press.target_n, press.band_n, slope)
+        contact = self._search(press.target_n, press.band_n, slope, now)
         self._learn_safe_depth(free_mm - contact.pose_mm[2], contact.measured)
+        for depth_mm, force_n in learned:
+            self._growth.add(depth_mm, force_n)
         return contact
 
-    def _search(self, target_n: float, band_n: float, slope: Slope) -> SettledPress:
-        """Approach the target in small steps from the end of the coarse approach, and keep the best step."""
+    def _search(self, target_n: float, band_n: float, slope: Slope, now_n: float) -> SettledPress:
+        """Approach the target in small steps from the end of the coarse approach, and keep the best step.
+
+        Args:
+            target_n: The target.
+            band_n: Half the width of its band.
+            slope: The forces near the present height.
+            now_n: The present force, before the last step has settled.
+        """
         protocol, carriage, force = self.protocol, self.carriage, self._gauge
         stiffness: float | None = None
         min_step_mm = protocol.fine_step_mm
         best: tuple[float, float] | None = None
+        # Far from the band, the force is read without waiting. Only a force that was read after a wait counts.
+        is_near = now_n >= target_n - band_n
         for _ in range(protocol.search_steps):
             z = carriage.at[2]
-            read = force.settled()
-            miss = target_n - read.mean_n
-            if abs(miss) <= band_n:
-                return SettledPress(pose_mm=carriage.at, measured=read, in_band=True)
+            if is_near:
+                read = force.settled()
+                if abs(target_n - read.mean_n) <= band_n:
+                    return SettledPress(pose_mm=carriage.at, measured=read, in_band=True)
+                now_n = read.mean_n
+            miss = target_n - now_n
             if best is None or abs(miss) < best[0]:
                 best = (abs(miss), z)
-            slope.add(z, read.mean_n)
+            slope.add(z, now_n)
             stiffness = slope.at(z) or stiffness
             needed_mm = abs(miss) / stiffness if stiffness else protocol.approach_step_mm
+            is_far = miss > FAR_BANDS * band_n
             if miss > 0.0:
-                fraction = FAR_FRACTION if miss > FAR_BANDS * band_n else 1.0
+                fraction = FAR_FRACTION if is_far else 1.0
                 self._lower(min(max(fraction * needed_mm, min_step_mm), protocol.approach_step_mm))
                 # A stage whose own steps are coarser does not move at all. The next step is then longer.
                 stands = abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0
                 min_step_mm = 2.0 * min_step_mm if stands else protocol.fine_step_mm
             else:
                 self._from_above(z + max(needed_mm, min_step_mm))
+            if is_far:
+                now_n = force.glance().mean_n
+            is_near = not is_far or now_n >= target_n - band_n
         assert best is not None
         self._from_above(best[1])
         read = force.settled()

@@ -31,10 +31,12 @@ from tacbench_cad.lab.rig.errors import (
 )
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.lab.study.spec import Point, Protocol
 from tacbench_cad.util.errors import InputError, TacbenchError
 
 TRAVEL_MM = 5.0
+#: Only presses of the largest force are deeper, in mm.
+IN_CONTACT_MM = -1.0
 
 
 class Notes(Silent):
@@ -233,7 +235,7 @@ def test_a_signal_lifts_the_sensor_and_the_run_can_be_resumed(tmp_path: Path, na
         pytest.skip(f"{name} does not exist on this system")
     rig, protocol = FakeRig(), small_protocol()
     before = signal.getsignal(getattr(signal, name))
-    rig.stage.on_move = lambda _: signal.raise_signal(getattr(signal, name)) if rig.stage.calls == 251 else None
+    rig.stage.on_move = lambda at: signal.raise_signal(getattr(signal, name)) if at[2] < IN_CONTACT_MM else None
     with pytest.raises(RunInterruptedError, match="the sensor is lifted") as caught:
         pressed(rig, tmp_path / "run", protocol)
     assert caught.value.signal == name and isinstance(caught.value, KeyboardInterrupt)
@@ -262,9 +264,9 @@ def test_a_second_signal_does_not_disturb_the_lift(tmp_path: Path) -> None:
 def test_an_interruption_reports_that_the_lift_failed(tmp_path: Path) -> None:
     rig = FakeRig()
 
-    def gone(_: object) -> None:
-        if rig.stage.calls == 251:
-            rig.stage.dead_after = (252, DeviceLostError("unplugged"))
+    def gone(at: Point) -> None:
+        if at[2] < IN_CONTACT_MM:
+            rig.stage.dead_after = (rig.stage.calls + 1, DeviceLostError("unplugged"))
             signal.raise_signal(signal.SIGINT)
 
     rig.stage.on_move = gone
