@@ -122,9 +122,7 @@ def measure(driver: str, texture: str) -> Parts:
     def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
         with open_rig(settings, printed, frame) as rig:
             names = ("stage", "gauge", "sensor", "clock")
-            timed: dict[str, Any] = {
-                name: Timed(getattr(rig, name), name, parts, MACHINES[driver]) for name in names
-            }
+            timed: dict[str, Any] = {name: Timed(getattr(rig, name), name, parts, MACHINES[driver]) for name in names}
             yield replace(rig, **timed)
 
     study = virtual_study(texture=texture, driver=driver, speed=1.0)
@@ -158,7 +156,8 @@ def main() -> int:
         print(f"{parts.total_s / presses:.2f} s per press, {seconds['motion'] / presses:.2f} s of motion, ", end="")
         print(f"{ratio:.2f} times the motion\n\n{'part':<20}{'s per press':>12}{'calls':>8}{'ms each':>9}")
         for name, spent_s in seconds.most_common():
-            print(f"{name:<20}{spent_s / presses:>12.3f}{calls[name] / presses:>8.1f}{1e3 * spent_s / calls[name]:>9.1f}")
+            number = calls[name]
+            print(f"{name:<20}{spent_s / presses:>12.3f}{number / presses:>8.1f}{1e3 * spent_s / number:>9.1f}")
         print()
     print(f"claimed at most {LIMIT:g} times: {'yes' if holds else 'NO'}")
     return 0 if holds else 1

@@ -53,7 +53,9 @@ class Grbl(GrblCore):
         elif line == "$#":
             self._send(self.settings.parameters(self._shift))
         elif line == "$I":
-            self._send(f"{self.dialect.version}\r\n{self.dialect.options}\r\n")
+            self._send(f"[VER:{self.dialect.version}:{self.settings.text}]\r\n{self.dialect.options}\r\n")
+        elif line.startswith("$I="):
+            self.settings.text = line[3:]
         elif line == "$X":
             if self.state == "Alarm":
                 self._send("[MSG:Caution: Unlocked]\r\n")

@@ -25,8 +25,8 @@ class Dialect:
 
     #: The line after a reset.
     banner: str = "Grbl 1.1h ['$' for help]"
-    #: The first line of the answer to ``$I``.
-    version: str = "[VER:1.1h.20190830:SIMULATED]"
+    #: The version in the answer to ``$I``.
+    version: str = "1.1h.20190830"
     #: The second line of the answer to ``$I``.
     options: str = "[OPT:VZ,15,128]"
     #: The line of a fresh memory before the banner.
@@ -57,7 +57,7 @@ GRBL = Dialect()
 #: larger buffers.
 GRBLHAL = Dialect(
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
-    version="[VER:1.1f.20200818:SIMULATED]",
+    version="1.1f.20200818",
     options="[OPT:VNMZSL,35,1024,3,0]",
     fresh_memory="error:7",
     status_in_alarm=True,
@@ -85,6 +85,8 @@ class Memory:
         for i, axis in enumerate(axes):
             self._settings[100 + i], self._settings[130 + i] = axis.steps_per_mm, axis.travel_mm
         self.offsets: list[Point] = [(0.0, 0.0, 0.0)] * 6
+        #: The text of the user in the answer to ``$I``.
+        self.text = "SIMULATED"
 
     def __getitem__(self, number: int) -> float:
         return self._settings[number]

@@ -60,7 +60,8 @@ class Trial(Silent):
     Args:
         texture: The number of the texture.
         folder: The run folder.
-        slip: The axis and the length in mm of a slip on the way to the seventh press.
+        slip: The axis and the length in mm of a slip on the way to a press.
+        after_press: The number of the press before that one.
 
     Attributes:
         wrong_mm: The largest error of the position of each press when its frame was taken, by the number of the press.
@@ -71,6 +72,7 @@ class Trial(Silent):
     texture: int
     folder: Path
     slip: tuple[int, float] | None = None
+    after_press: int = 6
     wrong_mm: dict[int, float] = field(default_factory=dict)
     saved_wrong: int = 0
     errors: list[RigError] = field(default_factory=list)
@@ -90,7 +92,7 @@ class Trial(Silent):
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
         self.wrong_mm[int(reading.stem.split("_")[1])] = self._now_mm
         self.saved_wrong += self._now_mm > WRONG_MM
-        if done == 6 and self.slip is not None:
+        if done == self.after_press and self.slip is not None:
             self.rig.stage.slips[self.rig.stage.calls + 2], self.slip = self.slip, None
 
     def run(self) -> Run:

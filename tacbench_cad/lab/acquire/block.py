@@ -115,6 +115,8 @@ class _BlockSession:
     missed: int = 0
     _in_a_row: int = 0
     _checked: bool = False
+    #: The number of presses in this session at the last check.
+    _checked_at: int = 0
     _previous: Frame | None = None
 
     def __post_init__(self) -> None:
@@ -170,13 +172,14 @@ class _BlockSession:
         if not self.protocol.home_every:
             return
         row = self.run.rows[-1]
-        if row.pose_z is not None and row.in_band and self.watch.is_suspicious(press, row.pose_z):
+        unexpected = row.pose_z is not None and row.in_band and self.watch.is_suspicious(press, row.pose_z)
+        if unexpected or self.presser.has_moved:
             self._check_position("height")
             # The position is right, so the block has moved or is not what the formula says.
             self.watch.forget()
         elif not self._checked:
             self._check_position("start")
-        elif len(self.run.unchecked) >= self.protocol.home_every:
+        elif min(len(self.run.unchecked), self.presses - self._checked_at) >= self.protocol.home_every:
             self._check_position("interval")
         self.watch.add([row])
 
@@ -192,7 +195,7 @@ class _BlockSession:
         time_utc = datetime.now(UTC)
         error = position_error(self.carriage, self.presser, unchecked, self._plan)
         self._lift()
-        self._checked = True
+        self._checked, self._checked_at = True, self.presses
         if not error.is_known:
             return
         wrong = error.exceeds(self.protocol.slip_mm)
@@ -233,7 +236,7 @@ class _BlockSession:
     def _repeat_first_press(self) -> None:
         """Repeat the first press of the run at its end, since a sensor, a block or a gauge may change slowly."""
         rows = self.run.rows
-        if not (self.protocol.home_every and self.presses and rows[0].in_band):
+        if not (self.protocol.home_every and self.presses and rows[0].in_band is not False):
             return
         time_utc = datetime.now(UTC)
         change = height_change(self.presser, self._plan[rows[0].number], rows[0])

@@ -27,6 +27,9 @@ from tacbench_cad.lab.study.spec import Point, Protocol
 
 #: The start of the next approach at the same place, in approach steps above the lowest free height.
 MARGIN_STEPS = 2.0
+#: The largest change of the height at which the sensor is free that comes from the length of the steps, in approach
+#: steps.
+FREE_STEPS = 1.5
 #: The assumed growth of the force from one coarse step to the next. A coarse step is taken only if the target would
 #: still not be reached with this growth. Contact stiffens with depth: ``F ~ depth^2`` triples the increase from the
 #: first step to the second. A longer step is taken only if the target would still not be reached with this multiple of
@@ -162,6 +165,9 @@ class Presser:
         #: The largest difference between the heights at which the sensor was free and the formula's heights.
         self._above_nominal_mm = -math.inf
         self._touch_mm: dict[int, float] = {}
+        #: The height at which the sensor was free in the last approach, minus that of the approach before at the same
+        #: position, in mm; None if there is none.
+        self.free_change_mm: float | None = None
 
     def press(self, press: Press) -> SettledPress:
         """Move over the position, read the free force, and press.
@@ -182,12 +188,39 @@ class Presser:
             return self._to_force(press)
         return self._to_depth(press, press.depth_mm)
 
+    def touch_change_mm(self, press: Press) -> float | None:
+        """Find the height of first touch at a position of depth mode again, and return it minus the first one.
+
+        Returns:
+            The change in mm; None if the first one was taught by a person, or was found in another session.
+
+        Raises:
+            RigError: A limit was exceeded or a device failed. The caller lifts the sensor.
+        """
+        known_mm = self._touch_mm.get(press.position)
+        if self.touch is None or self.protocol.touch == "taught" or known_mm is None:
+            return None
+        self.carriage.over(press.x_mm, press.y_mm)
+        if self.force is not None:
+            self.force.follow_zero()
+        return self.touch(press.position, self._down) - known_mm
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether the sensor met the block at another height than in the approach before at the same position.
+
+        The height is known in approach steps only.
+        """
+        allowed_mm = max(self.protocol.slip_mm, FREE_STEPS * self.protocol.approach_step_mm)
+        return self.free_change_mm is not None and abs(self.free_change_mm) > allowed_mm
+
     def _to_force(self, press: Press) -> SettledPress:
         force, step = self._gauge, self.protocol.approach_step_mm
         assert press.target_n is not None
         assert press.band_n is not None
         low_n = press.target_n - press.band_n
         slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.fine_step_mm)
+        known_mm = self._free_mm.get(press.position)
         self._start(press)
         free_mm = self.carriage.at[2]
         before, now = 0.0, force.here_n()
@@ -208,6 +241,7 @@ class Presser:
                 learned.append((free_mm - z, now))
             else:
                 is_known = growth_n / GROWTH < now - start < GROWTH * growth_n
+        self.free_change_mm = None if known_mm is None else free_mm - known_mm
         if self.nominal_mm is not None:
             above = free_mm - self.nominal_mm(press.x_mm, press.y_mm)
             self._above_nominal_mm = max(self._above_nominal_mm, above)

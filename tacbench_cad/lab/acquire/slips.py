@@ -3,8 +3,9 @@
 A stage counts the steps that it sends to its motors, so it does not notice a motor that slips. Two things show it:
 
 * The height of contact changes. Each press is compared with the height that the texture's formula gives, relative to
-  the earlier presses with the same force. This shows a slip of z at the next press. It does not show a slip of x or y:
-  the dome is so large that the height changes by only about 0.01 mm if the sensor moves by 0.2 mm.
+  the earlier presses with the same force, and its first contact with the first contact of the earlier press at the same
+  position. This shows a slip of z at the next press. It does not show a slip of x or y: the dome is so large that the
+  height changes by only about 0.01 mm if the sensor moves by 0.2 mm.
 * The end stops are no longer where the stage expects them. A stage that can measure this shows a slip of any axis, but
   only when it is homed again. A stage that cannot is homed, and a press is repeated at the same force.
 
@@ -173,7 +174,8 @@ def position_error(
     """Home the stage if that is allowed, and repeat a press that no check has followed yet.
 
     After homing, the last of these presses is repeated: it was made with the error that homing has removed. Without
-    homing, the first one is repeated: it was made before the error.
+    homing, the first one is repeated: it was made before the error. In depth mode, the first touch of the first one is
+    found again before homing: it was found before the error.
 
     Args:
         carriage: The lifted sensor.
@@ -184,10 +186,14 @@ def position_error(
     Raises:
         RigError: A device failed.
     """
+    first = plan[unchecked[0].number]
+    touch_change = presser.touch_change_mm(first) if first.depth_mm is not None else None
+    if touch_change is not None:
+        carriage.lift()
     offset = carriage.home_again() if carriage.may_home else None
     row = next((row for row in (reversed(unchecked) if carriage.may_home else unchecked) if row.in_band), None)
     try:
-        change = None if row is None else height_change(presser, plan[row.number], row)
+        change = touch_change if row is None else height_change(presser, plan[row.number], row)
     except ContactError:
         return PositionError(offset_mm=offset, height_change_mm=None, touched=True)
     return PositionError(offset_mm=offset, height_change_mm=change)
@@ -196,9 +202,13 @@ def position_error(
 def height_change(presser: Presser, press: Press, row: Row) -> float | None:
     """Repeat a press, and return its height minus the height in its row, in mm; None if its force was not reached.
 
+    In depth mode the height is given, so the change of the first touch is returned.
+
     Raises:
         ContactError: The sensor touches the block above the expected height.
         RigError: A device failed.
     """
+    if press.depth_mm is not None:
+        return presser.touch_change_mm(press)
     contact = presser.press(press)
     return contact.pose_mm[2] - row.pose_z if contact.in_band and row.pose_z is not None else None

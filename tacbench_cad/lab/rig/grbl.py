@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Unpack
 
@@ -70,6 +70,8 @@ RESENDS = 5
 HOMINGS = 4
 #: The number of GRBL's error for homing that is not enabled.
 NO_HOMING = 5
+#: The settings that stop moves at the ends of the travel: soft limits and end stops.
+LIMITS = (20, 21)
 #: The value of ``$1`` that keeps the motors powered at rest.
 ALWAYS_ON = 255
 
@@ -109,7 +111,7 @@ class GrblStage(SerialStage[GrblLink]):
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"
             self._look_around()
-            self.settings = self._link.settings()
+            self.settings = self._restored_settings()
             if checks_settings:
                 self._require_settings()
             self._tolerance_mm = tuple(tolerance_mm or self._resolution(axis) for axis in range(3))
@@ -159,7 +161,8 @@ class GrblStage(SerialStage[GrblLink]):
 
         The carriage moves to the place where homing ended, and from there to each switch in small steps. Homing has
         found the switch at the pull-off distance (``$27``). The firmware's own limits (``$20``, ``$21``) forbid this,
-        so they are switched off meanwhile. The end of a report names the closed switches (``Pn:``).
+        so they are switched off meanwhile, with a mark in its memory. If this program is killed, the next one finds the
+        mark and switches them on again. The end of a report names the closed switches (``Pn:``).
 
         Raises:
             RigError: The device is gone or silent, was reset, or homing failed.
@@ -169,15 +172,28 @@ class GrblStage(SerialStage[GrblLink]):
     def _offset_at_switches(self) -> Point | None:
         if self._home_mm is None or self._link.lost:
             return None
-        limits = [number for number in (20, 21) if self.settings.get(number)]
+        limits = [number for number in LIMITS if self.settings.get(number)]
+        # If the program is killed, the next one finds the mark and switches the limits on again.
+        self._link.mark(limits)
         try:
             for number in limits:
                 self._link.set(number, 0.0)
             return self._search_switches(self._home_mm)
         finally:
-            for number in limits:
-                with suppress(RigError):
-                    self._link.set(number, self.settings[number])
+            with suppress(RigError):
+                self._switch_on(limits)
+
+    def _switch_on(self, limits: Iterable[int]) -> None:
+        """Switch the firmware's own limits on again, and remove the mark."""
+        for number in limits:
+            self._link.set(number, 1.0)
+        self._link.mark(())
+
+    def _restored_settings(self) -> dict[int, float]:
+        """Read the settings, after switching on the limits that a killed program left switched off."""
+        if self._link.marked:
+            self._switch_on(number for number in LIMITS if number in self._link.marked)
+        return self._link.settings()
 
     def _search_switches(self, home_mm: Point) -> Point:
         x, y, _ = self.position()
@@ -255,8 +271,8 @@ class GrblStage(SerialStage[GrblLink]):
         """
         if self.settings.get(22) and self.settings.get(20) == 0.0:
             raise ProtocolError(
-                f"{self._link.name}: has no soft limits ($20=0), perhaps because the program was killed while it "
-                "measured the position at the end stops; send it $20=1, and $21=1 so that the end stops stop moves"
+                f"{self._link.name}: has no soft limits ($20=0); send it $20=1, and $21=1 so that the end stops stop "
+                "moves"
             )
         if self.settings.get(13, 0.0) != 0.0:
             raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")

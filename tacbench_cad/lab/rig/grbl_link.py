@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from contextlib import suppress
+
 from tacbench_cad.lab.rig import grbl_replies as replies
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, ProtocolError, RigError
 from tacbench_cad.lab.rig.grbl_replies import Status
@@ -29,6 +33,9 @@ AFTER_BANNER_S = 0.3
 READINGS = 5
 #: The number of GRBL's error for a command that is allowed only at rest.
 NOT_IDLE = 8
+#: The beginning of the mark in the text that GRBL stores for its user (``$I=``). It is followed by the numbers of the
+#: settings that have to be switched on again if the program was killed.
+MARK = "TACBENCH:"
 #: The real-time bytes for a feed hold, a reset and a status request.
 HOLD, RESET, ASK = b"!", b"\x18", b"?"
 
@@ -39,12 +46,15 @@ class GrblLink(Link):
     Attributes:
         options: The letters of the build's options, for example ``VZ``; None if unknown.
         answer_s: The wait before an unanswered status request is repeated, in s.
+        marked: The numbers of the settings that a killed program has left switched off; see :meth:`mark`.
     """
 
     def __init__(self, line: Line, timeout_s: float) -> None:
         super().__init__(line, timeout_s)
         self.options: str | None = None
         self.answer_s = ANSWER_S
+        self.marked: tuple[int, ...] = ()
+        self._text = ""
         self._offset: Point | None = None
         # The number of status requests whose answers may still come, and the time of the first of them.
         self._pending, self._asked_s = 0, 0.0
@@ -90,7 +100,10 @@ class GrblLink(Link):
                 raise ProtocolError(f"{self.name}: is Marlin, not GRBL; it sent {line[:60]!r}")
         if not version.startswith("1.1"):
             raise ProtocolError(f"{self.name}: GRBL {version!r} is not supported; version 1.1 is needed")
-        self.firmware = f"{name} {version}"
+        version, _, marked = version.partition(MARK)
+        self.marked = tuple(int(number) for number in re.findall(r"\b\d+\b", marked))
+        self._text = version.partition(":")[2]
+        self.firmware = f"{name} {version.strip(':')}"
 
     def next(self, timeout_s: float) -> Status | str | None:
         """Return the next report or line; None if none arrives in time.
@@ -163,9 +176,27 @@ class GrblLink(Link):
         Raises:
             RigError: The firmware refuses the setting, is silent or gone, or was reset.
         """
+        self._store(f"${number}={value:g}")
+
+    def mark(self, numbers: Iterable[int]) -> None:
+        """Store in the firmware which settings have to be switched on again, after the text of its user (``$I=``).
+
+        A build without this command stores nothing.
+
+        Args:
+            numbers: The settings; none to remove the mark.
+
+        Raises:
+            RigError: The firmware is silent or gone, or was reset.
+        """
+        mark = ",".join(str(number) for number in numbers)
+        with suppress(ProtocolError):
+            self._store(f"$I={self._text}{MARK if mark else ''}{mark}")
+
+    def _store(self, command: str) -> None:
         answer: str | Status | None = ""
         for _ in range(READINGS):
-            self.line.write(f"\n${number}={value:g}\n".encode("ascii"))
+            self.line.write(f"\n{command}\n".encode("ascii"))
             until = self.line.now_s() + self.timeout_s
             # The empty line is answered by an ok of its own.
             confirmations = 0
@@ -178,7 +209,7 @@ class GrblLink(Link):
                     return
                 if isinstance(answer, str) and replies.error(answer) is not None:
                     break
-        raise ProtocolError(f"{self.name}: did not accept ${number}={value:g}; it sent {answer!r}")
+        raise ProtocolError(f"{self.name}: did not accept {command}; it sent {answer!r}")
 
     def request(self) -> None:
         """Send a status request, without waiting for the report.

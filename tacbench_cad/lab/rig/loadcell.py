@@ -45,7 +45,8 @@ class LoadCellOptions:
         high_counts: The upper counts at which the converter is saturated.
         stuck_samples: The number of identical samples in a row that mean a stuck cell; 0 switches the check off, for
             a device whose rounding hides its noise.
-        least_samples: The smallest number of samples for a mean, even if the window is shorter.
+        least_samples: The smallest number of samples for a mean, even if the window is shorter. If there are two and
+            they differ by much more than noise or not at all, a third one is read.
         latency_s: The time, in s of rig time, for which the USB adapter may hold samples. Samples that arrive within
             this time were taken before the request.
     """
@@ -56,7 +57,7 @@ class LoadCellOptions:
     low_counts: float = float(-(2**23))
     high_counts: float = float(2**23 - 1)
     stuck_samples: StuckSamples = 20
-    least_samples: Annotated[int, Bounds(1, 10_000)] = 3
+    least_samples: Annotated[int, Bounds(1, 10_000)] = 2
     latency_s: Annotated[float, Bounds(0.0, 1.0)] = 0.02
 
     def __post_init__(self) -> None:
@@ -169,7 +170,7 @@ class LoadCell(SampleStream):
         self.start_fresh(self.options.latency_s / self._clock.speed)
         until = self._clock.now_s() + window_s
         samples: list[float] = []
-        while len(samples) < self.options.least_samples or self._clock.now_s() < until:
+        while len(samples) < self.options.least_samples or self._clock.now_s() < until or self._in_doubt(samples):
             value = self.next()[self.options.column - 1]
             if self._believable(value):
                 samples.append(value)
@@ -220,11 +221,19 @@ class LoadCell(SampleStream):
         self.count(False, f"{value:.10g}")
         return False
 
+    def _in_doubt(self, samples: list[float]) -> bool:
+        """Return whether a third sample has to show which one of two is damaged, or that the cell is stuck."""
+        return len(samples) == 2 and not 0.0 < abs(samples[0] - samples[1]) <= self._allowed_off
+
+    @property
+    def _allowed_off(self) -> float:
+        """The distance from the median, in raw units, within which no sample counts as damaged."""
+        return _OFF_N / self._n_per_unit if self._n_per_unit else _OFF_UNITS
+
     def _without_damaged(self, samples: Floats) -> Floats:
         """Return the samples without those far from the median."""
-        smallest = _OFF_N / self._n_per_unit if self._n_per_unit else _OFF_UNITS
         off = np.abs(samples - np.median(samples))
-        allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), smallest)
+        allowed = max(_OFF_TIMES * 1.4826 * float(np.median(off)), self._allowed_off)
         for value in samples[off > allowed]:
             self.count(False, f"{value:.10g}")
         return samples[off <= allowed]

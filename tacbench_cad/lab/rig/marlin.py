@@ -127,6 +127,8 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._link.lost = "homing was not completed"
         self._link.greet(())
         self._prepare()
+        # A program that was killed while it measured the position has left the soft end stops off.
+        self._link.command("M211 S1")
         stops = self._link.command("M119")
         self._require_free_switch(stops)
         with self._stoppable_homing():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -104,7 +105,7 @@ def test_a_gauge_that_gets_stuck_in_contact_allows_one_longer_step() -> None:
     with pytest.raises(DepthLimitError):
         presser.press(press)
     heights = [z for _, _, z in rig.stage.path[before:]]
-    lengths = [a - b for a, b in zip(heights, heights[1:], strict=False) if b < -0.01]
+    lengths = [a - b for a, b in itertools.pairwise(heights) if b < -0.01]
     assert sum(length > protocol.approach_step_mm + 1e-9 for length in lengths) == 1
 
 

@@ -15,6 +15,7 @@ from tacbench_cad.lab.acquire.safety import Signals
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.slips import HeightWatch
 from tacbench_cad.lab.rig.errors import SlipError
+from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 
@@ -46,6 +47,51 @@ def test_a_slip_of_z_is_found_at_the_next_press(tmp_path: Path) -> None:
     assert "a repeated press ended" in str(trial.errors[0])
     assert next(check for check in run.position_checks if not check.ok).reason == "height"
     assert check_run(tmp_path / "run").unchecked_sideways == 12
+
+
+def test_a_slip_of_z_before_the_first_press_with_a_new_force_is_found_there(tmp_path: Path) -> None:
+    """Four presses with each force: a slip upwards on the way to the fifth."""
+    trial = Trial(texture=4, folder=tmp_path / "run", slip=(2, 0.3), after_press=4)
+    run = trial.run()
+    assert trial.saved_wrong == 1
+    assert trial.unmarked == []
+    bad = next(check for check in run.position_checks if not check.ok)
+    assert (bad.reason, bad.after_press) == ("height", 5)
+
+
+@pytest.mark.parametrize("touch", ["sensor", "gauge", "taught"])
+@pytest.mark.parametrize("measures_offset", [True, False])
+def test_a_slip_of_z_in_depth_mode_is_found_by_the_next_check(
+    touch: str, measures_offset: bool, tmp_path: Path
+) -> None:
+    rig = FakeRig(gauge=touch == "gauge")
+    rig.stage.measures_offset = measures_offset
+    protocol = small_protocol(contact="depth", touch=touch, home_every=4)
+    opened, info = rig.rig(), info_of(rig.rig(), protocol)
+    wrong_mm: dict[int, float] = {}
+
+    class Slipping(Silent):
+        def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
+            wrong_mm[int(reading.stem.split("_")[1])] = abs(rig.stage.true[2] - rig.stage.at[2])
+            if done == 6 and len(wrong_mm) == 6:
+                rig.stage.slips[rig.stage.calls + 2] = (2, 0.3)
+
+    def session() -> None:
+        rig.stage.home()
+        with Signals() as signals:
+            press_block(opened, info, tmp_path, signals=signals, progress=Slipping(), taught_mm=[0.0], durable=False)
+
+    if touch == "taught" and not measures_offset:
+        session()
+        assert Run.open(tmp_path).position_checks == ()
+        assert rig.stage.homed <= 7, "once for each check"
+        return
+    with pytest.raises(SlipError, match="since the last good check were set aside"):
+        session()
+    session()
+    run = Run.open(tmp_path)
+    assert [check.ok for check in run.position_checks].count(False) == 1
+    assert all(wrong_mm[row.number] < 0.1 for row in run.rows) and len(run.rows) == 16
 
 
 def test_a_wrong_first_homing_is_found_after_the_first_press(tmp_path: Path) -> None:

@@ -153,8 +153,19 @@ def test_the_window_begins_at_the_call() -> None:
 
 
 def test_a_short_window_has_some_samples() -> None:
-    assert gauge(Cell(Time())).read(0.0).samples == 3
+    assert gauge(Cell(Time())).read(0.0).samples == 2
     assert gauge(Cell(Time()), least_samples=10).read(0.001).samples == 10
+
+
+@pytest.mark.parametrize("line", ["8100", "810000"])
+def test_a_third_sample_shows_which_of_two_is_damaged(line: str) -> None:
+    cell = Cell(Time(), lambda t: 2.0)
+    opened = gauge(cell)
+    damaged = cell.sent + 3
+    cell.alter = lambda i, sound: line if i == damaged else sound
+    force = opened.read(0.0)
+    assert cell.sent == damaged + 1, "the rest of a line, a sample, the damaged one, and the third"
+    assert force.mean_n == pytest.approx(2.0, abs=1e-3) and force.samples == 2
 
 
 def test_a_tare_makes_the_current_force_zero() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import AlarmError, NotThereError, SlipError
+from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NotThereError, ProtocolError, SlipError
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.switches import SwitchCheck, offset_at_switch
@@ -53,6 +53,32 @@ def test_grbl_measures_a_slip_of_any_axis(origin: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+@pytest.mark.parametrize("dialect", ["grbl", "grblhal"])
+def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(speed=100.0)
+    with launch(dialect, speed=100.0, resets_on_open=False) as virtual:
+        with GrblStage(virtual.port, clock=clock) as stage:
+            stage.home()
+            identity = stage.identity
+
+            def killed(_: object) -> None:
+                stage.close()
+                raise DeviceLostError("as after a kill, nothing more is sent")
+
+            monkeypatch.setattr(stage, "_search_switches", killed)
+            with pytest.raises(DeviceLostError):
+                stage.home_offset_mm()
+        with GrblStage(virtual.port, clock=clock, checks_settings=False) as stage:
+            assert (stage.settings[20], stage.settings[21]) == (1, 1)
+            assert "TACBENCH" not in stage.identity and identity.endswith(stage.identity.split(" 1.1")[1])
+        with GrblStage(virtual.port, clock=clock) as stage:
+            assert stage._link.marked == (), "the mark is gone"
+            stage._link.set(20, 0.0)
+        with pytest.raises(ProtocolError, match=r"has no soft limits \(\$20=0\); send it \$20=1"):
+            GrblStage(virtual.port, clock=clock)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
 def test_marlin_measures_a_slip_of_any_axis() -> None:
     with launch("marlin", speed=100.0) as virtual, MarlinStage(virtual.port) as stage:
         stage.home()
@@ -62,6 +88,10 @@ def test_marlin_measures_a_slip_of_any_axis() -> None:
             virtual.inject(Fault(kind="slip", axis=axis, mm=by_mm))
             offset = stage.home_offset_mm()
             assert offset == pytest.approx([by_mm if name == axis else 0.0 for name in "xyz"], abs=0.08)
+        with pytest.raises(NotThereError, match="soft end stops"):
+            stage.move((-0.3, 40.0, 80.0), 20.0)
+        stage._link.command("M211 S0")
+        stage.home()
         with pytest.raises(NotThereError, match="soft end stops"):
             stage.move((-0.3, 40.0, 80.0), 20.0)
 
