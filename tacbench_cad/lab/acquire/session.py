@@ -24,6 +24,7 @@ from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import FolderInUseError, locked, write_text
 from tacbench_cad.util.text import counted
 
@@ -122,6 +123,8 @@ def acquire_study(
             lifted and how many presses are saved.
     """
     rig.require_gauge_for(study.protocol)
+    if study.protocol.is_turning:
+        raise InputError("[protocol] motion", study.protocol.motion, "can be simulated, but not acquired on a rig")
     slots = rig.stage.frames
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []

@@ -37,5 +37,5 @@ def require_reach(protocol: Protocol, holder: HolderRim, frames: Sequence[WorkFr
                     f"[stage] limits_mm {'xyz'[axis]}",
                     [low, high],
                     f"slot {slot} needs {lowest:.3f} to {highest:.3f} mm "
-                    "(positions, slides, clearance and depth limit)",
+                    "(positions, motions, clearance and depth limit)",
                 )

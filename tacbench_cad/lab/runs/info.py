@@ -38,7 +38,7 @@ FRAME_TEXT = (
 #: The keys that may change between two sessions of a run: the port of a device and the device's description of itself.
 CHANGING = ("identity", "port", "firmware", "version")
 #: The beginnings of the protocol's keys that only describe a motion.
-MOTION_KEYS = ("motion", "slide_")
+MOTION_KEYS = ("motion", "slide_", "turn_")
 #: The largest number of force levels of a run without a protocol.
 MAX_LEVELS = 1000
 #: The number of differences that an error message lists; it only counts the others.

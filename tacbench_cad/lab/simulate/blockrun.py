@@ -22,7 +22,9 @@ from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.prints import printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
+from tacbench_cad.lab.study.motion import course_of
 from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.rotation import lowest
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
 from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Bounds, Checked, to_plain
@@ -156,27 +158,45 @@ class FrameSource:
         return self._kept[key]
 
     def moving(self, press: Press, pose: Point, when: datetime) -> list[MovingFrame]:
-        """Return the frames of the slide after a press, at constant height and speed; none without a motion.
+        """Return the frames of the motion after a press, at constant speed; none without a motion.
 
         Args:
             press: The press.
-            pose: The pose of the press, where the slide begins.
-            when: The time at which the slide begins.
+            pose: The pose of the press, where the motion begins.
+            when: The time at which the motion begins.
+
+        Raises:
+            InputError: The force rises above the hard limit in a roll or a tilt.
         """
         protocol, count, contact, drag = self.info.plan.protocol, self.info.series_frames, self._contact, Drag()
-        (dx, dy), frames = protocol.slide_mm, []
+        frames: list[MovingFrame] = []
+        course = course_of(protocol, pose)
         for index in range(count):
             fraction = index / (count - 1)
-            at = (pose[0] + fraction * dx, pose[1] + fraction * dy, pose[2])
-            time_s = fraction * protocol.slide_length_mm / protocol.slide_speed_mm_s
+            (at, angles), time_s = course.at(fraction), fraction * course.seconds
             with timed(self.seconds, "press"):
-                force_n = contact.force_n(*at)
-                # The error of the approach stays the same during the slide.
+                force_n = contact.force_n(*lowest(at, angles))
+                if protocol.is_turning and force_n > protocol.hard_limit_n:
+                    raise InputError(
+                        "turn_angle_deg",
+                        protocol.turn_angle_deg,
+                        f"the force rises to {force_n:.3f} N in press {press.number}, above hard_limit_n = "
+                        f"{protocol.hard_limit_n:g} N; use a smaller angle",
+                    )
+                # The error of the approach stays the same during the motion. There is no friction in a roll or a tilt.
                 rng = seeded("approach", self._seed, self.info.printed.name, press.number)
-                pins = self.sensor.approach(contact, at, rng, lag_mm=drag.move(at, force_n))
+                lag_mm = (0.0, 0.0) if protocol.is_turning else drag.move(at, force_n)
+                pins = self.sensor.approach(contact, at, rng, angles, lag_mm)
             name = f"press {press.number} moving {index}"
-            frame = self.frame(pins, name, when + timedelta(seconds=time_s))
-            frames.append(MovingFrame(frame=frame, time_s=time_s, pose_mm=at, pose_from="time", force_n=force_n))
+            moving = MovingFrame(
+                frame=self.frame(pins, name, when + timedelta(seconds=time_s)),
+                time_s=time_s,
+                pose_mm=at,
+                pose_from="time",
+                rotation_deg=angles,
+                force_n=force_n,
+            )
+            frames.append(moving)
         return frames
 
     def _depth_of(self, press: Press, contact: DomeContact) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -253,3 +254,33 @@ def test_a_slide_must_not_cross_the_key(tmp_path: Path) -> None:
     assert _read(tmp_path, keyed + "slide_direction_deg = 0\nslide_length_mm = 4\n").study.presses
     with pytest.raises(InputError, match="from x 19, y 5 mm leaves the top"):
         _read(tmp_path, keyed + "slide_direction_deg = -45\n")
+
+
+def test_a_roll_moves_the_contact_by_the_arc_and_a_tilt_by_its_sine(tmp_path: Path) -> None:
+    keys = "turn_angle_deg = 15\nturn_direction_deg = 180\n"
+    for motion, length in (("roll", math.radians(15.0)), ("tilt", math.sin(math.radians(15.0)))):
+        grid = "grid = { x_mm = [10], y_mm = [15] }\n"
+        protocol = _read(tmp_path, f'{BLOCK}[protocol]\nmotion = "{motion}"\n{grid}{keys}').study.protocol
+        assert protocol.is_turning and protocol.series_frames == 10
+        assert protocol.contact_shift_mm == pytest.approx((-20.0 * length, 0.0))
+        assert protocol.dip_mm == pytest.approx(0.6815 if motion == "tilt" else 0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            'motion = "roll"\nturn_angle_deg = 40\n',
+            r"turn_angle_deg = 40.*the roll from x 4, y 23 mm leaves the top .* by 6\.96 mm; use a smaller angle",
+        ),
+        ('motion = "roll"\nturn_radius_mm = 0\n', "turn_radius_mm"),
+        ('motion = "tilt"\nturn_angle_deg = 61\n', r"turn_angle_deg = 61.*from 0\.1 to 60"),
+        (
+            'motion = "tilt"\nturn_angle_deg = 20\ncontact = "depth"\ntouch = "sensor"\ndepth_limit_mm = 3\n',
+            r"turn_angle_deg = 20.*moves the dome down to 3\.41 mm, below 3 mm, the depth limit",
+        ),
+    ],
+)
+def test_turns_that_are_not_possible_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        _read(tmp_path, f"{BLOCK}[protocol]\n{text}")
