@@ -86,6 +86,9 @@ def read_scan(
         one_of("--unit", unit, UNITS)
     if mm_per_pixel is not None and not 0.0 < mm_per_pixel < math.inf:
         raise InputError("--mm-per-pixel", mm_per_pixel, "must be above 0")
+    simulated = _is_simulated(path)
+    if simulated and unit is None:
+        unit = "mm"
     suffix = path.suffix.lower()
     try:
         if suffix in MESHES:
@@ -101,7 +104,7 @@ def read_scan(
     if len(scan.cloud) < MIN_POINTS:
         allowed = f"has {counted(len(scan.cloud), 'valid point')}, but a scan needs at least {MIN_POINTS}"
         raise InputError("scan", str(path), allowed)
-    return replace(scan, cloud=replace(scan.cloud, simulated=_is_simulated(path)))
+    return replace(scan, cloud=replace(scan.cloud, simulated=simulated))
 
 
 def _is_simulated(path: Path) -> bool:

@@ -17,10 +17,15 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.crests import Extrema
 from tacbench_cad.spec.scanrecord import KIND, SCHEMA
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.text import counted
+from tacbench_cad.util.text import counted, short
 
 #: The source of the noise: the fit's residuals, a second scan of the print, or the scan of a flat plate.
 NoiseSource = Literal["residuals", "repeat", "flat"]
+#: The parameters of roughness in the table: key, name and unit.
+_ISO_25178 = (
+    *(("sa_um", "Sa", " µm"), ("sq_um", "Sq", " µm"), ("sz_um", "Sz", " µm")),
+    *(("ssk", "Ssk", ""), ("sku", "Sku", ""), ("sdr_percent", "Sdr", " %")),
+)
 _NOISE_WORDS = {"residuals": "estimated from this scan", "repeat": "from the repeated scan", "flat": "from the flat"}
 
 
@@ -138,6 +143,7 @@ class ScanResult:
             "simulated": self.cloud.simulated,
             "block": self.block.name,
             **to_plain(self.origin),
+            "geometry": self._geometry,
             "ok": self.verdict.ok,
             "verdict": str(self.verdict),
             "checks": [{**to_plain(check), "ok": check.ok} for check in self.verdict.checks],
@@ -162,6 +168,12 @@ class ScanResult:
             "notes": list(self.notes),
         }
 
+    @property
+    def _geometry(self) -> dict[str, Any]:
+        block = self.block
+        sides = [*block.size_mm, block.height_mm]
+        return {"size_mm": sides, "base_mm": block.base_mm, "datum_mm": block.datum_mm, "relief_mm": block.relief_mm}
+
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """Yield the rows of the table: the name, the value, and its interval or a remark."""
         yield "points", f"{int(self.fit.used.sum()):,} of {len(self.cloud):,} used", self._turn
@@ -185,8 +197,8 @@ class ScanResult:
         if self.top.pin_shift_px is not None:
             yield "shift of the sensor's pins, rms", f"{self.top.pin_shift_px:.2g} px", "of a TacTip, computed"
         for surface, values in self.roughness.items():
-            numbers = ", ".join(f"{name} {value:.3g}" for name, value in values.items() if isinstance(value, float))
-            yield surface, numbers, str(values.get("filters", ""))
+            numbers = ", ".join(f"{word} {short(values[name])}{unit}" for name, word, unit in _ISO_25178)
+            yield f"ISO 25178, {surface}", numbers, str(values["filters"])
 
     @property
     def _turn(self) -> str:
@@ -226,21 +238,24 @@ def wave_row(wave: WaveEstimate) -> dict[str, Any]:
     return {name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in numbers}
 
 
+_FACES = {"base": "base below the lowest valley", "wall": "walls, outside of the scaled block"}
+
+
 def _parameter_row(parameter: Estimate) -> tuple[str, str, str] | None:
     """Return the row of a parameter of the print; None for one of the pose."""
     kind, _, axis = parameter.name.partition("_")
     if kind not in ("scale", "skew", "base", "wall"):
         return None
+    name = f"{kind} along {axis}" if kind == "scale" else f"skew {axis}" if kind == "skew" else _FACES[kind]
     if not parameter.determined:
-        return f"{kind} {axis.removesuffix('_mm')}".strip(), "not determined", "the scan does not show it"
+        return name, "not determined", "the scan does not show it"
     low, high = parameter.low, parameter.high
     if kind == "scale":
         shrinkage = f"{100.0 * (1.0 - parameter.value):+.2f} % shrinkage ({100.0 * (1.0 - high):+.2f} to "
-        return f"scale along {axis}", f"{parameter.value:.4f}", f"{shrinkage}{100.0 * (1.0 - low):+.2f})"
+        return name, f"{parameter.value:.4f}", f"{shrinkage}{100.0 * (1.0 - low):+.2f})"
     if kind == "skew":
         value, low, high = (math.degrees(math.atan(number)) for number in (parameter.value, low, high))
-        return f"skew {axis}", f"{value:+.3f} degrees", f"{low:+.3f} to {high:+.3f}"
-    name = {"base": "base below the lowest valley", "wall": "walls outside of the scaled block"}[kind]
+        return name, f"{value:+.3f} degrees", f"{low:+.3f} to {high:+.3f}"
     return name, f"{parameter.value:.3f} mm", f"{low:.3f} to {high:.3f}"
 
 
@@ -273,7 +288,7 @@ def wave_table(waves: tuple[WaveEstimate, ...]) -> list[tuple[str, ...]]:
             (
                 *first,
                 f"{wave.amplitude_ratio:.3f}",
-                f"{wave.ratio_low:.3f} to {wave.ratio_high:.3f}",
+                "sets the scale" if wave.is_scale_reference else f"{wave.ratio_low:.3f} to {wave.ratio_high:.3f}",
                 f"{wave.phase_deg:+.1f}",
                 f"{wave.phase_low_deg:+.1f} to {wave.phase_high_deg:+.1f}",
             )

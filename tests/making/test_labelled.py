@@ -1,0 +1,64 @@
+"""The blocks that a person names on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.printers import PRINTER
+
+from tacbench_cad.making.labelled import blocks_named
+from tacbench_cad.spec.block import Block
+from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import MANIFEST_NAME
+
+
+def test_without_a_word_the_six_textures_are_possible() -> None:
+    blocks = blocks_named(None, "paper", 0.5, 2.0)
+    assert [block.texture.number for block in blocks] == [1, 2, 3, 4, 5, 6]
+    assert {(block.scale, block.key_mm) for block in blocks} == {(0.5, 2.0)}
+
+
+@pytest.mark.parametrize("word", ["4", "texture-4", "T4 PAPER X1", "texture-4_paper_x1"])
+def test_a_texture_a_label_and_a_name_mean_the_same_block(word: str) -> None:
+    (block,) = blocks_named(word)
+    assert block.name.removesuffix("_label") == Block.of(4).name
+
+
+def test_a_label_has_scale_and_copy_and_a_name_has_everything() -> None:
+    (labelled,) = blocks_named("T2 RELEASED X0.5 03")
+    assert (labelled.preset, labelled.scale, labelled.copy) == ("released", 0.5, 3)
+    own = Block.of("dunes", scale=1.5, copy=2)
+    (engraved,) = blocks_named(" ".join(own.label_words))
+    assert engraved.label_words == own.label_words
+    (named,) = blocks_named("texture-3_paper_x1_key3_copy07")
+    assert (named.key_mm, named.copy) == (3.0, 7)
+
+
+def test_a_print_set_means_its_blocks_once(tmp_path: Path) -> None:
+    parts = ["texture-1_paper_x1_copy01", "texture-1_paper_x1_copy02", "texture-5_paper_x1_key3"]
+    rows = [{"file": f"{i}.stl", "sha256": "", "part": part, "kind": "block"} for i, part in enumerate(parts)]
+    rows.append({"file": "holder.stl", "sha256": "", "part": "holder_x1", "kind": "holder"})
+    (tmp_path / MANIFEST_NAME).write_text(json.dumps({"schema": 1, "files": rows}), encoding="utf-8")
+    assert [block.name for block in blocks_named(str(tmp_path))] == ["texture-1_paper_x1", "texture-5_paper_x1_key3"]
+
+
+def test_a_corrected_block_of_a_print_set_means_its_intended_print(tmp_path: Path) -> None:
+    spec = {"printer_model": to_plain(PRINTER, without_none=True)}
+    row = {"file": "1.stl", "sha256": "", "part": "texture-1_paper-corrected_x1", "kind": "block", "spec": spec}
+    (tmp_path / MANIFEST_NAME).write_text(json.dumps({"schema": 1, "files": [row]}), encoding="utf-8")
+    (block,) = blocks_named(str(tmp_path))
+    assert "paper-corrected" in block.name and block.correction is not None
+    assert block.surface == Block.of(1).surface
+
+
+def test_a_folder_without_blocks_and_an_unknown_word_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no manifest"):
+        blocks_named(str(tmp_path))
+    with pytest.raises(InputError, match="texture"):
+        blocks_named("textur-4")
+    for word in ("texture-4_paper-corrected_x1", "T4 PAPER CORR X1"):
+        with pytest.raises(InputError, match="print set"):
+            blocks_named(word)
