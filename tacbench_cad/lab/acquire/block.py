@@ -14,6 +14,7 @@ from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, Signals
+from tacbench_cad.lab.acquire.slide import Slider, TooFewFramesError
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
@@ -21,9 +22,13 @@ from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, NotReache
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
+from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.text import counted
+
+#: The number of times that a press is made if the sensor is too slow during the motion after it.
+MOTION_ATTEMPTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +135,8 @@ class _BlockSession:
             self.protocol, self.carriage, self.force, self._touch(), nominal_mm=self.watch.first_touch_mm
         )
         self._plan = self.run.info.press_by_number
+        sensor, clock = self.rig.sensor, self.rig.clock
+        self.slider = Slider(self.protocol, self.carriage, self.force, sensor, self._read, clock)
         self.watch.add(self.run.rows if self.protocol.home_every else ())
 
     def all(self) -> None:
@@ -157,16 +164,37 @@ class _BlockSession:
         self._stationary("end", middle)
 
     def _press(self, press: Press) -> None:
-        contact = self.presser.press(press)
-        time_utc = datetime.now(UTC)
-        frame = self._read()
-        after = None if self.force is None else self.force.again()
-        # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
-        self._lift()
-        path = self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc)
+        moving: list[MovingFrame] | None = None
+        attempts = 0
+        while moving is None:
+            attempts += 1
+            contact = self.presser.press(press)
+            time_utc = datetime.now(UTC)
+            frame = self._read()
+            after = None if self.force is None else self.force.again()
+            moving = self._move_in_contact(press, is_last=attempts == MOTION_ATTEMPTS)
+            # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
+            self._lift()
+        path = self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc, moving)
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
+
+    def _move_in_contact(self, press: Press, *, is_last: bool) -> list[MovingFrame] | None:
+        """Make the motion of the protocol, and return its series; None if the sensor was too slow.
+
+        Raises:
+            TooFewFramesError: The sensor was too slow, and this was the last attempt.
+        """
+        if self.protocol.motion == "none":
+            return []
+        try:
+            return self.slider.slide(press)
+        except TooFewFramesError as error:
+            if is_last:
+                raise
+            self.progress.say(f"press {press.number} is made again: {error}")
+            return None
 
     def _check_position_if_due(self, press: Press) -> None:
         if not self.protocol.home_every:

@@ -130,6 +130,15 @@ class ContactForce:
             return self.glance().mean_n
         return self._newest[1]
 
+    def moving_n(self) -> float:
+        """Return the newest force in N while the sensor slides. Another thread may call this method.
+
+        Raises:
+            ForceLimitError: The force is above the hard limit.
+            GaugeError: The force is not a number.
+        """
+        return self._raw(0.0).mean_n - self.zero_n
+
     def settled(self) -> Force:
         """Return the force after the step has settled, averaged over the protocol's window.
 

@@ -16,6 +16,7 @@ from typing import Any
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
 from tacbench_cad.lab.rig.stage import Stage, home_again
+from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame, plus
 from tacbench_cad.util.text import counted
 
@@ -149,6 +150,31 @@ class Carriage:
                 f"the stage reports z = {self.at[2]:.3f} mm, below the depth limit {self.lowest_mm:g} mm"
             )
         return self.at[2]
+
+    def slide(self, end_mm: Point, speed_mm_s: float, track: Track, check: Callable[[], None]) -> None:
+        """Move in contact along a straight line of the work frame.
+
+        Args:
+            end_mm: The end of the line.
+            speed_mm_s: The speed.
+            track: Records the motion.
+            check: Called when the move is about to begin and can already be stopped with :meth:`halt`.
+
+        Raises:
+            RigError: The stage failed or was stopped.
+        """
+        with self._in_motion():
+            check()
+            track.begin()
+            reported = self.stage.move(self.frame.to_stage(end_mm), speed_mm_s)
+            track.end()
+        self.at, self.aim_mm = self.frame.to_work(reported), end_mm[2]
+        self.check()
+
+    def halt(self) -> None:
+        """Stop a move at once. Another thread than the one that moves the stage may call this method. Never raises."""
+        if self._moving and not self._retreating:
+            self.stage.stop()
 
     def home_again(self) -> Point | None:
         """Home the stage; see :func:`tacbench_cad.lab.rig.stage.home_again`.

@@ -75,7 +75,8 @@ class Simulators:
         stage: Starts the firmware of a virtual stage.
         arm: Opens the simulated arm.
         gauge: Opens a gauge that follows a position and, by ``rotation``, angles.
-        sensor: Opens a sensor that follows them; its last positional argument is the options of ``[sensor]``.
+        sensor: Opens a sensor that follows them; its last positional argument is the options of ``[sensor]``, and
+            ``in_motion`` returns whether the stage moves the sensor in contact.
     """
 
     stage: Callable[[RigSettings], AbstractContextManager[VirtualStage]]
@@ -199,13 +200,17 @@ def open_rig(
         gauge: Gauge | None = None
         if gauge_settings.driver == "simulated":
             gauge = devices.enter_context(
-                simulator("gauge", "simulated").gauge(stage.position, clock, rotation=rotation)
+                simulator("gauge", "simulated").gauge(stage.followed_mm, clock, rotation=rotation)
             )
         elif gauge_settings.driver != "none":
             gauge = devices.enter_context(open_gauge(gauge_settings, clock, taken=taken, simulated=simulated))
         if sensor_settings.driver == "simulated":
             sensor = simulator("sensor", "simulated").sensor(
-                stage.position, clock, sensor_settings.options, rotation=rotation
+                stage.followed_mm,
+                clock,
+                sensor_settings.options,
+                rotation=rotation,
+                in_motion=lambda: stage.is_tracked,
             )
         else:
             taken += [gauge_settings.port] if gauge_settings.port else []

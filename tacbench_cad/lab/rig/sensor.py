@@ -23,6 +23,11 @@ class Sensor(Device, Protocol):
         shape: The shape of every frame: ``(height, width)`` or ``(height, width, 3)`` for an image.
         simulated: The simulated part, or an empty text.
         settings: ``{"requested": {...}, "actual": {...}}``, plain values.
+
+    A driver can have two optional members for moving frames. The method ``grab()`` takes a frame as :meth:`read` does,
+    but returns a function that returns the frame, so that slow work is done later, and only for frames that are kept.
+    The attribute ``frame_time_s`` is the time of the last frame's exposure on the rig's clock. Without it, the time of
+    a moving frame is the middle of the call.
     """
 
     name: str

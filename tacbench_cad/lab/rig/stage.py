@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Protocol, Self, cast, runtime_checkable
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
+from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.study.rotation import Turn, tilt
 from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
 from tacbench_cad.util.errors import InputError
@@ -37,6 +40,9 @@ class Stage(Device, Protocol):
     """A three-axis stage, in mm of its own frame, with z upwards.
 
     A driver opens its device when it is created: the device is then connected and identified. :meth:`home` is separate.
+
+    A driver can have the optional attribute ``on_report``: None, or a function that it calls during a move with each
+    position that its device reports. Without it, the positions during a slide are computed from the time.
 
     Attributes:
         identity: Driver, firmware with version, and port, for people and for ``run.json``.
@@ -147,6 +153,23 @@ def measures_offset(stage: Stage) -> bool:
     return hasattr(inner(stage), "home_offset_mm")
 
 
+@contextmanager
+def tracked(stage: Stage, track: Track) -> Iterator[None]:
+    """Send the positions that a stage reports while it moves to a track, also for the devices that follow the stage."""
+    driver = inner(stage)
+    if isinstance(stage, LimitedStage):
+        stage.track = track
+    if hasattr(driver, "on_report"):
+        driver.on_report = track.report
+    try:
+        yield
+    finally:
+        if isinstance(stage, LimitedStage):
+            stage.track = None
+        if hasattr(driver, "on_report"):
+            driver.on_report = None
+
+
 class LimitedStage(Closing):
     """A stage with limits. It refuses targets beyond them before any command is sent.
 
@@ -162,6 +185,8 @@ class LimitedStage(Closing):
         self.tilt_limit_deg = tilt_limit_deg
         self.identity = stage.identity
         self.simulated = stage.simulated
+        #: The present motion, if it is tracked; see :func:`tracked`.
+        self.track: Track | None = None
 
     def home(self) -> None:
         """See :class:`Stage`."""
@@ -186,6 +211,18 @@ class LimitedStage(Closing):
     def position(self) -> Point:
         """See :class:`Stage`."""
         return self.stage.position()
+
+    def followed_mm(self) -> Point:
+        """Return the position, for a device that follows the stage. During a tracked motion it may be an estimate.
+
+        Another thread may call this method during a tracked motion.
+        """
+        return self.stage.position() if self.track is None else self.track.now_mm()
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether a motion is tracked at present."""
+        return self.track is not None
 
     def turn(
         self,

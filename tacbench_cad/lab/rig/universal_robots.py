@@ -93,6 +93,8 @@ class UniversalRobot(Closing):
 
         self._name, self._timeout_s = f"arm at {address}", timeout_s
         self._options, self._clock = options or RobotOptions(), clock or Clock()
+        #: See :class:`tacbench_cad.lab.rig.stage.Stage`.
+        self.on_report: Callable[[Point], None] | None = None
         self._stopped = self._closed = False
         try:
             self._state: Any = rtde_receive.RTDEReceiveInterface(address)
@@ -230,7 +232,10 @@ class UniversalRobot(Closing):
             self._require_ready()
             # Rest is asked for before the position, so that the position is that of an arm at rest.
             at_rest = self._arm.isSteady()
-            off_mm = max(abs(a - b) for a, b in zip(self.position(), target_mm, strict=True))
+            at = self.position()
+            if self.on_report is not None:
+                self.on_report(at)
+            off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
             off_deg = 0.0 if angles_deg is None else angle_between(self.rotation(), angles_deg)
             if self._stopped:
                 raise NotThereError(f"{self._name}: the move was stopped on request; home the stage first")

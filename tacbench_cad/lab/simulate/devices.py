@@ -13,6 +13,7 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
+from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.rotation import UPRIGHT, in_work_frame, lowest
@@ -109,6 +110,7 @@ class SimulatedSensor(_Follower):
     Args:
         position: Returns the stage's reported position in its own frame.
         clock: The rig's time.
+        in_motion: Returns whether the stage moves the sensor in contact. The friction then drags the pins along.
         options: ``colour`` (default false: grey images), ``look`` (a name of
             :data:`~tacbench_cad.lab.simulate.looks.LOOKS`, default ``clean``), ``flicker`` (a fraction; default: the
             look's own) and ``seed`` of the noise (default: a random one).
@@ -125,12 +127,18 @@ class SimulatedSensor(_Follower):
         options: Mapping[str, Any] | None = None,
         *,
         rotation: Callable[[], Angles] | None = None,
+        in_motion: Callable[[], bool] = lambda: False,
     ) -> None:
         chosen = from_plain(_SensorOptions, dict(options or {}), "[sensor] ")
         super().__init__(position, rotation, clock, chosen.seed)
         self._tactip = TacTip(colour=chosen.colour, flicker=chosen.flicker, look=look_named(chosen.look))
         self._began_s = clock.now_s()
+        self._in_motion, self._drag = in_motion, Drag()
         self._approached: tuple[DomeContact | None, Point, Angles] | None = None
+        #: The state of the generator before the errors of the last approach were drawn.
+        self._before_approach = self._rng.bit_generator.state
+        #: See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
+        self.frame_time_s = self._began_s
         self._pins = self._tactip.rest
         self.name = SIMULATED
         self.units = "counts"
@@ -140,10 +148,29 @@ class SimulatedSensor(_Follower):
 
     def read(self) -> Frame:
         """Return an image at the reported position, one frame later."""
+        return self.grab()()
+
+    def grab(self) -> Callable[[], Frame]:
+        """Take the pose for an image; see :class:`tacbench_cad.lab.rig.sensor.Sensor`."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
-        pose, angles = self._pose()
-        # The error of an approach stays the same until the stage moves.
-        if self._approached != (self._contact, pose, angles):
-            self._approached = self._contact, pose, angles
-            self._pins = self._tactip.approach(self._contact, pose, self._rng, angles)
-        return self._tactip.frame(self._pins, self._rng, self._clock.now_s() - self._began_s)
+        (pose, angles), is_moving = self._pose(), self._in_motion()
+        frame_time_s = self.frame_time_s = self._clock.now_s()
+        if not is_moving:
+            self._drag = Drag()
+        contact = self._contact
+        lag_mm = self._drag.move(pose, 0.0 if contact is None else contact.force_n(*lowest(pose, angles)))
+        approach = contact, pose, angles
+
+        def frame() -> Frame:
+            # The error of an approach stays the same until the stage moves to another place.
+            if self._approached != approach:
+                rng = self._rng
+                if is_moving:
+                    rng = np.random.Generator(np.random.SFC64())
+                    rng.bit_generator.state = self._before_approach
+                else:
+                    self._before_approach = rng.bit_generator.state
+                self._approached, self._pins = approach, self._tactip.approach(contact, pose, rng, angles, lag_mm)
+            return self._tactip.frame(self._pins, self._rng, frame_time_s - self._began_s)
+
+        return frame

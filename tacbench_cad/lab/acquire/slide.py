@@ -1,0 +1,229 @@
+"""The slide after a press: along a line at constant height and speed, while other threads read frames and forces.
+
+The frames come as fast as the sensor delivers them. Of these, the frames nearest to equally spaced places on the line
+are kept. The force guard is active until the sensor stands still: a force above the hard limit stops the stage.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+import numpy as np
+
+from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import RigError, SensorError
+from tacbench_cad.lab.rig.sensor import Frame, Sensor
+from tacbench_cad.lab.rig.stage import tracked
+from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.runs.series import MovingFrame
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Protocol
+
+#: The largest number of frames in memory, as a multiple of the number of frames to keep. Beyond it, every second frame
+#: is dropped.
+SPARE_FRAMES = 4
+#: The time after which a stage that a thread has stopped is stopped again, in s of real time, in case it had not begun
+#: to move at the first time.
+STOP_AGAIN_S = 2.0
+
+T = TypeVar("T")
+
+
+class TooFewFramesError(SensorError):
+    """The sensor was too slow for the number of frames of a slide."""
+
+
+class Recorder(Generic[T]):
+    """Reads a device again and again in a thread, from before the body of the ``with`` statement until after it.
+
+    Args:
+        read: Reads the device, and returns the value and the time of its measurement on the rig's clock.
+        failed: Called when reading fails, and then at intervals until the body is left.
+        max_values: The largest number of values in memory.
+
+    Attributes:
+        times_s: The times of the values.
+        values: The values.
+    """
+
+    def __init__(self, read: Callable[[], tuple[float, T]], failed: Callable[[], None], max_values: int) -> None:
+        self._read, self._failed, self._max_values = read, failed, max_values
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._begun, self._ending = threading.Event(), threading.Event()
+        self._error: BaseException | None = None
+        self._stride = 1
+        self.times_s: list[float] = []
+        self.values: list[T] = []
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        self._begun.wait()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ending.set()
+        self._thread.join()
+
+    def check(self) -> None:
+        """Raise the error of the thread, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def _run(self) -> None:
+        count = 0
+        try:
+            while True:
+                is_last = self._ending.is_set()
+                time_s, value = self._read()
+                # The last value was measured after the body, so it is always kept.
+                if count % self._stride == 0 or is_last:
+                    self.times_s.append(time_s)
+                    self.values.append(value)
+                count += 1
+                if len(self.values) > self._max_values:
+                    del self.times_s[1::2], self.values[1::2]
+                    self._stride *= 2
+                self._begun.set()
+                if is_last:
+                    return
+        except BaseException as error:
+            self._error = error
+            self._begun.set()
+            self._failed()
+            while not self._ending.wait(STOP_AGAIN_S):
+                self._failed()
+
+
+class Slider:
+    """Makes the slides of a protocol.
+
+    Args:
+        protocol: The protocol.
+        carriage: Moves the sensor.
+        force: Reads the force; None on a rig without a gauge.
+        sensor: The sensor.
+        read: Reads a frame of the sensor and checks it.
+        clock: The rig's time.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        carriage: Carriage,
+        force: ContactForce | None,
+        sensor: Sensor,
+        read: Callable[[], Frame],
+        clock: Clock,
+    ) -> None:
+        self.protocol, self.carriage, self.force, self.clock = protocol, carriage, force, clock
+        self._sensor, self._read = sensor, read
+
+    def slide(self, press: Press) -> list[MovingFrame]:
+        """Slide from the place of a press, where the sensor is in contact. The sensor stays at the end of the line.
+
+        Returns:
+            The frames of the series.
+
+        Raises:
+            ForceLimitError: The force was above the hard limit. The stage was stopped.
+            TooFewFramesError: Two places of the line have the same nearest frame.
+            RigError: A device failed.
+            RunInterruptedError: A signal came.
+        """
+        protocol, carriage = self.protocol, self.carriage
+        count, (dx, dy) = protocol.series_frames, protocol.slide_mm
+        end = (press.x_mm + dx, press.y_mm + dy, carriage.aim_mm)
+        work = carriage.frame
+        track = Track(work.to_stage(carriage.at), work.to_stage(end), protocol.slide_speed_mm_s, self.clock)
+        frames = Recorder(self._frame, carriage.halt, SPARE_FRAMES * count)
+        recorders: list[Recorder[Callable[[], Frame]] | Recorder[float]] = [frames]
+        forces = None if self.force is None else Recorder(self._net_force, carriage.halt, SPARE_FRAMES * count)
+        if forces is not None:
+            recorders.append(forces)
+
+        def check() -> None:
+            for recorder in recorders:
+                recorder.check()
+
+        with tracked(carriage.stage, track), ExitStack() as recording:
+            for recorder in recorders:
+                recording.enter_context(recorder)
+            try:
+                carriage.slide(end, protocol.slide_speed_mm_s, track, check)
+            except RigError:
+                # If a thread has stopped the stage, its error is the cause.
+                check()
+                raise
+        check()
+        chosen = nearest_frames(track, np.array(frames.times_s), count)
+        times = np.array([frames.times_s[index] for index in chosen])
+        places = track.at_mm(times)
+        net = [None] * count if forces is None else np.interp(times, forces.times_s, forces.values).tolist()
+        return [
+            MovingFrame(
+                frame=frames.values[index](),
+                time_s=time_s,
+                pose_mm=work.to_work((float(place[0]), float(place[1]), float(place[2]))),
+                pose_from="reports" if track.is_reported else "time",
+                force_n=force_n,
+            )
+            for index, time_s, place, force_n in zip(chosen, times.tolist(), places, net, strict=True)
+        ]
+
+    def _frame(self) -> tuple[float, Callable[[], Frame]]:
+        begun_s = self.clock.now_s()
+        self.carriage.check()
+        grab = getattr(self._sensor, "grab", None)
+        later: Callable[[], Frame] = partial(_same, self._read()) if grab is None else grab()
+        exposed_s = getattr(self._sensor, "frame_time_s", None)
+        # A driver that does not know the time of exposure has waited for it in the meantime.
+        return ((begun_s + self.clock.now_s()) / 2.0 if exposed_s is None else exposed_s, later)
+
+    def _net_force(self) -> tuple[float, float]:
+        assert self.force is not None
+        begun_s = self.clock.now_s()
+        force_n = self.force.moving_n()
+        return (begun_s + self.clock.now_s()) / 2.0, force_n
+
+
+def _same(frame: Frame) -> Frame:
+    return frame
+
+
+def nearest_frames(track: Track, times_s: np.ndarray, count: int) -> Sequence[int]:
+    """Return the numbers of the frames nearest to equally spaced places on a line, from its start to its end.
+
+    Of frames at the same place, where the sensor stands before and after the motion, the one nearest to the motion is
+    taken.
+
+    Args:
+        track: The motion.
+        times_s: The increasing times of the frames.
+        count: The number of places.
+
+    Raises:
+        TooFewFramesError: Two places have the same nearest frame.
+    """
+    distances = np.linalg.norm(track.at_mm(times_s) - np.array(track.start_mm), axis=1)
+    chosen: list[int] = []
+    for place in np.linspace(0.0, track.length_mm, count):
+        errors = np.abs(distances - place)
+        near = np.flatnonzero(errors <= errors.min() + 1e-9)
+        chosen.append(int(near[-1] if place == 0.0 else near[0]))
+    if any(b <= a for a, b in itertools.pairwise(chosen)):
+        moving = int(np.count_nonzero((distances > 0.0) & (distances < track.length_mm)))
+        raise TooFewFramesError(
+            f"the sensor delivered {moving} frames during a slide of {track.length_mm:g} mm, too few for "
+            f"motion_frames = {count} at equal distances; lower slide_speed_mm_s or motion_frames"
+        )
+    return chosen

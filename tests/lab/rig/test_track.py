@@ -1,0 +1,102 @@
+"""Test the positions of a stage during a move: reported, estimated, and interpolated afterwards."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.fakes import FakeStage
+
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.stage import LimitedStage, tracked
+from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.study.spec import Point
+
+
+class SetClock(Clock):
+    """A clock whose time a test sets."""
+
+    time_s = 0.0
+
+    def now_s(self) -> float:
+        return SetClock.time_s
+
+
+def at(time_s: float) -> None:
+    SetClock.time_s = time_s
+
+
+def track_of(length_mm: float = 10.0, speed_mm_s: float = 5.0) -> Track:
+    return Track((0.0, 0.0, 1.0), (length_mm, 0.0, 1.0), speed_mm_s, SetClock())
+
+
+def test_reported_positions_are_interpolated() -> None:
+    track = track_of()
+    at(100.0)
+    track.begin()
+    for time_s, x in ((100.5, 0.0), (101.5, 5.0), (102.5, 10.0)):
+        at(time_s)
+        track.report((x, 0.0, 1.0))
+    track.end()
+    assert track.is_reported
+    places = track.at_mm(np.array([99.0, 100.5, 101.0, 102.0, 104.0]))
+    np.testing.assert_allclose(places[:, 0], [0.0, 0.0, 2.5, 7.5, 10.0])
+    np.testing.assert_array_equal(places[:, 1:], [[0.0, 1.0]] * 5)
+
+
+def test_without_reports_the_speed_counts_as_constant_in_the_middle_of_the_time() -> None:
+    track = track_of()
+    at(100.0)
+    track.begin()
+    at(100.01)
+    track.report((0.0, 0.0, 1.0))  # a position at the ends says nothing about the motion
+    at(102.4)
+    track.end()
+    assert not track.is_reported
+    places = track.at_mm(np.array([100.1, 100.2, 101.2, 102.2, 102.4]))
+    np.testing.assert_allclose(places[:, 0], [0.0, 0.0, 5.0, 10.0, 10.0])
+
+
+def test_a_slow_stage_is_not_faster_than_it_can_have_been() -> None:
+    track = track_of()
+    at(100.0)
+    track.begin()
+    at(101.0)  # twice as fast as requested, for a clock that is too coarse
+    track.end()
+    np.testing.assert_allclose(track.at_mm(np.array([100.5]))[:, 0], [5.0])
+
+
+def test_the_present_position_is_estimated_from_the_last_report_and_the_speed() -> None:
+    track = track_of()
+    assert track.now_mm() == track.start_mm
+    at(100.0)
+    track.begin()
+    at(100.4)
+    assert track.now_mm() == pytest.approx((2.0, 0.0, 1.0))
+    track.report((1.0, 0.0, 1.0))
+    at(100.6)
+    assert track.now_mm() == pytest.approx((2.0, 0.0, 1.0))
+    at(200.0)
+    assert track.now_mm() == track.end_mm
+    track.end()
+    track.report((3.0, 0.0, 1.0))  # too late
+    assert track.now_mm() == track.end_mm
+
+
+def test_devices_that_follow_a_stage_do_not_disturb_it_while_it_is_tracked() -> None:
+    class Reporting(FakeStage):
+        on_report = None
+
+    stage = Reporting(at=(0.0, 0.0, 1.0))
+    limited = LimitedStage(stage, ((-99.0, 99.0),) * 3)
+    track = track_of()
+    seen: list[Point] = []
+    with tracked(limited, track):
+        assert limited.is_tracked
+        assert stage.on_report == track.report
+        calls = stage.calls
+        seen.append(limited.followed_mm())
+        assert stage.calls == calls
+    assert seen == [track.start_mm]
+    assert stage.on_report is None
+    assert not limited.is_tracked
+    assert limited.followed_mm() == stage.at and stage.calls == calls + 1
