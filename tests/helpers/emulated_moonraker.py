@@ -38,6 +38,11 @@ class EmulatedMoonraker:
         self.began_s = self.ends_s = 0.0
         self.rate_mm_s, self.mesh_mm, self.restart_s = 10.0, 0.0, 0.05
         self.scripts: list[str] = []
+        #: The position in mm at which the controller's count of steps is 0, and the slip of each motor since homing.
+        self.steps_per_mm, self.zero_mm, self.slip_mm = (80.0, 80.0, 400.0), [3.0, -7.0, 11.0], [0.0, 0.0, 0.0]
+        #: How far the position of a motor is from that of its axis: not 0 for kinematics like corexy.
+        self.motor_mm = 0.0
+        self.messages: list[dict[str, Any]] = []
         self.silent = False
         self._gcode = threading.Lock()
         emulation = self
@@ -100,12 +105,14 @@ class EmulatedMoonraker:
             head = {"homed_axes": self.homed, "position": [*self.target, 0.0], "axis_maximum": [*HIGH, 0.0]}
             report = {"live_position": [*self.live(), 0.0]}
             return {"eventtime": self.now_s(), "status": {"toolhead": head, "motion_report": report}}
+        if path.startswith("/server/gcode_store"):
+            return {"gcode_store": self.messages[-int(path.split("=")[1]) :]}
         if path == "/printer/emergency_stop":
             self.target = self.start = self.live()
             self.state, self.homed, self.ends_s = "shutdown", "", 0.0
             return "ok"
         if path == "/printer/firmware_restart":
-            self.state, self.homed = "startup", ""
+            self.state, self.homed, self.zero_mm = "startup", "", [50.0, 60.0, 70.0]
             threading.Timer(self.restart_s, self._ready).start()
             return "ok"
         if path == "/printer/gcode/script":
@@ -128,6 +135,8 @@ class EmulatedMoonraker:
             self._go(self.homes_to, 100.0)
             self._wait()
             self.homed = "xyz"
+            self.zero_mm = [zero + slip for zero, slip in zip(self.zero_mm, self.slip_mm, strict=True)]
+            self.slip_mm = [0.0, 0.0, 0.0]
         elif command == "G1":
             if self.homed != "xyz":
                 raise RefusedError("Must home axis first: 0.000 0.000 0.000 [0.000]")
@@ -138,6 +147,17 @@ class EmulatedMoonraker:
             self._go((x, y, z + self.mesh_mm), values["F"] / 60.0)
         elif command == "M400":
             self._wait()
+        elif command == "GET_POSITION":
+            self.messages.append({"message": self._position(), "time": time.time(), "type": "response"})
+
+    def _position(self) -> str:
+        counts = zip("xyz", self.target, self.zero_mm, self.steps_per_mm, strict=True)
+        steps = " ".join(f"stepper_{axis}:{round((at - zero) * per_mm)}" for axis, at, zero, per_mm in counts)
+        motors = " ".join(
+            f"stepper_{axis}:{at + self.motor_mm:.6f}" for axis, at in zip("xyz", self.target, strict=True)
+        )
+        axes = " ".join(f"{axis}:{at:.6f}" for axis, at in zip("XYZ", self.target, strict=True))
+        return f"// mcu: {steps}\n// stepper: {motors}\n// kinematic: {axes}\n// toolhead: {axes} E:0.000000"
 
     def _go(self, target: Point, speed_mm_s: float) -> None:
         self.start, self.target, self.began_s = self.live(), target, self.now_s()

@@ -8,6 +8,10 @@ Proof of a move: ``M400`` returns when the queue of moves is empty, and ``motion
 the motors' steps. Klipper counts motor steps and cannot detect lost steps. After a restart of Klipper no axis is homed,
 and every move is refused until :meth:`KlipperStage.home` has succeeded.
 
+Lost steps show when the stage is homed again: Klipper's controller counts all steps since its reset, also those of
+homing (``GET_POSITION``), and it reaches the end stops at another count than before. This needs a kinematics with one
+motor for each axis (``cartesian``).
+
 ``stop()`` in the middle of a move is Klipper's emergency stop, because Klipper cannot interrupt a move in another way.
 It switches the motors off. :meth:`KlipperStage.home` restarts the firmware and homes again.
 
@@ -23,6 +27,7 @@ import contextlib
 import http.client
 import json
 import math
+import re
 import time
 import urllib.error
 import urllib.parse
@@ -55,6 +60,10 @@ RESTART_S, POLL_S = 30.0, 0.05
 IDLE_S = 604_800
 #: A move may take this many times its distance divided by its speed.
 SLOWNESS = 3.0
+#: The smallest way, in mm, from which the length of a motor step is computed.
+MIN_WAY_MM = 1.0
+#: The number of recent messages among which the answer to ``GET_POSITION`` is looked for.
+MESSAGES = 50
 #: The time, in s of rig time, in which the last step after ``M400`` is executed.
 LAST_STEP_S = 1.0
 
@@ -74,6 +83,14 @@ class KlipperOptions:
     home_lift_mm: Annotated[float, Bounds(0.0, 500.0)] = 5.0
     tolerance_mm: Annotated[float, Bounds(1e-4, 1.0)] = 0.005
     api_key: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Count:
+    """The counted steps of the motor of an axis, and its position in mm."""
+
+    steps: int
+    mm: float
 
 
 class KlipperStage(Closing):
@@ -109,6 +126,7 @@ class KlipperStage(Closing):
         self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
         self._moving = self._stopped = self._closed = False
         self._lost = ""
+        self._home_counts: dict[str, Count] | None = None
         info = self._info()
         self.identity = f"klipper: {info.get('software_version', 'unknown version')} at {url}"
         if info.get("state") not in ("ready", "shutdown", "error"):
@@ -121,6 +139,7 @@ class KlipperStage(Closing):
             AlarmError: Klipper does not become ready, or homing failed.
             RigError: Moonraker is gone or silent.
         """
+        self._home_counts = None
         if self._info().get("state") != "ready":
             self._restart()
         self._stopped, self._lost = False, "homing was not completed"
@@ -134,6 +153,30 @@ class KlipperStage(Closing):
         if set(homed) != set("xyz"):
             raise AlarmError(f"{self._name}: G28 homed only the axes {homed or 'none'}; look at printer.cfg")
         self._lost = ""
+        self._home_counts = self._counts()
+
+    def home_offset_mm(self) -> Point | None:
+        """Home, and return the error that the position had before. See :func:`tacbench_cad.lab.rig.stage.home_again`.
+
+        Raises:
+            RigError: Moonraker is gone or silent, or homing failed.
+        """
+        first = self._home_counts
+        is_known = not self._lost and set(self._status()["toolhead"]["homed_axes"]) == set("xyz")
+        here = self._counts() if first and is_known else None
+        self.home()
+        second = self._home_counts
+        if not first or not here or not second:
+            return None
+        offset = []
+        for axis in "xyz":
+            way = here[axis].steps - first[axis].steps
+            if abs(here[axis].mm - first[axis].mm) < MIN_WAY_MM or not way:
+                return None
+            step_mm = (here[axis].mm - first[axis].mm) / way
+            homed_mm = second[axis].mm - first[axis].mm
+            offset.append(homed_mm - step_mm * (second[axis].steps - first[axis].steps))
+        return (offset[0], offset[1], offset[2])
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line; finished when Klipper reports the target.
@@ -190,6 +233,23 @@ class KlipperStage(Closing):
     def close(self) -> None:
         """Refuse further work. Moonraker needs no farewell."""
         self._closed = True
+
+    def _counts(self) -> dict[str, Count] | None:
+        """Return the counted steps and the position of each axis; None if an axis does not have a motor of its own."""
+        path = f"server/gcode_store?count={MESSAGES}"
+        try:
+            before_s = max((message["time"] for message in self._ask(path)["gcode_store"]), default=0.0)
+            self._ask("printer/gcode/script", {"script": "GET_POSITION"})
+            until_s = time.monotonic() + self._timeout_s
+            while time.monotonic() < until_s:
+                for message in self._ask(path)["gcode_store"]:
+                    if message["time"] > before_s and "mcu:" in message["message"]:
+                        return _parsed_counts(message["message"])
+                time.sleep(POLL_S)
+        except (AlarmError, KeyError, TypeError):
+            # Another version of Klipper or Moonraker. The position can then only be checked by heights.
+            return None
+        return None
 
     def _near(self, at: Point, target: Point) -> bool:
         return all(abs(a - b) <= self._options.tolerance_mm for a, b in zip(at, target, strict=True))
@@ -277,6 +337,22 @@ class KlipperStage(Closing):
             self._lost = "Klipper was restarted or was never homed"
             return PositionLostError(f"{self._name}: {text}; home the stage first")
         return AlarmError(f"{self._name}: {text}")
+
+
+def _parsed_counts(text: str) -> dict[str, Count] | None:
+    """Return the steps and the position of each axis in the answer to ``GET_POSITION``."""
+    steps = dict(re.findall(r"stepper_([xyz]):(-?\d+)(?![\d.])", text))
+    motors = dict(re.findall(r"stepper_([xyz]):(-?\d+\.\d+)", text))
+    axes = {axis.lower(): float(value) for axis, value in re.findall(r"([XYZ]):(-?\d+\.\d+)", _kinematic(text))}
+    if not all(axis in steps and axis in motors and axis in axes for axis in "xyz"):
+        return None
+    if any(abs(float(motors[axis]) - axes[axis]) > KlipperOptions.tolerance_mm for axis in "xyz"):
+        return None
+    return {axis: Count(steps=int(steps[axis]), mm=axes[axis]) for axis in "xyz"}
+
+
+def _kinematic(text: str) -> str:
+    return next((line for line in text.splitlines() if "kinematic:" in line), "")
 
 
 def _message(info: dict[str, Any]) -> str:

@@ -62,8 +62,25 @@ def test_it_is_opened_by_its_name_and_waits_for_the_end_of_a_move(moonraker: Emu
 def test_homing_lifts_a_homed_axis_first(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
     stage.move((50.0, 50.0, 40.0), 100.0)
     stage.home()
-    assert moonraker.scripts[-6:-1] == ["G90", "G1 Z45.0000 F600", "M400", "G28", "M400"]
+    assert moonraker.scripts[-7:-2] == ["G90", "G1 Z45.0000 F600", "M400", "G28", "M400"]
     assert stage.position() == (0.0, 0.0, 10.0)
+
+
+def test_a_slip_shows_when_the_stage_is_homed_again(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
+    for slip in ([0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, -0.25, 0.0], [0.0, 0.0, 0.2]):
+        stage.move((50.0, 60.0, 40.0), 100.0)
+        moonraker.slip_mm = list(slip)
+        assert stage.home_offset_mm() == pytest.approx(slip, abs=0.01)
+    assert stage.home_offset_mm() is None, "without a way, the length of a step is unknown"
+
+
+def test_a_slip_is_not_measured_where_steps_say_nothing(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
+    stage.move((50.0, 60.0, 40.0), 100.0)
+    moonraker.homed, moonraker.zero_mm = "", [1.0, 2.0, 3.0]
+    assert stage.home_offset_mm() is None, "after a restart, the steps are counted from another place"
+    stage.move((50.0, 60.0, 40.0), 100.0)
+    moonraker.motor_mm = 30.0
+    assert stage.home_offset_mm() is None, "the motors do not belong to axes"
 
 
 def test_klippers_own_limits_are_an_error(stage: KlipperStage) -> None:
