@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 from helpers.gcode_writer import write_gcode
+from helpers.printers import PRINTER
+from helpers.scan_documents import scan_document, write_scan
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
@@ -76,20 +78,25 @@ def test_the_run_folders_page_explains_every_column_of_a_press() -> None:
 def test_every_key_of_the_parts_documents_is_explained(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("manifold3d")
     gcode = write_gcode(tmp_path / "two.gcode", Block.of(2, scale=0.5))
+    scan = write_scan(tmp_path / "scan", scan_document(Block.of(1), PRINTER))
+    model = tmp_path / "my-printer.toml"
     of_block = ("--texture", "1", "--parts", "blocks", "--formats", "stl")
     for argv in (
         ["textures", "--texture", "1"],
         ["make", *of_block, "--out", str(tmp_path / "made")],
         ["make", *of_block, "--out", str(tmp_path / "grid"), "--grid"],
         ["check-part", str(tmp_path / "made" / "texture-1_paper_x1.stl")],
+        ["printer-model", str(scan), "-o", str(model), "--no-picture"],
+        ["make", *of_block, "--out", str(tmp_path / "corrected"), "--compensate", str(model)],
         ["plate", "--printer", "form-3", "--texture", "1", "--out", str(tmp_path / "plates")],
         ["check-gcode", str(gcode), "--texture", "2", "--scale", "0.5", "--no-picture"],
         ["simulate", "--study", str(_tiny_study(tmp_path)), "--out", str(tmp_path / "runs"), "--jobs", "1"],
     ):
         assert main([*argv, "--json"]) == 0
         assert _unexplained(capsys) == set(), argv[0]
-    manifest = json.loads((tmp_path / "grid" / "manifest.json").read_text(encoding="utf-8"))
-    assert set(keys(manifest)) <= named("columns.md")
+    for folder in ("grid", "corrected"):
+        manifest = json.loads((tmp_path / folder / "manifest.json").read_text(encoding="utf-8"))
+        assert set(keys(manifest)) <= named("columns.md")
 
 
 @pytest.mark.usefixtures("no_figures")

@@ -20,7 +20,18 @@ from tacbench_cad.util.packages import why_not_imported
 
 #: The commands under their headings, in the order in which people use them.
 GROUPS = {
-    "Print": ("textures", "design", "make", "show", "view", "texture-part", "check-part", "plate", "check-gcode"),
+    "Print": (
+        "textures",
+        "design",
+        "make",
+        "show",
+        "view",
+        "texture-part",
+        "check-part",
+        "plate",
+        "check-gcode",
+        "printer-model",
+    ),
     "Press": ("rig", "acquire", "watch", "simulate", "import-frames", "check-runs", "runs"),
     "Analyse": ("variance", "grade", "classify", "split", "score", "compare", "report"),
     "Share": ("publish", "cite", "export-runs", "export-simulator"),

@@ -1,0 +1,40 @@
+"""The command ``tacbench printer-model``: the file, the picture, the table, and refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.printers import PRINTER
+from helpers.scan_documents import scan_document, write_scan
+
+from tacbench_cad.cli import main
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.printermodel import read_printer_model
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_a_folder_of_scans_gives_a_model_and_a_picture(tmp_path: Path, capsys: Capture) -> None:
+    for copy in (1, 2, 3):
+        write_scan(tmp_path / "scans" / str(copy), scan_document(Block.of(5), PRINTER, copy=copy))
+    out = tmp_path / "my-printer.toml"
+    assert main(["printer-model", str(tmp_path / "scans"), "-o", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "ender-3 with pla-plus: 3 prints, 3 scans, simulated" in printed
+    assert "waves along y" in printed and "not determined" in printed
+    assert printed.endswith(f"\nNext: tacbench make --compensate {out}\n")
+    model = read_printer_model(out)
+    assert (model.prints, len(model.transfer_x), model.transfer_y) == (3, 13, ())
+    assert out.with_suffix(".png").exists()
+    assert main(["printer-model", str(tmp_path / "scans"), "-o", str(out), "--json", "--no-picture"]) == 0
+    assert json.loads(capsys.readouterr().out)["scale_x"]["value"] == model.scale_x.value  # type: ignore[union-attr]
+
+
+def test_scans_of_two_printers_are_refused(tmp_path: Path, capsys: Capture) -> None:
+    first = write_scan(tmp_path / "a", scan_document(Block.of(1), PRINTER))
+    second = write_scan(tmp_path / "b", scan_document(Block.of(1), PRINTER) | {"printer": "form-3"})
+    assert main(["printer-model", str(first), str(second), "-o", str(tmp_path / "a.toml")]) == 2
+    assert "printer = 'form-3': but 'ender-3' in" in capsys.readouterr().err
+    assert not (tmp_path / "a.toml").exists()
