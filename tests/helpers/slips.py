@@ -129,6 +129,6 @@ def slipping(seed: int, folder: Path) -> tuple[Trial, int, float]:
     dice = random.Random(seed)
     trial = Trial(texture=dice.randrange(1, 7), folder=folder)
     axis, by_mm = dice.randrange(3), dice.choice((-1.0, 1.0)) * dice.uniform(MIN_SLIP_MM, 2.0)
-    trial.rig.stage.slips[dice.randrange(20, 700)] = (axis, by_mm)
+    trial.rig.stage.slips[dice.randrange(20, 400)] = (axis, by_mm)
     trial.run()
     return trial, axis, by_mm

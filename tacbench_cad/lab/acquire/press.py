@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import accumulate, islice
+from operator import sub
 
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
@@ -128,8 +130,10 @@ class KnownGrowth:
         if not (0 <= index < len(self.largest_n) and now_n <= GROWTH * self.largest_n[index]):
             return 0, 0.0
         start = max(index + 1, sum(force_n < now_n for force_n in self.largest_n))
-        known = self.largest_n[start : start + max_steps + 1]
-        safe = [force_n - known[0] for force_n in known[1:] if now_n + GROWTH * (force_n - known[0]) < below_n]
+        # Contact stiffens with depth. A smaller increase at a larger depth can come from a motor that has slipped.
+        increases = accumulate(map(sub, self.largest_n, [0.0, *self.largest_n]), max)
+        growths_n = accumulate(islice(increases, start + 1, start + 1 + max_steps))
+        safe = [growth_n for growth_n in growths_n if now_n + GROWTH * growth_n < below_n]
         return len(safe), safe[-1] if safe else 0.0
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -171,7 +171,7 @@ def require_repeatable_homing(stage: Stage, allowed_mm: float) -> None:
 def position_error(
     carriage: Carriage, presser: Presser, unchecked: Sequence[Row], plan: dict[int, Press]
 ) -> PositionError:
-    """Home the stage if that is allowed, and repeat a press that no check has followed yet.
+    """Home the stage if that is allowed. Unless that shows an error, repeat a press that no check has followed yet.
 
     After homing, the last of these presses is repeated: it was made with the error that homing has removed. Without
     homing, the first one is repeated: it was made before the error. In depth mode, the first touch of the first one is
@@ -191,12 +191,17 @@ def position_error(
     if touch_change is not None:
         carriage.lift()
     offset = carriage.home_again() if carriage.may_home else None
+    error = PositionError(offset_mm=offset, height_change_mm=touch_change)
+    if error.exceeds(presser.protocol.slip_mm):
+        # Nothing else may fail before this is stored.
+        return error
     row = next((row for row in (reversed(unchecked) if carriage.may_home else unchecked) if row.in_band), None)
+    if row is None:
+        return error
     try:
-        change = touch_change if row is None else height_change(presser, plan[row.number], row)
+        return replace(error, height_change_mm=height_change(presser, plan[row.number], row))
     except ContactError:
-        return PositionError(offset_mm=offset, height_change_mm=None, touched=True)
-    return PositionError(offset_mm=offset, height_change_mm=change)
+        return replace(error, touched=True)
 
 
 def height_change(presser: Presser, press: Press, row: Row) -> float | None:

@@ -120,6 +120,10 @@ def test_the_known_growth_is_the_largest_at_each_depth() -> None:
     assert known.safe_steps(0.15, 0.1, 1.0, max_steps=9) == (0, 0.0), "the force shows a larger depth"
     assert known.safe_steps(0.19, 0.1, 9.0, max_steps=9) == (0, 0.0), "the contact is stiffer than known"
     assert known.safe_steps(0.0, 0.7, 9.0, max_steps=9) == (0, 0.0), "nothing is known at this depth"
+    known.add(0.5, 0.1)
+    assert known.largest_n[-1] == 0.5
+    assert known.safe_steps(0.45, 0.3, 1.3, max_steps=9) == (0, 0.0), "a contact does not become softer"
+    assert known.safe_steps(0.45, 0.3, 1.5, max_steps=9) == (1, pytest.approx(0.3))
 
 
 def test_the_last_move_of_every_press_goes_down() -> None:

@@ -18,6 +18,7 @@ from tacbench_cad.lab.rig.errors import SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.spec import Point
 
 
 def test_a_slip_of_y_is_found_by_the_next_check_at_the_end_stops(tmp_path: Path) -> None:
@@ -162,6 +163,24 @@ def test_heights_are_compared_with_the_formula() -> None:
     assert watch.is_suspicious(second, expected[1] + 0.3 - 0.11)
     watch.forget()
     assert not watch.is_suspicious(second, -99.0)
+
+
+def test_a_slip_upwards_in_contact_is_found_at_the_same_press(tmp_path: Path) -> None:
+    """The motor slips in a deep press, so that the same forces belong to larger depths."""
+    trial = Trial(texture=1, folder=tmp_path / "run")
+    stage, slipped = trial.rig.stage, []
+
+    def slip(at: Point) -> None:
+        if at[2] < -1.8 and not slipped:
+            slipped.append(at)
+            stage.slips[stage.calls + 1] = (2, 1.25)
+
+    stage.on_move = slip
+    trial.run()
+    (error,) = trial.errors
+    assert isinstance(error, SlipError) and "off by 0.00, 0.00 and 1.25 mm" in str(error)
+    assert trial.unmarked == []
+    assert max(trial.rig.gauge.readings if trial.rig.gauge else []) < 3.5
 
 
 @pytest.mark.parametrize("seed", range(3))
