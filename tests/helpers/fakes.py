@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from tacbench_cad.lab.rig.errors import NotThereError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
@@ -133,6 +136,72 @@ class FakeStage(Closing):
         self.closed = True
 
 
+class SlidingStage(FakeStage):
+    """A stage that needs time for a sideways move in contact, and moves in step with the frames of a sensor.
+
+    Args:
+        parts: The number of parts of the move.
+        frames_each: The number of frames that the sensor delivers after each part.
+        reports: Whether the stage reports its position after each part.
+
+    Attributes:
+        slides: The number of slides.
+        on_part: Called with the number of each part, from 1, before it.
+    """
+
+    on_report: Callable[[Point], None] | None
+
+    def __init__(self, *, parts: int = 12, frames_each: int = 2, reports: bool = True, **stage: Any) -> None:
+        super().__init__(**stage)
+        self._parts, self._frames_each = parts, frames_each
+        if reports:
+            self.on_report = None
+        self.slides = 0
+        self.on_part: Callable[[int], None] = lambda _: None
+        self._allowed: int | None = None
+        self._turn = threading.Condition()
+
+    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
+        if target_mm[:2] == self.at[:2] or target_mm[2] >= 2.0:
+            return super().move(target_mm, speed_mm_s)
+        self.slides += 1
+        start, stopped = self.at, self.stopped
+        try:
+            for part in range(1, self._parts + 1):
+                self.on_part(part)
+                x, y, z = (a + part / self._parts * (b - a) for a, b in zip(start, target_mm, strict=True))
+                self._go((x, y, z))
+                if (report := getattr(self, "on_report", None)) is not None:
+                    report(self.at)
+                with self._turn:
+                    self._allowed = self._frames_each
+                    self._turn.notify_all()
+                    while self._allowed and self.stopped == stopped:
+                        self._turn.wait(0.01)
+                if self.stopped > stopped:
+                    raise NotThereError("the move was stopped on request")
+        finally:
+            with self._turn:
+                self._allowed = None
+                self._turn.notify_all()
+        return self.at
+
+    @staticmethod
+    def pause() -> None:
+        """Let the other threads work. A device that answers at once would keep them from it."""
+        time.sleep(0.001)
+
+    def wait_for_turn(self) -> None:
+        """Let the sensor wait during a slide until the stage has made its next part."""
+        self.pause()
+        with self._turn:
+            while self._allowed == 0:
+                self._turn.wait()
+            if self._allowed is not None:
+                self._allowed -= 1
+                self._turn.notify_all()
+
+
 class FakeGauge(Closing):
     """A gauge on the plate under a stage.
 
@@ -173,6 +242,8 @@ class FakeGauge(Closing):
         return self.plate.force_n(self.stage.true) + self.drift_n(len(self.readings)) + noise
 
     def read(self, window_s: float) -> Force:
+        if isinstance(self.stage, SlidingStage):
+            self.stage.pause()
         fault = self.faults.pop(len(self.readings) + 1, None)
         value = fault if isinstance(fault, float) else self._now() - self._offset
         self.readings.append(value)
@@ -221,6 +292,8 @@ class FakeSensor(Closing):
         self._pattern = 60.0 * (np.indices(size).sum(axis=0) % 8 < 3) + 40.0
 
     def read(self) -> Frame:
+        if isinstance(self.stage, SlidingStage):
+            self.stage.wait_for_turn()
         self.count += 1
         fault = self.faults.pop(self.count, None)
         if fault is not None:

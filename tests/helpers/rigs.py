@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from typing import Any
 
-from helpers.fakes import FakeGauge, FakeSensor, FakeStage, Plate
+from helpers.fakes import FakeGauge, FakeSensor, FakeStage, Plate, SlidingStage
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
@@ -69,9 +69,9 @@ def rig_settings(**stage: Any) -> RigSettings:
 class FakeRig:
     """A rig of test doubles that a test may open several times."""
 
-    def __init__(self, *, plate: Plate | None = None, gauge: bool = True, **stage: Any) -> None:
+    def __init__(self, *, plate: Plate | None = None, gauge: bool = True, slides: bool = False, **stage: Any) -> None:
         self.plate = plate or Plate()
-        self.stage = FakeStage(**stage)
+        self.stage = SlidingStage(**stage) if slides else FakeStage(**stage)
         self.gauge: FakeGauge | None = FakeGauge(self.stage, self.plate, noise_n=0.0003) if gauge else None
         self.sensor = FakeSensor(self.stage, self.plate)
         self.opened = 0

@@ -48,14 +48,21 @@ class Recorder(Generic[T]):
         read: Reads the device, and returns the value and the time of its measurement on the rig's clock.
         failed: Called when reading fails, and then at intervals until the body is left.
         max_values: The largest number of values in memory.
+        is_early: Returns whether the motion has not begun yet. Until then, only the two newest values are kept.
 
     Attributes:
         times_s: The times of the values.
         values: The values.
     """
 
-    def __init__(self, read: Callable[[], tuple[float, T]], failed: Callable[[], None], max_values: int) -> None:
-        self._read, self._failed, self._max_values = read, failed, max_values
+    def __init__(
+        self,
+        read: Callable[[], tuple[float, T]],
+        failed: Callable[[], None],
+        max_values: int,
+        is_early: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._read, self._failed, self._max_values, self._is_early = read, failed, max_values, is_early
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._begun, self._ending = threading.Event(), threading.Event()
         self._error: BaseException | None = None
@@ -83,8 +90,12 @@ class Recorder(Generic[T]):
         count = 0
         try:
             while True:
-                is_last = self._ending.is_set()
+                is_last, is_early = self._ending.is_set(), self._is_early()
                 time_s, value = self._read()
+                if is_early:
+                    count = 0
+                    # The motion may begin during this reading, so the one before it is kept as well.
+                    del self.times_s[:-1], self.values[:-1]
                 # The last value was measured after the body, so it is always kept.
                 if count % self._stride == 0 or is_last:
                     self.times_s.append(time_s)
@@ -145,9 +156,10 @@ class Slider:
         end = (press.x_mm + dx, press.y_mm + dy, carriage.aim_mm)
         work = carriage.frame
         track = Track(work.to_stage(carriage.at), work.to_stage(end), protocol.slide_speed_mm_s, self.clock)
-        frames = Recorder(self._frame, carriage.halt, SPARE_FRAMES * count)
+        most = SPARE_FRAMES * count
+        frames = Recorder(self._frame, carriage.halt, most, track.is_early)
         recorders: list[Recorder[Callable[[], Frame]] | Recorder[float]] = [frames]
-        forces = None if self.force is None else Recorder(self._net_force, carriage.halt, SPARE_FRAMES * count)
+        forces = None if self.force is None else Recorder(self._net_force, carriage.halt, most, track.is_early)
         if forces is not None:
             recorders.append(forces)
 

@@ -41,6 +41,10 @@ class Track:
         """Whether the stage has reported its position between the start and the end."""
         return any(at not in (self.start_mm, self.end_mm) for _, at in self._seen[1:])
 
+    def is_early(self) -> bool:
+        """Return whether the move has not begun yet."""
+        return not self._seen
+
     def begin(self) -> None:
         """Record that the move begins now."""
         self._seen = [(self._clock.now_s(), self.start_mm)]

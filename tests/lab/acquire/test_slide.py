@@ -1,0 +1,249 @@
+"""Test the slide after a press: frames at equal distances, the force guard, stops, repetitions and resuming."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.fakes import Plate, SlidingStage
+from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol
+
+from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.progress import PressProgress
+from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+from tacbench_cad.lab.acquire.slide import Recorder, TooFewFramesError, nearest_frames
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError
+from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.spec import Protocol
+
+FRAMES = 5
+TRAVEL_MM = 5.0
+
+
+class Notes(PressProgress):
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def say(self, message: str) -> None:
+        self.messages.append(message)
+
+
+def slide_protocol(**changes: Any) -> Protocol:
+    values: dict[str, Any] = {
+        "motion": "slide",
+        "motion_frames": FRAMES,
+        "slide_length_mm": 4.0,
+        "slide_speed_mm_s": 4.0,
+        "forces_n": (1.0,),
+        "bands_n": (0.01,),
+        "depths_mm": (1.0,),
+        "repeats": 1,
+        "stationary_frames": 1,
+    }
+    return small_protocol(**{**values, **changes})
+
+
+class RealTime(Clock):
+    """Real time without waits."""
+
+    def sleep(self, seconds: float) -> None:
+        pass
+
+
+def pressed(rig: FakeRig, folder: Path, protocol: Protocol | None = None, clock: Clock = AT_ONCE) -> list[str]:
+    opened, notes = rig.rig(), Notes()
+    opened.clock = clock
+    info = info_of(opened, protocol or slide_protocol())
+    with Signals() as signals:
+        press_block(opened, info, folder, signals=signals, progress=notes, taught_mm=(0.0,), durable=False)
+    return notes.messages
+
+
+def stage_of(rig: FakeRig) -> SlidingStage:
+    assert isinstance(rig.stage, SlidingStage)
+    return rig.stage
+
+
+def series_names(folder: Path) -> set[str]:
+    return {path.name for path in (folder / "series").iterdir()}
+
+
+def test_each_press_has_frames_at_equal_distances_along_the_line(tmp_path: Path) -> None:
+    slope = Plate(top=lambda x, y: 0.01 * (y - 18.0))
+    rig = FakeRig(slides=True, plate=slope)
+    assert pressed(rig, tmp_path / "run") == []
+    run = Run.open(tmp_path / "run")
+    assert len(run.rows) == len(run.info.presses) == 4
+    assert [finding for finding in check_run(run.folder).findings if finding.kind not in ("dark", "blurred")] == []
+    for row in run.rows:
+        series = run.series(row, verify=True)
+        assert series.pose_from == "reports"
+        assert np.all(np.diff(series.time_s) > 0.0)
+        # The stage moves in twelve parts, and the position between two reports is interpolated.
+        np.testing.assert_allclose(series.pose_mm[:, 1] - row.pose_mm[1], [0.0, 1.0, 2.0, 3.0, 4.0], atol=0.4)
+        np.testing.assert_allclose(series.pose_mm[:, [0, 2]], [[row.pose_mm[0], row.pose_mm[2]]] * FRAMES, atol=1e-6)
+        assert series.pose_mm[-1, 1] == pytest.approx(row.pose_mm[1] + 4.0)
+        assert series.force_n is not None and row.measured_force_n is not None
+        assert series.force_n[0] == pytest.approx(row.measured_force_n, abs=0.03)
+        # The block rises along the slide, so the force grows.
+        rise_n = slope.force_n((0.0, 4.0 + row.pose_mm[1], row.pose_mm[2])) - row.measured_force_n
+        assert series.force_n[-1] - series.force_n[0] == pytest.approx(rise_n, abs=0.01)
+
+
+def test_the_sensor_is_lifted_at_the_end_of_each_slide(tmp_path: Path) -> None:
+    rig = FakeRig(slides=True)
+    pressed(rig, tmp_path / "run")
+    path = np.array(rig.stage.path)
+    ends = [index for index in range(1, len(path)) if path[index - 1, 2] < 0.0 and path[index, 2] > 0.0]
+    lifted = path[ends]
+    assert np.all(lifted[:, 2] == TRAVEL_MM)
+    # The stationary frames are taken without a slide. All other presses end 4 mm further along y.
+    assert sorted(lifted[:, 1] - path[np.array(ends) - 1, 1]) == [0.0] * len(ends)
+    assert sum(y in (22.0, 27.0) for y in lifted[:, 1]) == 4
+
+
+def test_without_reports_the_poses_are_computed_from_the_time(tmp_path: Path) -> None:
+    rig = FakeRig(slides=True, reports=False, gauge=False)
+    pressed(rig, tmp_path / "run", slide_protocol(contact="depth", touch="taught", slide_speed_mm_s=0.001), RealTime())
+    run = Run.open(tmp_path / "run")
+    for row in run.rows:
+        series = run.series(row)
+        assert series.pose_from == "time" and series.force_n is None
+        assert np.all(np.diff(series.pose_mm[:, 1]) > 0.0)
+
+
+def test_a_force_above_the_hard_limit_stops_the_slide_and_lifts(tmp_path: Path) -> None:
+    # A ridge in the middle of the second slide. The gauge sees it before the stage is over it.
+    ridge = Plate(top=lambda x, y: 3.0 * max(0.0, y - 19.5) if x > 8.0 and y < 22.0 else 0.0)
+    rig = FakeRig(slides=True, plate=ridge)
+    with pytest.raises(ForceLimitError, match=r"above the hard limit of 5 N"):
+        pressed(rig, tmp_path / "run")
+    assert rig.stage.stopped > 0
+    assert rig.stage.at[2] == TRAVEL_MM
+    assert rig.stage.at[1] < 22.0, "the slide was not stopped"
+    assert [row.number for row in Run.open(tmp_path / "run").rows] == [1]
+    rig.plate = rig.sensor.plate = rig.gauge.plate = Plate()
+    pressed(rig, tmp_path / "run")
+    assert len(Run.open(tmp_path / "run").rows) == 4
+
+
+@pytest.mark.parametrize("device", ["sensor", "gauge", "stage"])
+def test_a_device_that_fails_during_a_slide_ends_the_run_lifted_and_is_the_cause(tmp_path: Path, device: str) -> None:
+    rig = FakeRig(slides=True)
+    lost = DeviceLostError(f"{device} is gone")
+
+    def fail(part: int) -> None:
+        if part == 4 and stage_of(rig).slides == 2:
+            if device == "sensor":
+                rig.sensor.faults[rig.sensor.count + 2] = lost
+            elif rig.gauge is not None and device == "gauge":
+                rig.gauge.faults[len(rig.gauge.readings) + 3] = lost
+            else:
+                raise lost
+
+    stage_of(rig).on_part = fail
+    with pytest.raises(RigError) as error:
+        pressed(rig, tmp_path / "run")
+    assert error.value is lost
+    assert rig.stage.at[2] == TRAVEL_MM
+    assert [row.number for row in Run.open(tmp_path / "run").rows] == [1]
+    assert series_names(tmp_path / "run") == {"press_1"}
+    stage_of(rig).on_part = lambda _: None
+    pressed(rig, tmp_path / "run")
+    assert len(Run.open(tmp_path / "run").rows) == 4
+
+
+def test_a_signal_during_a_slide_lifts_and_the_run_can_be_resumed(tmp_path: Path) -> None:
+    rig = FakeRig(slides=True)
+
+    def interrupt(part: int) -> None:
+        if part == 5 and stage_of(rig).slides == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    stage_of(rig).on_part = interrupt
+    with pytest.raises(RunInterruptedError) as error:
+        pressed(rig, tmp_path / "run")
+    assert error.value.lifted and rig.stage.at[2] == TRAVEL_MM and rig.stage.stopped
+    assert len(Run.open(tmp_path / "run").rows) == 2
+    stage_of(rig).on_part = lambda _: None
+    pressed(rig, tmp_path / "run")
+    assert check_run(tmp_path / "run").series == 4
+
+
+def test_a_press_is_made_again_if_the_sensor_was_too_slow_and_then_given_up(tmp_path: Path) -> None:
+    rig = FakeRig(slides=True, parts=2, frames_each=1)
+    with pytest.raises(TooFewFramesError, match=r"delivered \d+ frames during a slide of 4 mm, too few"):
+        pressed(rig, tmp_path / "run", slide_protocol(motion_frames=40))
+    assert stage_of(rig).slides == 3
+    assert rig.stage.at[2] == TRAVEL_MM
+    assert not Run.open(tmp_path / "run").rows
+
+
+def track(count: int) -> tuple[Track, np.ndarray]:
+    """Return a track of 8 mm at 1 mm/s from 10 s on, and the times of frames from 9 to 19 s."""
+
+    class SetClock(Clock):
+        time_s = 10.0
+
+        def now_s(self) -> float:
+            return SetClock.time_s
+
+    path = Track((0.0, 0.0, 0.0), (8.0, 0.0, 0.0), 1.0, SetClock())
+    path.begin()
+    SetClock.time_s = 18.0
+    path.end()
+    return path, np.linspace(9.0, 19.0, count)
+
+
+@pytest.mark.parametrize(("count", "expected"), [(101, [10, 30, 50, 70, 90]), (11, [1, 3, 5, 7, 9])])
+def test_the_frames_nearest_to_the_places_are_kept(count: int, expected: list[int]) -> None:
+    assert list(nearest_frames(*track(count), 5)) == expected
+
+
+def test_two_places_must_not_have_the_same_frame() -> None:
+    with pytest.raises(TooFewFramesError, match=r"delivered 4 frames during a slide of 8 mm.*motion_frames = 9"):
+        nearest_frames(*track(6), 9)
+
+
+def test_a_recorder_keeps_few_values_spread_over_the_time_and_the_last_one() -> None:
+    count = 0
+
+    def read() -> tuple[float, int]:
+        nonlocal count
+        count += 1
+        return float(count), count
+
+    with Recorder(read, lambda: None, 8) as recorder:
+        while count < 1000:
+            pass
+    assert 4 <= len(recorder.values) <= 9
+    assert recorder.values[0] == 1 and recorder.values[-1] == count
+    assert recorder.times_s == [float(value) for value in recorder.values]
+    steps = np.diff(recorder.values[:-1])
+    assert len(set(steps.tolist())) == 1
+
+
+def test_a_recorder_stops_the_stage_again_until_its_body_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tacbench_cad.lab.acquire.slide.STOP_AGAIN_S", 0.001)
+    stops = 0
+
+    def read() -> tuple[float, int]:
+        raise DeviceLostError("gone")
+
+    def stop() -> None:
+        nonlocal stops
+        stops += 1
+
+    recorder: Recorder[int] = Recorder(read, stop, 8)
+    with recorder:
+        while stops < 3:
+            pass
+    with pytest.raises(DeviceLostError, match="gone"):
+        recorder.check()
