@@ -79,6 +79,7 @@ def command(
       tacbench export-runs --to zarr runs/ --out arrays
       tacbench export-runs --to tactile-data runs/ --out data --bbox 110,0,550,440
     """
+    from tacbench_cad.lab.runs.exporting.card import NO_SERIES
     from tacbench_cad.lab.runs.exporting.formats import FORMATS as COMMON_FORMATS
     from tacbench_cad.lab.runs.exporting.formats import TACTILE_DATA, export_runs
 
@@ -93,6 +94,8 @@ def command(
     with ProgressLine() as progress:
         samples = export_runs(runs, to, out, partial(progress.show, "frames"))
     click.echo(f"{counted(len(samples.runs), 'run')}, {counted(len(samples), 'frame')}, in {out}")
+    if samples.series:
+        click.echo(NO_SERIES)
 
 
 def _export_tactile_data(
@@ -102,8 +105,9 @@ def _export_tactile_data(
     size: tuple[int, int],
     colour: bool,
 ) -> None:
+    from tacbench_cad.lab.runs.exporting.card import NO_SERIES
     from tacbench_cad.lab.runs.exporting.tactile_data import Processing, export_tactile_data
-    from tacbench_cad.lab.runs.reading import find_runs
+    from tacbench_cad.lab.runs.reading import Run, find_runs
 
     processing = Processing(bbox=bbox, size=size, grey=not colour)
     runs = find_runs(folders)
@@ -117,3 +121,5 @@ def _export_tactile_data(
             images += export_tactile_data(folder, target, processing, partial(progress.show, folder.name))
     exported = f"{counted(len(runs), 'run')}, {counted(images, 'image')} of {size[0]}x{size[1]} pixels"
     click.echo(f"{exported}, in {out or 'the run folders'}")
+    if any(Run.open(folder).info.series_frames for folder in runs):
+        click.echo(NO_SERIES)

@@ -132,7 +132,7 @@ def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) 
     """
     target = folder / RUNS / run.folder.name
     frames: list[Row | Reference | Stationary] = [*run.rows, *run.references, *run.stationary_frames]
-    expected = {row.path: row.image_sha256 for row in frames}
+    expected = {row.path: row.image_sha256 for row in frames} | run.series_files()
     names = [name for name in _files(run.folder) if not Path(name).name.startswith((LOCK_NAME, TEMPORARY_PREFIX))]
     missing = next((name for name in expected if name not in names), None)
     if missing is not None:

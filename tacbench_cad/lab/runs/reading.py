@@ -161,6 +161,20 @@ class Run:
         frames = [self.read(f"{below}/{each.frame}", each.sha256 if verify else None) for each in rows]
         return Series.of(rows, frames)
 
+    def series_files(self) -> dict[str, str]:
+        """Return the paths of the frames of all series, relative to the run folder, with their recorded SHA-256.
+
+        Raises:
+            InputError: Same as for :meth:`series`.
+            CheckFailedError: A series is missing or incomplete.
+        """
+        count = self.info.series_frames
+        return {
+            f"{schema.series_folder(row.number)}/{each.frame}": each.sha256
+            for row in (self.rows if count else ())
+            for each in series_rows(self.folder, row.number, count)
+        }
+
     def reference(self, number: int = 0) -> Frame:
         """Read a frame without contact. The first has number 0.
 

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tacbench_cad.cli import main
+from tacbench_cad.lab.publishing.crate import _copy_run
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
@@ -211,3 +213,20 @@ def test_a_changed_frame_is_refused_when_it_is_read(folder: Path) -> None:
     assert run.series(row).frames.shape == (FRAMES, 24, 32)
     with pytest.raises(CheckFailedError, match="was changed"):
         run.series(row, verify=True)
+
+
+@pytest.mark.parametrize("to", ["npz", "tactile-data"])
+def test_an_export_says_that_it_leaves_the_series_out(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], to: str
+) -> None:
+    assert main(["export-runs", "--to", to, str(folder), "--out", str(tmp_path / "exported")]) == 0
+    assert "The series of moving frames after the presses are not included." in capsys.readouterr().out
+    assert not list((tmp_path / "exported").rglob("frame_0*"))
+
+
+def test_a_published_run_contains_its_series_and_checks_them(folder: Path) -> None:
+    files = Run.open(folder).series_files()
+    assert len(files) == FRAMES * 16 and "series/press_16/frame_03.png" in files
+    (folder / "series" / "press_16" / "frame_03.png").write_bytes(b"changed")
+    with pytest.raises(CheckFailedError, match=r"press_16/frame_03\.png: was changed"):
+        _copy_run(Run.open(folder), folder.parent / "data", {}, lambda name, count, total: None)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from tacbench_cad.lab.runs.exporting.samples import Samples
 from tacbench_cad.util.text import counted
 
+#: The sentence about data that no format contains, for runs with series.
+NO_SERIES = "The series of moving frames after the presses are not included."
+
 
 def summary(samples: Samples) -> str:
     """Describe the exported data in three sentences."""
@@ -15,7 +18,7 @@ def summary(samples: Samples) -> str:
     return (
         f"Tactile {kind}: {counted(len(samples), 'frame')}, from "
         f"{counted(len(samples.runs), 'run')} with {counted(len(labels), 'label')}. {origin} "
-        "Frames without contact are not included."
+        "Frames without contact are not included." + (" " + NO_SERIES if samples.series else "")
     )
 
 

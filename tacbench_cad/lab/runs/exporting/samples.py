@@ -59,6 +59,8 @@ class Samples:
         labels: The number of frames with each label; the key None counts frames without a label.
         unknown: The number of frames without a value, by column.
         simulated: The simulated devices, as keys.
+        series: The names of the runs with series of moving frames, as keys. Only the frames of the presses are
+            exported.
     """
 
     def __init__(self, folders: Iterable[Path], progress: Progress = lambda done, count: None) -> None:
@@ -67,6 +69,7 @@ class Samples:
         self.labels: Counter[str | None] = Counter()
         self.unknown: Counter[str] = Counter()
         self.simulated: dict[str, None] = {}
+        self.series: dict[str, None] = {}
         self.not_images: list[str] = []
         names = Counter(folder.name for folder in self._folders)
         common = Path(os.path.commonpath([folder.absolute().parent for folder in self._folders]))
@@ -114,5 +117,7 @@ class Samples:
         for folder, name in zip(self._folders, self.runs, strict=True):
             run = Run.open(folder)
             self.simulated.update(dict.fromkeys(run.info.simulated))
+            if run.info.series_frames:
+                self.series[name] = None
             for row in sorted(run.rows, key=lambda row: row.number):
                 yield run, row, values_of(name, row, run.info.simulated)
