@@ -1,12 +1,13 @@
 """A process that presses a block on test doubles, or on the virtual rig, until it is killed.
 
-python killed_child.py FOLDER SEED fakes|virtual-grbl|virtual-marlin|station-NAME
+python killed_child.py FOLDER SEED fakes|slides|virtual-grbl|virtual-marlin|station-NAME
 """
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 from helpers.fakes import FakeSensor
 from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
@@ -28,6 +29,18 @@ def on_doubles(folder: Path, seed: int) -> None:
     rig = doubles.rig()
     rig.clock = Clock(speed=1e6)
     info = info_of(rig, Protocol(reference_every_s=1e7))
+    print("ready", flush=True)
+    with Signals() as signals:
+        press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
+
+
+def sliding(folder: Path, seed: int) -> None:
+    """Make eight presses with a slide on test doubles."""
+    doubles = FakeRig(slides=True)
+    doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
+    rig = doubles.rig()
+    values: dict[str, Any] = {"motion": "slide", "motion_frames": 5, "slide_length_mm": 4.0, "stationary_frames": 1}
+    info = info_of(rig, small_protocol(forces_n=(1.0,), bands_n=(0.01,), depths_mm=(1.0,), **values))
     print("ready", flush=True)
     with Signals() as signals:
         press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
@@ -61,6 +74,8 @@ def at_station(folder: Path, seed: int, station: str) -> None:
 if __name__ == "__main__":
     if sys.argv[3] == "fakes":
         on_doubles(Path(sys.argv[1]), int(sys.argv[2]))
+    elif sys.argv[3] == "slides":
+        sliding(Path(sys.argv[1]), int(sys.argv[2]))
     elif sys.argv[3].startswith("station-"):
         at_station(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].removeprefix("station-"))
     else:
