@@ -114,6 +114,42 @@ def test_a_whole_study_is_made_by_the_page(browser: Any, tmp_path: Path) -> None
     assert [check_run(folder).findings for folder in find_runs([tmp_path / "runs"])] == [(), ()]
 
 
+def child_of(process: subprocess.Popen[str], part: bytes) -> int:
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    (found,) = [int(child) for child in children if part in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return found
+
+
+def test_a_study_by_the_page_survives_a_kill_and_a_dead_stage(browser: Any, tmp_path: Path) -> None:
+    """The same command resumes the study, and everything else is done on the page."""
+    saved = 0
+    for end in ("kill", "dead stage", "done"):
+        with pressing(tmp_path, 25.0) as (process, address):
+            tab = open_tab(browser, address)
+            confirm(tab, "T1 PAPER X1 01")
+            tab.locator("#status", has_text="Pressing").wait_for()
+            if end == "done":
+                confirm(tab, "T4 PAPER X1 01")
+                tab.locator("#status", has_text="The session has ended (done): 2 runs complete").wait_for()
+                assert process.wait(timeout=MAX_S) == 0
+                break
+            until(lambda before=saved: rows(tmp_path) > before)
+            if end == "kill":
+                process.kill()
+                process.wait(timeout=MAX_S)
+                tab.get_by_role("alert").wait_for()
+            else:
+                os.kill(child_of(process, b"virtual_rig"), signal.SIGKILL)
+                assert process.wait(timeout=MAX_S) == 3
+                tab.locator("#status", has_text="The session has ended (failed)").wait_for()
+            tab.close()
+        assert saved < rows(tmp_path) < 8
+        saved = rows(tmp_path)
+    for folder in find_runs([tmp_path / "runs"]):
+        assert sorted(row.number for row in Run.open(folder).rows) == list(range(1, 9))
+        assert check_run(folder).findings == ()
+
+
 def test_stop_in_the_middle_of_an_approach_is_ctrl_c(browser: Any, tmp_path: Path) -> None:
     with pressing(tmp_path, 4.0) as (process, address):
         tab = open_tab(browser, address)
@@ -150,9 +186,7 @@ def test_the_run_goes_on_when_the_browser_or_the_page_goes_away(browser: Any, tm
         again = open_tab(browser, address)
         confirm(again, "T4 PAPER X1 01")
         again.locator("#status", has_text="Pressing").wait_for()
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        (server,) = [int(child) for child in children if b"web.watch" in Path(f"/proc/{child}/cmdline").read_bytes()]
-        os.kill(server, signal.SIGKILL)
+        os.kill(child_of(process, b"web.watch"), signal.SIGKILL)
         again.get_by_role("alert").filter(has_text="A run that is under way goes on").wait_for()
         assert process.wait(timeout=MAX_S) == 0
         assert process.stderr is not None
