@@ -54,6 +54,9 @@ class VirtualArm(Closing):
         self.clock = clock or Clock()
         self._motion = _Motion(at=lambda fraction: (summit_mm, angles_deg), began_s=0.0, ends_s=0.0)
         self._stopped = self._closed = False
+        #: See :class:`tacbench_cad.lab.rig.stage.Stage` and ``RotatingStage``.
+        self.on_report: Callable[[Point], None] | None = None
+        self.on_turn: Callable[[Angles], None] | None = None
 
     @classmethod
     def open(cls, settings: StageSettings) -> VirtualArm:
@@ -145,6 +148,11 @@ class VirtualArm(Closing):
         self._motion = _Motion(at=at, began_s=began_s, ends_s=began_s + seconds)
         while (left_s := began_s + seconds - self.clock.now_s()) > 0.0 and not self._stopped:
             self.clock.sleep(min(left_s, POLL_S * self.clock.speed))
+            summit, angles = self._pose()
+            if self.on_report is not None:
+                self.on_report(summit)
+            if self.on_turn is not None:
+                self.on_turn(angles)
         if self._stopped:
             self._stand()
             raise NotThereError("virtual arm: the motion was stopped on request; home the stage first")

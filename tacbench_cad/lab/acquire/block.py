@@ -170,12 +170,13 @@ class _BlockSession:
             attempts += 1
             contact = self.presser.press(press)
             time_utc = datetime.now(UTC)
-            frame = self._read()
+            frame, angles = self._read(), self.carriage.angles_deg
             after = None if self.force is None else self.force.again()
             moving = self._move_in_contact(press, is_last=attempts == MOTION_ATTEMPTS)
             # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
             self._lift()
-        path = self.run.press(press, contact.pose_mm, frame, contact.measured, after, contact.in_band, time_utc, moving)
+        pose, read = contact.pose_mm, contact.measured
+        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, angles)
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
@@ -189,7 +190,7 @@ class _BlockSession:
         if self.protocol.motion == "none":
             return []
         try:
-            return self.slider.slide(press)
+            return self.slider.move(press)
         except TooFewFramesError as error:
             if is_last:
                 raise

@@ -11,17 +11,28 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
-from tacbench_cad.lab.rig.stage import Stage, home_again
+from tacbench_cad.lab.rig.stage import RotatingStage, Stage, home_again
 from tacbench_cad.lab.rig.track import Track
-from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame, plus
+from tacbench_cad.lab.study.rotation import (
+    UPRIGHT,
+    UPRIGHT_DEG,
+    Turn,
+    angle_between,
+    in_stage,
+    in_work_frame,
+    lowest,
+)
+from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, Protocol, WorkFrame, plus
 from tacbench_cad.util.text import counted
 
 #: The allowed distance of a reported height below the depth limit, in mm, for firmware that rounds to micrometres.
 ROUNDING_MM = 0.002
+#: The lowest speed at which a lifted sensor is turned upright, in degrees/s.
+BACK_DEG_S = 10.0
 
 
 class RunInterruptedError(KeyboardInterrupt):
@@ -80,6 +91,7 @@ class Carriage:
         self.aim_mm = self.at[2]
         self._moving = self._retreating = False
         self._interrupted = ""
+        self._is_turning = self.protocol.is_turning
 
     def interrupt(self, reason: str) -> None:
         """Stop at once and leave the loop at its next move or frame. Signal handlers may call this method.
@@ -113,12 +125,21 @@ class Carriage:
         if self.at[2] > self.travel_mm + ROUNDING_MM:
             self._go((x_mm, y_mm, self.travel_mm), self.travel_mm_s)
 
+    @property
+    def angles_deg(self) -> Angles:
+        """The angles that the stage reports, in the work frame; all 0 without a roll or a tilt in the protocol."""
+        return in_work_frame(self.frame, self._turner.rotation()) if self._is_turning else UPRIGHT
+
     def lift(self) -> None:
-        """Move straight up to the travel height, unless the sensor is already there or higher.
+        """Move straight up to the travel height, unless the sensor is already there or higher, and turn it upright.
 
         Raises:
             RigError: The stage failed.
         """
+        self._rise()
+        self._turn_upright()
+
+    def _rise(self) -> None:
         x, y, z = self.at = self.frame.to_work(self.stage.position())
         self.aim_mm = z
         if z < self.travel_mm - ROUNDING_MM:
@@ -171,6 +192,51 @@ class Carriage:
         self.at, self.aim_mm = self.frame.to_work(reported), end_mm[2]
         self.check()
 
+    def turn(self, turn: Turn, track: Track, check: Callable[[], None]) -> None:
+        """Turn the sensor in contact.
+
+        Args:
+            turn: The turn, in the work frame.
+            track: Same as for :meth:`slide`.
+            check: Same as for :meth:`slide`.
+
+        Raises:
+            DepthLimitError: The dome would move below the depth limit. The sensor was not turned.
+            RigError: The stage failed or was stopped.
+        """
+        depth_mm = lowest(*turn.at(1.0), self.protocol.turn_radius_mm)[2]
+        if depth_mm < self.lowest_mm - ROUNDING_MM:
+            raise DepthLimitError(
+                f"the dome would move down to z = {depth_mm:.3f} mm, below the depth limit {self.lowest_mm:g} mm; use "
+                "a smaller turn_angle_deg"
+            )
+        with self._in_motion():
+            check()
+            track.begin()
+            self._turn(in_stage(self.frame, turn), self.protocol.turn_speed_deg_s)
+            track.end()
+        self.check()
+
+    def _turn(self, turn: Turn, speed_deg_s: float) -> None:
+        """Turn the sensor; the turn is in the stage's frame."""
+        self._turner.turn(turn.to_deg, speed_deg_s, above_mm=turn.above_mm, by_mm=turn.by_mm)
+        self.at = self.frame.to_work(self.stage.position())
+        self.aim_mm = self.at[2]
+
+    def _turn_upright(self) -> None:
+        """Turn a tilted sensor upright about the centre of its dome, at the travel height."""
+        if self._is_turning and angle_between(UPRIGHT, self.angles_deg) > UPRIGHT_DEG:
+            point, angles = self.stage.position(), self._turner.rotation()
+            radius_mm = self.protocol.turn_radius_mm
+            turn = Turn(summit_mm=point, from_deg=angles, to_deg=UPRIGHT, above_mm=radius_mm)
+            with self._in_motion():
+                self._turn(turn, max(self.protocol.turn_speed_deg_s, BACK_DEG_S))
+            self.check()
+
+    @property
+    def _turner(self) -> RotatingStage:
+        return cast(RotatingStage, self.stage)
+
     def halt(self) -> None:
         """Stop a move at once. Another thread than the one that moves the stage may call this method. Never raises."""
         if self._moving and not self._retreating:
@@ -209,8 +275,8 @@ class Carriage:
         """
         self._retreating = True
         # The lift is tried twice, since the first attempt may receive the rest of the exchange that failed.
-        home = [self.stage.home] if self.may_home else []
-        ways = [*home, self._lift_more, self.lift] if slipped else [self.lift, self.lift, *home]
+        home = [self._home_and_rise] if self.may_home else []
+        ways = [*home, self._lift_more, self._rise] if slipped else [self._rise, self._rise, *home]
         failed = ""
         try:
             for way in ways:
@@ -236,11 +302,27 @@ class Carriage:
             self.lift()
         except BaseException as error:
             failed = self.retreat(slipped=isinstance(error, ContactError))
-            if failed:
-                say(failed)
+            if text := failed or self._made_upright():
+                say(text)
             if isinstance(error, RunInterruptedError):
                 error.lifted = not failed
             raise
+
+    def _home_and_rise(self) -> None:
+        """Home the stage. Homing an arm does not move it, so the sensor is lifted afterwards."""
+        self.stage.home()
+        self._rise()
+
+    def _made_upright(self) -> str:
+        """Turn the lifted sensor upright after a failure, and return the problem, or an empty text."""
+        self._retreating = True
+        try:
+            self._turn_upright()
+        except RigError as error:
+            return f"the sensor is lifted, but not upright ({error}): turn it upright by hand"
+        finally:
+            self._retreating = False
+        return ""
 
     def _lift_more(self) -> None:
         """Lift by a clearance above the travel height."""

@@ -17,14 +17,15 @@ from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
+from tacbench_cad.lab.rig.drivers import cannot_turn, require_turning
 from tacbench_cad.lab.rig.reach import require_reach
+from tacbench_cad.lab.rig.stage import can_turn
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
-from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import FolderInUseError, locked, write_text
 from tacbench_cad.util.text import counted
 
@@ -123,8 +124,7 @@ def acquire_study(
             lifted and how many presses are saved.
     """
     rig.require_gauge_for(study.protocol)
-    if study.protocol.is_turning:
-        raise InputError("[protocol] motion", study.protocol.motion, "can be simulated, but not acquired on a rig")
+    require_turning(study.protocol, rig.stage)
     slots = rig.stage.frames
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
@@ -141,6 +141,8 @@ def acquire_study(
             for place in tray:
                 if opened is None:
                     opened = devices.enter_context(opener(rig, place.printed, place.frame))
+                    if study.protocol.is_turning and not can_turn(opened.stage):
+                        raise cannot_turn(study.protocol, rig.stage)
                     if rig.stage.home and study.protocol.home_every:
                         require_repeatable_homing(opened.stage, study.protocol.slip_mm)
                 else:

@@ -1,7 +1,8 @@
-"""The slide after a press: along a line at constant height and speed, while other threads read frames and forces.
+"""The motion after a press: a slide, a roll or a tilt, while other threads read frames and forces.
 
-The frames come as fast as the sensor delivers them. Of these, the frames nearest to equally spaced places on the line
-are kept. The force guard is active until the sensor stands still: a force above the hard limit stops the stage.
+The frames come as fast as the sensor delivers them. Of these, the frames nearest to equally spaced places on the line,
+or nearest to equally spaced angles, are kept. The force guard is active until the sensor stands still: a force above
+the hard limit stops the stage.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import RigError, SensorError
 from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import tracked
-from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.rig.track import Track, TurnTrack
 from tacbench_cad.lab.runs.series import MovingFrame
+from tacbench_cad.lab.study.motion import turn_of
 from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.rotation import in_stage, in_work_frame
 from tacbench_cad.lab.study.spec import Protocol
 
 #: The largest number of frames in memory, as a multiple of the number of frames to keep. Beyond it, every second frame
@@ -38,7 +41,7 @@ T = TypeVar("T")
 
 
 class TooFewFramesError(SensorError):
-    """The sensor was too slow for the number of frames of a slide."""
+    """The sensor was too slow for the number of frames of a motion."""
 
 
 class Recorder(Generic[T]):
@@ -116,7 +119,7 @@ class Recorder(Generic[T]):
 
 
 class Slider:
-    """Makes the slides of a protocol.
+    """Makes the motions of a protocol.
 
     Args:
         protocol: The protocol.
@@ -139,23 +142,20 @@ class Slider:
         self.protocol, self.carriage, self.force, self.clock = protocol, carriage, force, clock
         self._sensor, self._read = sensor, read
 
-    def slide(self, press: Press) -> list[MovingFrame]:
-        """Slide from the place of a press, where the sensor is in contact. The sensor stays at the end of the line.
+    def move(self, press: Press) -> list[MovingFrame]:
+        """Make the motion from the place of a press, where the sensor is in contact. The sensor stays at the end.
 
         Returns:
             The frames of the series.
 
         Raises:
             ForceLimitError: The force was above the hard limit. The stage was stopped.
-            TooFewFramesError: Two places of the line have the same nearest frame.
+            TooFewFramesError: Two places of the motion have the same nearest frame.
             RigError: A device failed.
             RunInterruptedError: A signal came.
         """
-        protocol, carriage = self.protocol, self.carriage
-        count, (dx, dy) = protocol.series_frames, protocol.slide_mm
-        end = (press.x_mm + dx, press.y_mm + dy, carriage.aim_mm)
-        work = carriage.frame
-        track = Track(work.to_stage(carriage.at), work.to_stage(end), protocol.slide_speed_mm_s, self.clock)
+        protocol, carriage, count = self.protocol, self.carriage, self.protocol.series_frames
+        track, start = self._turn() if protocol.is_turning else self._slide(press)
         most = SPARE_FRAMES * count
         frames = Recorder(self._frame, carriage.halt, most, track.is_early)
         recorders: list[Recorder[Callable[[], Frame]] | Recorder[float]] = [frames]
@@ -171,7 +171,7 @@ class Slider:
             for recorder in recorders:
                 recording.enter_context(recorder)
             try:
-                carriage.slide(end, protocol.slide_speed_mm_s, track, check)
+                start(check)
             except RigError:
                 # If a thread has stopped the stage, its error is the cause.
                 check()
@@ -179,18 +179,34 @@ class Slider:
         check()
         chosen = nearest_frames(track, np.array(frames.times_s), count)
         times = np.array([frames.times_s[index] for index in chosen])
-        places = track.at_mm(times)
         net = [None] * count if forces is None else np.interp(times, forces.times_s, forces.values).tolist()
         return [
             MovingFrame(
                 frame=frames.values[index](),
                 time_s=time_s,
-                pose_mm=work.to_work((float(place[0]), float(place[1]), float(place[2]))),
+                pose_mm=carriage.frame.to_work(point),
                 pose_from="reports" if track.is_reported else "time",
+                rotation_deg=in_work_frame(carriage.frame, angles),
                 force_n=force_n,
             )
-            for index, time_s, place, force_n in zip(chosen, times.tolist(), places, net, strict=True)
+            for index, time_s, (point, angles), force_n in zip(
+                chosen, times.tolist(), track.poses(times), net, strict=True
+            )
         ]
+
+    def _slide(self, press: Press) -> tuple[Track, Callable[[Callable[[], None]], None]]:
+        """Return the track of a slide, and the function that slides."""
+        carriage, (dx, dy), speed_mm_s = self.carriage, self.protocol.slide_mm, self.protocol.slide_speed_mm_s
+        end, work = (press.x_mm + dx, press.y_mm + dy, carriage.aim_mm), carriage.frame
+        track = Track(work.to_stage(carriage.at), work.to_stage(end), speed_mm_s, self.clock)
+        return track, partial(carriage.slide, end, speed_mm_s, track)
+
+    def _turn(self) -> tuple[Track, Callable[[Callable[[], None]], None]]:
+        """Return the track of a roll or a tilt, and the function that turns."""
+        carriage, protocol = self.carriage, self.protocol
+        turn = turn_of(protocol, carriage.at, carriage.angles_deg)
+        track = TurnTrack(in_stage(carriage.frame, turn), protocol.turn_speed_deg_s, self.clock)
+        return track, partial(carriage.turn, turn, track)
 
     def _frame(self) -> tuple[float, Callable[[], Frame]]:
         begun_s = self.clock.now_s()
@@ -213,7 +229,7 @@ def _same(frame: Frame) -> Frame:
 
 
 def nearest_frames(track: Track, times_s: np.ndarray, count: int) -> Sequence[int]:
-    """Return the numbers of the frames nearest to equally spaced places on a line, from its start to its end.
+    """Return the numbers of the frames nearest to equally spaced places of a motion, from its start to its end.
 
     Of frames at the same place, where the sensor stands before and after the motion, the one nearest to the motion is
     taken.
@@ -234,8 +250,12 @@ def nearest_frames(track: Track, times_s: np.ndarray, count: int) -> Sequence[in
         chosen.append(int(near[-1] if place == 0.0 else near[0]))
     if any(b <= a for a, b in itertools.pairwise(chosen)):
         moving = int(np.count_nonzero((distances > 0.0) & (distances < track.length_mm)))
+        if isinstance(track, TurnTrack):
+            motion, speed = f"a turn by {track.length_mm:g} degrees", "turn_speed_deg_s"
+        else:
+            motion, speed = f"a slide of {track.length_mm:g} mm", "slide_speed_mm_s"
         raise TooFewFramesError(
-            f"the sensor delivered {moving} frames during a slide of {track.length_mm:g} mm, too few for "
-            f"motion_frames = {count} at equal distances; lower slide_speed_mm_s or motion_frames"
+            f"the sensor delivered {moving} frames during {motion}, too few for motion_frames = {count} at equal "
+            f"distances; lower {speed} or motion_frames"
         )
     return chosen

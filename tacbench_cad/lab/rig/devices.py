@@ -195,7 +195,7 @@ def open_rig(
                     simulated = "load cell of the virtual rig"
             stage = open_stage(stage_settings, clock)
         devices.enter_context(stage)
-        rotation = stage.rotation if can_turn(stage) else None
+        rotation = stage.followed_deg if can_turn(stage) else None
         taken = [stage_settings.port] if stage_settings.port else []
         gauge: Gauge | None = None
         if gauge_settings.driver == "simulated":

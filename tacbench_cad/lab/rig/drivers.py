@@ -23,7 +23,15 @@ from tacbench_cad.lab.rig.registry import Context, Driver, Kind
 from tacbench_cad.lab.rig.sensor import Frame, Sensor, SwappedColours
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
-from tacbench_cad.lab.study.spec import Angles, GaugeSettings, Point, SensorSettings, StageSettings
+from tacbench_cad.lab.study.spec import (
+    VIRTUAL_ARM,
+    Angles,
+    GaugeSettings,
+    Point,
+    Protocol,
+    SensorSettings,
+    StageSettings,
+)
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest, one_of
 
 #: The attributes that every stage, gauge and sensor must have.
@@ -130,6 +138,32 @@ def find_driver(kind: Kind, word: str) -> Driver:
     if not callable(loaded):
         raise InputError(field, word, "is not callable; name a class or a function")
     return _driver_of(loaded)
+
+
+def require_turning(protocol: Protocol, settings: StageSettings) -> None:
+    """Check, before a device is opened, that the stage can make the motion of a protocol.
+
+    Whether a function returns a stage that can turn is known only once it is open.
+
+    Raises:
+        InputError: The stage cannot turn the sensor, or not so far.
+    """
+    if not protocol.is_turning:
+        return
+    if settings.driver != VIRTUAL_ARM and find_driver("stage", settings.driver.removeprefix("virtual-")).turns is False:
+        raise cannot_turn(protocol, settings)
+    if protocol.turn_angle_deg > settings.tilt_limit_deg:
+        raise InputError(
+            "[protocol] turn_angle_deg",
+            protocol.turn_angle_deg,
+            f"must be at most tilt_limit_deg of [stage], {settings.tilt_limit_deg:g}",
+        )
+
+
+def cannot_turn(protocol: Protocol, settings: StageSettings) -> InputError:
+    """Return the error for a stage that cannot turn the sensor."""
+    allowed = f'cannot turn the sensor, as motion = "{protocol.motion}" needs; use an arm ("ur", "virtual-arm"), or '
+    return InputError("[stage] driver", settings.driver, allowed + "a driver of your own with a method turn()")
 
 
 def open_device(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Protocol, Self, cast, runtime_checkable
+from typing import Any, Protocol, Self, cast, runtime_checkable
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
-from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.rig.track import Track, TurnTrack
 from tacbench_cad.lab.study.rotation import Turn, tilt
 from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
 from tacbench_cad.util.errors import InputError
@@ -83,6 +83,9 @@ class RotatingStage(Stage, Protocol):
     The position of such a stage is that of the sensor's summit, also while the sensor is turned, and ``move`` keeps the
     orientation. Angles are those of :mod:`tacbench_cad.lab.study.rotation`, in the stage's frame: all are 0 while the
     sensor points straight down.
+
+    A driver can have the optional attribute ``on_turn``: None, or a function that it calls during a turn with the
+    angles that its device reports. Without it, the angles during a turn are computed from the time.
     """
 
     def turn(
@@ -155,19 +158,20 @@ def measures_offset(stage: Stage) -> bool:
 
 @contextmanager
 def tracked(stage: Stage, track: Track) -> Iterator[None]:
-    """Send the positions that a stage reports while it moves to a track, also for the devices that follow the stage."""
-    driver = inner(stage)
+    """Send what a stage reports while it moves or turns to a track, also for the devices that follow the stage."""
+    driver: Any = inner(stage)
+    name, report = ("on_turn", track.report_angles) if isinstance(track, TurnTrack) else ("on_report", track.report)
     if isinstance(stage, LimitedStage):
         stage.track = track
-    if hasattr(driver, "on_report"):
-        driver.on_report = track.report
+    if hasattr(driver, name):
+        setattr(driver, name, report)
     try:
         yield
     finally:
         if isinstance(stage, LimitedStage):
             stage.track = None
-        if hasattr(driver, "on_report"):
-            driver.on_report = None
+        if hasattr(driver, name):
+            setattr(driver, name, None)
 
 
 class LimitedStage(Closing):
@@ -218,6 +222,10 @@ class LimitedStage(Closing):
         Another thread may call this method during a tracked motion.
         """
         return self.stage.position() if self.track is None else self.track.now_mm()
+
+    def followed_deg(self) -> Angles:
+        """Return the angles as :meth:`followed_mm` returns the position."""
+        return self.rotation() if self.track is None else self.track.now_deg()
 
     @property
     def is_tracked(self) -> bool:

@@ -10,7 +10,8 @@ sends the next pose every 20 ms (``servoL``), so the robot stops by itself if th
 
 Proof of a move or a turn: the robot must be at rest, and the measured pose of the tool must be at the target.
 An arm knows its position at all times. :meth:`UniversalRobot.home` therefore does not move: it only makes the arm ready
-again after a stop. Write ``home = false`` in ``[stage]`` and lift the tool by hand after a fault.
+again after a stop. A run then lifts the tool after a fault or a signal. With ``home = false`` in ``[stage]``, it has to
+be lifted by hand.
 
 ``stop()`` decelerates the tool in a straight line. For emergencies, use the robot's own button.
 """
@@ -93,8 +94,9 @@ class UniversalRobot(Closing):
 
         self._name, self._timeout_s = f"arm at {address}", timeout_s
         self._options, self._clock = options or RobotOptions(), clock or Clock()
-        #: See :class:`tacbench_cad.lab.rig.stage.Stage`.
+        #: See :class:`tacbench_cad.lab.rig.stage.Stage` and ``RotatingStage``.
         self.on_report: Callable[[Point], None] | None = None
+        self.on_turn: Callable[[Angles], None] | None = None
         self._stopped = self._closed = False
         try:
             self._state: Any = rtde_receive.RTDEReceiveInterface(address)
@@ -236,7 +238,7 @@ class UniversalRobot(Closing):
             if self.on_report is not None:
                 self.on_report(at)
             off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
-            off_deg = 0.0 if angles_deg is None else angle_between(self.rotation(), angles_deg)
+            off_deg = 0.0 if angles_deg is None else self._off_deg(angles_deg)
             if self._stopped:
                 raise NotThereError(f"{self._name}: the move was stopped on request; home the stage first")
             is_there = off_mm <= self._options.tolerance_mm and off_deg <= self._options.tolerance_deg
@@ -248,6 +250,13 @@ class UniversalRobot(Closing):
                     angle = "" if angles_deg is None else f" and {off_deg:.2f} degrees"
                     raise NotThereError(f"{self._name}: is at rest {off_mm:.3f} mm{angle} away from its target")
                 raise NoAnswerError(f"{self._name}: does not come to rest; look at its panel")
+
+    def _off_deg(self, angles_deg: Angles) -> float:
+        """Return the angle between the tool and its target, and report the angles."""
+        angles = self.rotation()
+        if self.on_turn is not None:
+            self.on_turn(angles)
+        return angle_between(angles, angles_deg)
 
     def _vector(self, angles_deg: Angles) -> list[float]:
         """Return the rotation vector of the tool."""

@@ -31,7 +31,8 @@ from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationa
 from tacbench_cad.lab.runs.series import MovingFrame, require_complete, write_series
 from tacbench_cad.lab.runs.table import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.rotation import UPRIGHT
+from tacbench_cad.lab.study.spec import Angles, Point
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
@@ -192,6 +193,7 @@ class RunWriter:
         in_band: bool | None = None,
         time_utc: datetime | None = None,
         moving: Sequence[MovingFrame] = (),
+        angles_deg: Angles = UPRIGHT,
     ) -> str:
         """Store a press: first its series, then its frame, then its row.
 
@@ -204,6 +206,7 @@ class RunWriter:
             in_band: Whether the target force was reached; None without a gauge.
             time_utc: The time of the frame.
             moving: The frames of the series, in a run with a motion.
+            angles_deg: The angles of the sensor in the work frame.
 
         Returns:
             The path of the frame's file, relative to the run folder.
@@ -215,7 +218,7 @@ class RunWriter:
         age_s = None
         if time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
-        x, y, z = (round(float(value), 6) for value in pose_mm)
+        x, y, z, rx, ry, rz = (round(float(value), 6) for value in (*pose_mm, *angles_deg))
         require_complete(press.number, moving, self.info.series_frames)
         if moving and press.number not in self.done:
             files = [self._encoded(each.frame) for each in moving]
@@ -227,6 +230,9 @@ class RunWriter:
             pose_x=x,
             pose_y=y,
             pose_z=z,
+            pose_rx=rx,
+            pose_ry=ry,
+            pose_rz=rz,
             position=press.position,
             force_level=press.force_level,
             target_force_n=press.target_n,

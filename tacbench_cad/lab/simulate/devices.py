@@ -16,7 +16,7 @@ from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
-from tacbench_cad.lab.study.rotation import UPRIGHT, in_work_frame, lowest
+from tacbench_cad.lab.study.rotation import UPRIGHT, UPRIGHT_DEG, in_work_frame, lowest, tilt
 from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.util.convert import Bounds, from_plain
 
@@ -159,6 +159,9 @@ class SimulatedSensor(_Follower):
             self._drag = Drag()
         contact = self._contact
         lag_mm = self._drag.move(pose, 0.0 if contact is None else contact.force_n(*lowest(pose, angles)))
+        if tilt(angles) > UPRIGHT_DEG:
+            # There is no friction in a roll or a tilt.
+            lag_mm = (0.0, 0.0)
         approach = contact, pose, angles
 
         def frame() -> Frame:

@@ -13,12 +13,14 @@ from functools import cached_property
 
 import numpy as np
 
-from tacbench_cad.lab.study.spec import Angles, Point, WorkFrame
+from tacbench_cad.lab.study.spec import Angles, Point, WorkFrame, minus
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
 from tacbench_cad.util.types import Floats
 
 #: The angles of a sensor that points straight down.
 UPRIGHT: Angles = (0.0, 0.0, 0.0)
+#: A sensor whose angle to the vertical is smaller than this, in degrees, counts as upright. Arms reach 0.05 degrees.
+UPRIGHT_DEG = 0.1
 
 
 def matrix(angles_deg: Angles) -> Floats:
@@ -163,6 +165,17 @@ class Turn:
     @cached_property
     def _point_mm(self) -> Point:
         return above(self.summit_mm, self.from_deg, self.above_mm)
+
+
+def in_stage(frame: WorkFrame, turn: Turn) -> Turn:
+    """Convert a turn from the work frame of a block to the stage's frame."""
+    return Turn(
+        summit_mm=frame.to_stage(turn.summit_mm),
+        from_deg=in_stage_frame(frame, turn.from_deg),
+        to_deg=in_stage_frame(frame, turn.to_deg),
+        above_mm=turn.above_mm,
+        by_mm=minus(frame.to_stage(turn.by_mm), frame.origin_mm),
+    )
 
 
 def in_work_frame(frame: WorkFrame, angles_deg: Angles) -> Angles:
