@@ -152,8 +152,8 @@ def height_map(seen: Seen, vertical: Floats, block: Block, size: int) -> HeightM
     points = seen.points[flat] @ frame.T
     relief = block.relief_mm
     high = np.quantile(points[:, 2], 0.97)
-    margin = max(0.35 * relief, 0.4 * block.base_mm)
-    points = points[(points[:, 2] > high - relief - margin) & (points[:, 2] < high + margin)]
+    # The table lies at the depth of the base below the valleys.
+    points = points[(points[:, 2] > high - relief - 0.45 * block.base_mm) & (points[:, 2] < high + 0.5 * relief)]
     if len(points) < 50:
         return None
     step = max(block.size_mm) / _PIXELS

@@ -52,6 +52,7 @@ class Assigned:
         normal: The derivative of the error by the point, shape (n, 3). Its length is 1 except on the top.
         clear: Whether the point is farther than the edge width from every edge of its face, shape (n,).
         slope2: The squared slope of the top, and 0 on other faces, shape (n,).
+        scatter: What :meth:`~tacbench_cad.scan.relief.Relief.scatter` says of the top, and 0 on other faces.
     """
 
     face: Ints
@@ -59,6 +60,7 @@ class Assigned:
     normal: Floats
     clear: Bools
     slope2: Floats
+    scatter: Floats
 
     @property
     def distance_mm(self) -> Floats:
@@ -123,4 +125,7 @@ def assign(points: Floats, block: Block, relief: Relief, limit_mm: float, edge_m
     on_table = outside > -edge_mm
     take = claim(TABLE, z.copy(), np.abs(z), on_table | (above < -0.5 * block.base_mm), outside > edge_mm)
     normal[take] = (0.0, 0.0, 1.0)
-    return Assigned(face, error, normal, clear, np.where(face == TOP, slope2, 0.0))
+    top = face == TOP
+    return Assigned(
+        face, error, normal, clear, np.where(top, slope2, 0.0), np.where(top, relief.scatter(x, y, slope2), 0.0)
+    )

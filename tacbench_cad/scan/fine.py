@@ -19,6 +19,7 @@ from tacbench_cad.scan.refining import (
     edge_width,
     errors,
     iterate,
+    moved,
     normal_equations,
     solve,
     unknowns,
@@ -32,9 +33,11 @@ from tacbench_cad.util.types import Floats
 #: The number of points of the first steps, and of the steps that compare poses.
 FIRST_POINTS = 4_000
 COMPARED_POINTS = 20_000
-#: The largest number of products in the sums of one step, which limits the number of points.
-_MAX_PRODUCTS = 6e9
+#: The largest number of products in the sums of the last step, which limits the number of points.
+_MAX_PRODUCTS = 5e9
 _MAX_POINTS = 2_000_000
+#: The largest number of points of the steps before the last.
+_MAX_REPEATED = 200_000
 
 
 def thinned(points: Floats, count: int) -> Floats:
@@ -96,13 +99,19 @@ def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: floa
     """Return the state with the scale, the skew and the waves fitted, and the parameters of the fit."""
     state, faces = simple(points, block, state, fit, limit_mm)
     full = unknowns(fit, state.relief, faces, waves=True)
-    for _ in range(6):
-        before = state.depth_mm
-        state = iterate(points, block, state, full, limit_mm, 3)
+    for turn in range(10):
+        before = state
+        state = iterate(points, block, state, full, limit_mm, 3 if turn < 2 else 1)
         state = with_noise(points, block, state, limit_mm, blur=True)
-        if abs(state.depth_mm - before) < 0.02 * before:
+        if settled(before, state):
             break
     return state, full
+
+
+def settled(before: State, after: State) -> bool:
+    """Return whether the noise of two states agrees within 2 % of the noise along the depth."""
+    most = 0.02 * after.depth_mm
+    return abs(after.depth_mm - before.depth_mm) < most and abs(after.lateral_mm - before.lateral_mm) < most
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +128,17 @@ class Final:
 def finish(points: Floats, block: Block, state: State, unknown: Unknowns, limit_mm: float, blur: bool) -> Final:
     """Return the last steps of a fit with as many points as time allows, and the standard errors."""
     columns = len(unknown.names) + 2 * len(state.relief.fitted)
-    points = thinned(points, int(min(_MAX_POINTS, max(COMPARED_POINTS, _MAX_PRODUCTS / columns**2))))
-    state = iterate(points, block, state, unknown, limit_mm, 2)
-    state = with_noise(points, block, state, limit_mm, blur=blur)
-    state = iterate(points, block, state, unknown, limit_mm, 1)
+    some = thinned(points, int(max(COMPARED_POINTS, min(_MAX_REPEATED, _MAX_PRODUCTS / 4.0 / columns**2))))
+    for _ in range(4):
+        before = state
+        state = iterate(some, block, state, unknown, limit_mm, 1)
+        state = with_noise(some, block, state, limit_mm, blur=blur)
+        if settled(before, state):
+            break
+    # All points take one step from there, because their sums take most of the time.
+    points = thinned(points, int(max(COMPARED_POINTS, min(_MAX_POINTS, _MAX_PRODUCTS / columns**2))))
     normal = normal_equations(points, block, state, unknown, limit_mm, scores=True)
+    state = moved(state, solve(normal, unknown, block).step, unknown, block)
     solved = solve(normal, unknown, block)
     correlation = _correlation(normal)
     ratio = normal.weight_sum / max(normal.slope_sum, 1e-9)

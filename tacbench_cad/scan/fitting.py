@@ -26,6 +26,7 @@ from tacbench_cad.scan.refining import (
     normal_equations,
     solve,
     trimmed_deviation,
+    variance,
 )
 from tacbench_cad.scan.relief import Relief
 from tacbench_cad.spec.block import Block
@@ -306,8 +307,7 @@ def _result(
         nominal = state.pose.to_block(points[part])
         fitted = assign(nominal, block, state.relief, reach, edge_width(state))
         rest = errors(fitted, state)
-        expected = state.depth_mm**2 + fitted.slope2 * state.lateral_mm**2
-        used[part] = np.nan_to_num(rest**2, nan=math.inf) < TUKEY**2 * expected
+        used[part] = np.nan_to_num(rest**2, nan=math.inf) < TUKEY**2 * variance(fitted, state)
         face[part] = fitted.face
         distance[part] = fitted.error_mm
         top = fitted.face == TOP

@@ -168,7 +168,7 @@ def errors(assigned: Assigned, state: State) -> Floats:
 
 def variance(assigned: Assigned, state: State) -> Floats:
     """Return the expected variance of each error: the slope adds the noise along x and y."""
-    return np.asarray(state.depth_mm**2 + assigned.slope2 * state.lateral_mm**2)
+    return np.asarray(state.depth_mm**2 + assigned.scatter * state.lateral_mm**2)
 
 
 def chunks(count: int) -> Iterator[slice]:
@@ -344,34 +344,41 @@ def with_noise(points: Floats, block: Block, state: State, limit_mm: float, *, b
     if np.count_nonzero(top) < 100:
         sigma = trimmed_deviation(error[assigned.clear & np.isfinite(error)])
         return replace(state, depth_mm=max(sigma, 1e-6), lateral_mm=max(sigma, 1e-6))
-    slope2, error = assigned.slope2[top], error[top]
-    groups = np.array_split(np.argsort(slope2), min(16, max(2, len(slope2) // 200)))
-    level = np.array([float(np.mean(slope2[group])) for group in groups])
-    found = np.array([trimmed_deviation(error[group]) ** 2 for group in groups])
-    found = np.maximum(found, 1e-12)
-    depth, lateral = _line(level, found, np.array([len(group) for group in groups]))
+    depth, lateral = _noise(assigned.scatter[top], error[top])
     most = limit_mm / TUKEY
-    state = replace(state, depth_mm=min(math.sqrt(max(depth, 1e-10)), most), lateral_mm=min(math.sqrt(lateral), most))
+    state = replace(state, depth_mm=min(math.sqrt(depth), most), lateral_mm=min(math.sqrt(lateral), most))
     if blur:
-        state = replace(state, relief=state.relief.changed(state.relief.changes, state.lateral_mm))
+        # What a narrow flank leaves over looks like noise along x and y, but no more of it than along the depth.
+        blur_mm = min(state.lateral_mm, state.depth_mm)
+        state = replace(state, relief=state.relief.changed(state.relief.changes, blur_mm))
     return state
 
 
-def _line(level: Floats, found: Floats, count: Ints) -> tuple[float, float]:
-    """Fit ``found = depth + lateral * level`` with both numbers at least 0. The errors are relative to ``found``."""
-    depth, lateral = float(np.min(found)), 0.0
-    for _ in range(20):
-        weight = count / (depth + lateral * level) ** 2
+def _noise(scatter: Floats, error: Floats) -> tuple[float, float]:
+    """Return the variances of the noise along the depth and along x and y.
+
+    Errors beyond three standard deviations are left out, which takes 2.67 % of the variance of normal errors.
+    """
+    depth = lateral = trimmed_deviation(error / np.sqrt(1.0 + scatter)) ** 2
+    smallest = max(1e-4 * depth, 1e-14)
+    for _ in range(40):
+        expected = depth + lateral * scatter
+        inner = error**2 < 9.0 * expected
+        weight, level, square = expected[inner] ** -2.0, scatter[inner], error[inner] ** 2 / 0.97334
         total = np.array([[weight.sum(), weight @ level], [weight @ level, weight @ level**2]])
-        right = np.array([weight @ found, weight @ (level * found)])
-        if np.linalg.det(total) <= 1e-12 * total[0, 0] * total[1, 1]:
-            return float(right[0] / total[0, 0]), 0.0
-        depth, lateral = (float(value) for value in np.linalg.solve(total, right))
-        if lateral < 0.0:
+        right = np.array([weight @ square, weight @ (level * square)])
+        before = depth, lateral
+        if np.linalg.det(total) <= 1e-9 * total[0, 0] * total[1, 1]:
             depth, lateral = float(right[0] / total[0, 0]), 0.0
-        elif depth <= 0.0:
-            depth, lateral = 1e-4 * float(np.min(found)), float(right[1] / total[1, 1])
-    return depth, lateral
+        else:
+            depth, lateral = (float(value) for value in np.linalg.solve(total, right))
+        if lateral <= 0.0:
+            depth, lateral = float(right[0] / total[0, 0]), 0.0
+        elif depth < smallest:
+            depth, lateral = smallest, float(right[1] / total[1, 1])
+        if abs(depth - before[0]) + abs(lateral - before[1]) < 1e-4 * (depth + lateral):
+            break
+    return max(depth, smallest), max(lateral, 0.0)
 
 
 def iterate(
