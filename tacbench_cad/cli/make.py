@@ -36,12 +36,7 @@ if TYPE_CHECKING:
 @options.option(
     "--copies", options.COUNT, "Make N files of each block, labelled with the number of the copy.", options.PARTS
 )
-@options.option(
-    "--compensate",
-    options.file("FILE.toml"),
-    "Correct the files for a printer, whose model tacbench printer-model wrote.",
-    options.PARTS,
-)
+@options.compensate
 @options.flag("--assembly", "Also write holder, blocks and jig together as one file.", options.PARTS)
 @options.option(
     "--step-tolerance",

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 @options.preset
 @options.key
 @options.scale
+@options.compensate
 @options.option("--spacing", options.MM, "Space between two blocks.", options.PRINTER, default="5")
 @options.option("--printers", options.file("FILE.toml"), "File with printers of your own.", options.PRINTER)
 @options.out("DIR", "Folder of the files.", default="plates")
@@ -44,6 +45,7 @@ def command(
     preset: str,
     scale: float,
     key_mm: float | None,
+    compensate: Path | None,
     filament: str | None,
     spacing: float,
     printers: Path | None,
@@ -89,6 +91,8 @@ def command(
     from tacbench_cad.slicing.printers import printers as known_printers
     from tacbench_cad.slicing.writing import write_plates
     from tacbench_cad.spec.block import Block
+    from tacbench_cad.spec.compensation import corrected_for
+    from tacbench_cad.spec.printermodel import read_printer_model
 
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)
@@ -97,11 +101,15 @@ def command(
         Block.of(texture, preset, scale=scale, key_mm=key_mm, table=table)
         for texture, table in textures_of(textures, preset)
     ]
+    if compensate is not None:
+        model = read_printer_model(compensate)
+        model.require_for(own_name("printer", machine.name), material)
+        blocks = [corrected_for(block, model) for block in blocks]
     plates = arrange_plates(blocks, copies, machine, spacing)
     if not all(placed.block.label for plate in plates for placed in plate.blocks):
         note("warning: some blocks are too small for an engraved label; mark them by hand after printing")
     files = [Path(word) for word in textures if word.lower().endswith(".toml")]
-    written = write_plates(plates, material, out, files)
+    written = write_plates(plates, material, out, files, compensate)
     pictures = [
         write_picture(paths.picture, partial(plate_picture, plate, material))
         for plate, paths in zip(plates, written, strict=True)

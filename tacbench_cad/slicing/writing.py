@@ -57,7 +57,11 @@ class PlateFiles:
 
 
 def write_plates(
-    plates: Sequence[Plate], filament: str, out: Path, texture_files: Sequence[Path] = ()
+    plates: Sequence[Plate],
+    filament: str,
+    out: Path,
+    texture_files: Sequence[Path] = (),
+    compensate: Path | None = None,
 ) -> list[PlateFiles]:
     """Write the 3MF, the layout and the print record of each plate.
 
@@ -68,6 +72,7 @@ def write_plates(
         filament: The name of the filament.
         out: The folder. It is created if it does not exist.
         texture_files: Users' texture files. They are copied into the folder, because the layouts refer to them.
+        compensate: The printer model for which the blocks are corrected. It is copied as well.
 
     Raises:
         MissingToolError: lib3mf is not installed.
@@ -85,13 +90,13 @@ def write_plates(
     all_files = [PlateFiles.of(plate, filament, out) for plate in plates]
     with locked(out):
         _require_no_others(all_files, f"{plates[0].printer.name}_{filament}_plate", out)
-        for path in texture_files:
+        for path in (*texture_files, *(() if compensate is None else (compensate,))):
             content = read_bytes(path, "texture", "toml")
             with replacing(out / path.name) as temporary:
                 temporary.write_bytes(content)
         for plate, files in zip(plates, all_files, strict=True):
             _write_model(plate, files.model.stem, files.model)
-            write_layout(plate, filament, files.layout, names)
+            write_layout(plate, filament, files.layout, names, "" if compensate is None else compensate.name)
             if not files.record.exists():
                 with replacing(files.record) as temporary:
                     temporary.write_text(_record(plate, filament, files), encoding="utf-8")

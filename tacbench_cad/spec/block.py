@@ -190,8 +190,9 @@ class Block:
             raise InputError("step tolerance", self.step_tolerance_mm, "must be above 0 and at most 1 mm")
         if self.nominal_outline is not None:
             self._check_outline(self.nominal_outline)
-        if self.correction is not None and not isinstance(self.correction, PrinterModel):
-            raise InputError("correction", self.correction, "must be a PrinterModel, or None")
+        if self.correction is not None and self.nominal_outline is not None:
+            allowed = f"only rectangular blocks can be corrected for a printer, but the outline is a {self.outline}"
+            raise InputError("compensate", self.correction.name, allowed)
         if self.key_mm is not None:
             self._check_key(self.key_mm)
         self._check_base()

@@ -36,9 +36,6 @@ def corrected_for(block: Block, model: PrinterModel) -> Block:
     Raises:
         InputError: The block has an outline that is not a rectangle, or the corrected file is not allowed.
     """
-    if block.outline is not None:
-        allowed = f"only rectangular blocks can be corrected for a printer, but the outline is a {block.outline}"
-        raise InputError("compensate", model.name, allowed)
     corrected = replace(block, correction=model)
     in_file(corrected)
     return corrected
@@ -140,6 +137,20 @@ class Print:
         (x, y, _), offset = self.model.scale, self.model.wall_offset_mm
         placed = flat.mapped((x, y), 1.0, (-offset / x, -offset / y))
         return _multiplied(placed, transfers(placed, self.model))
+
+    def heights(self, x: Floats, y: Floats) -> Floats:
+        """Return the heights of the print on a grid, shape (nx, ny). A spline is only scaled.
+
+        Args:
+            x: The coordinates along x in the frame of the print, shape (nx,).
+            y: The coordinates along y, shape (ny,).
+        """
+        if isinstance(self.file.surface, WaveSum):
+            return self.datum_mm + self.surface.grid(x, y)
+        (scale_x, scale_y, scale_z), offset = self.model.scale, self.model.wall_offset_mm
+        places = ((x - offset) / scale_x, (y - offset) / scale_y)
+        u, v = (np.clip(at, 0.0, side) for at, side in zip(places, self.file.size_mm, strict=True))
+        return np.asarray(scale_z * (self.file.datum_mm + self.file.surface.grid(u, v)))
 
     @cached_property
     def extremes(self) -> Extremes:

@@ -158,6 +158,16 @@ class PrinterModel(Checked):
         """The offset of the walls; 0 if no scan determines it."""
         return 0.0 if self.offset_mm is None else self.offset_mm.value
 
+    def require_for(self, printer: str, filament: str) -> None:
+        """Check that this is the model of a printer with a filament.
+
+        Raises:
+            InputError: It is the model of another printer or filament.
+        """
+        if (self.printer, self.filament) != (printer, filament):
+            own = f"{self.printer} with {self.filament}"
+            raise InputError("printer model", own, f"must be the model of {printer} with {filament}")
+
     def print_size_mm(self, sides_mm: tuple[float, float]) -> tuple[float, float]:
         """Return the sides x, y of a print from those of its file."""
         x, y = sides_mm

@@ -22,6 +22,7 @@ from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.lab.study.spec import UNKNOWN
+from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -372,6 +373,7 @@ def _require_mixable(runs: Sequence[Run]) -> None:
     """
     first = runs[0]
     seen: dict[str, Run] = {}
+    corrected: dict[str, tuple[PrinterModel, Path]] = {}
     for run in runs:
         known = _common(first.info)
         for what, value in _common(run.info).items():
@@ -380,7 +382,14 @@ def _require_mixable(runs: Sequence[Run]) -> None:
                 raise InputError(
                     what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them separately"
                 )
-        name = run.info.printed.name
+        printed = run.info.printed
+        model = None if printed.block is None else printed.block.correction
+        if model is not None:
+            other, folder = corrected.setdefault(printed.combination, (model, run.folder))
+            if other != model:
+                allowed = f"in {run.folder}, but {other.fingerprint} in {folder}; analyse them separately"
+                raise InputError("printer model of the corrected files", model.fingerprint, allowed)
+        name = printed.name
         if name in seen:
             raise InputError("run", str(run.folder), f"has the same print as {seen[name].folder}: {name}")
         seen[name] = run
@@ -395,7 +404,7 @@ def _common(info: RunInfo) -> dict[str, object]:
         common["grid"] = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
     if block is not None:
         common |= {"block size": [round(side, 9) for side in block.size_mm]}
-        common |= {"preset": block.preset, "scale": block.scale}
+        common |= {"preset": block.preset_word, "scale": block.scale}
     return {
         "protocol": "none" if protocol is None else "planned",
         **common,

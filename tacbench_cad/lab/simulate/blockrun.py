@@ -26,6 +26,7 @@ from tacbench_cad.lab.study.motion import course_of
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.rotation import lowest
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
+from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Bounds, Checked, to_plain
 from tacbench_cad.util.errors import InputError
@@ -45,11 +46,13 @@ class SimulationOptions(Checked):
         colour: Whether images are in colour (BGR) or grey.
         seed: The seed. Another seed gives other prints and other noise.
         look: The name of the sensor's look, see :data:`tacbench_cad.lab.simulate.looks.LOOKS`.
+        models: The models of measured printers. They replace the virtual printers of the same printer and filament.
     """
 
     colour: bool = False
     seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
     look: str = CLEAN.name
+    models: tuple[PrinterModel, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,7 +87,7 @@ class SimulatedBlock:
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
     """Return the contents of ``run.json`` for a block's simulated run."""
     sensor = options.sensor
-    printer = printer_of(planned.printed)
+    printer = printer_of(planned.printed, options.models)
     return RunInfo.of(
         study,
         planned,
@@ -92,7 +95,7 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
             "identity": "none",
             "simulated": f"no stage: poses from the contact model; block from a virtual printer, {printer.name}",
             "settings": {
-                "virtual_printer": to_plain(printer),
+                "virtual_printer": to_plain(printer, without_none=True),
                 "seed": options.seed,
                 "seconds_a_press": SECONDS_PER_PRESS,
             },
@@ -128,7 +131,7 @@ class FrameSource:
     def __init__(self, info: RunInfo, options: SimulationOptions) -> None:
         self.info = info
         self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
-        self._seed = options.seed
+        self._seed, self._models = options.seed, options.models
         self.sensor = options.sensor
         # If repeats of a press have the same pose, the pins are kept, about 6 kB for each press.
         self._kept: dict[tuple[int, int, int], tuple[Point, float, Pins]] = {}
@@ -137,7 +140,8 @@ class FrameSource:
     def _contact(self) -> DomeContact:
         """Print the block when the first press needs it, so that a complete run takes no time."""
         with timed(self.seconds, "print"):
-            return contact_for(self.info.plan.printed, self.info.plan.holder, seed=self._seed)
+            printed, holder = self.info.plan.printed, self.info.plan.holder
+            return contact_for(printed, holder, printer_of(printed, self._models), seed=self._seed)
 
     def pressed(self, press: Press) -> tuple[Point, float, Pins]:
         """Return pose, contact force in N, and pins of a press at its target force or depth.

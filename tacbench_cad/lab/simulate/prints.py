@@ -12,22 +12,29 @@ A print is made in these steps:
 5. Lines become uneven (``roughness_mm``).
 6. The whole print gets errors of height and tilt (``z_error_mm``, ``tilt_mm``).
 7. Strings are added (``stringing_per_cm2``).
+
+A printer whose prints were measured is simulated by its model instead
+(:class:`tacbench_cad.spec.printermodel.PrinterModel`): scales, offset of the walls, transfer function, and a smooth
+error of the height that differs between copies (its repeatability).
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
 
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
-from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Study
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.compensation import Print, in_file
+from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.convert import Bounds, Checked
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
 #: Peaks narrower than this number of lines cool too slowly to keep their height.
@@ -62,6 +69,7 @@ class VirtualPrinter(Checked):
         peak_loss: The fraction of its height that a peak loses above the place where it is narrower than four lines.
         roughness_mm: The unevenness of the lines.
         stringing_per_cm2: The number of strings per cm^2 of the block.
+        model: The model of a measured printer, which replaces all other errors; None for the errors above.
     """
 
     name: str
@@ -74,6 +82,7 @@ class VirtualPrinter(Checked):
     peak_loss: UpToOne
     roughness_mm: UpToOne
     stringing_per_cm2: Annotated[float, Bounds(0.0, 100.0)]
+    model: PrinterModel | None = None
 
 
 #: The presets, in the order of the fields.
@@ -92,7 +101,7 @@ _VALUES: tuple[tuple[Any, ...], ...] = (
 )
 #: The virtual printers with presets, by the names of :mod:`tacbench_cad.lab.study.names`.
 VIRTUAL_PRINTERS: Mapping[str, VirtualPrinter] = {
-    str(values[0]): VirtualPrinter(**dict(zip((field.name for field in fields(VirtualPrinter)), values, strict=True)))
+    str(values[0]): VirtualPrinter(**dict(zip((field.name for field in fields(VirtualPrinter)), values, strict=False)))
     for values in _VALUES
 }
 #: The factors of a filament for stringing, peak loss and roughness. The paper saw more strings on the cheaper PLA and
@@ -103,12 +112,31 @@ FILAMENTS: Mapping[str, tuple[float, float, float]] = {
     "petg": (3.0, 1.3, 1.3),
     "grey-v4": (1.0, 1.0, 1.0),
 }
+#: A printer without errors, to which the model of a measured printer is added.
+_EXACT = replace(
+    VIRTUAL_PRINTERS["form-3"],
+    xy_error_mm=0.0,
+    z_error_mm=0.0,
+    tilt_mm=0.0,
+    peak_loss=0.0,
+    roughness_mm=0.0,
+)
 #: The preset for other printers and filaments: a well maintained filament printer.
 GENERIC_PRINTER, GENERIC_FILAMENT = "ender-3-v3-se", "pla-plus"
 
 
-def printer_of(printed: PrintedBlock) -> VirtualPrinter:
-    """Return the virtual printer of a printed block; the generic one for a printer or filament without a preset."""
+def printer_of(printed: PrintedBlock, models: Sequence[PrinterModel] = ()) -> VirtualPrinter:
+    """Return the virtual printer of a printed block; the generic one for a printer or filament without a preset.
+
+    Args:
+        printed: The block.
+        models: The models of measured printers. They replace the presets of the same printer and filament.
+    """
+    own = (printed.printer, printed.filament)
+    model = next((each for each in models if (each.printer, each.filament) == own), None)
+    if model is not None:
+        name = f"{printed.printer} with {printed.filament}, by the model {model.fingerprint}"
+        return replace(_EXACT, name=name, nozzle_mm=model.nozzle_mm, model=model)
     base = VIRTUAL_PRINTERS.get(printed.printer, VIRTUAL_PRINTERS[GENERIC_PRINTER])
     stringing, loss, roughness = FILAMENTS.get(printed.filament, FILAMENTS[GENERIC_FILAMENT])
     stands_in = "" if printed.printer in VIRTUAL_PRINTERS and printed.filament in FILAMENTS else f", as {base.name}"
@@ -119,6 +147,22 @@ def printer_of(printed: PrintedBlock) -> VirtualPrinter:
         peak_loss=min(base.peak_loss * loss, 1.0),
         roughness_mm=base.roughness_mm * roughness,
     )
+
+
+def require_used(models: Sequence[PrinterModel], study: Study) -> None:
+    """Check that each model is the model of a printer and filament of the study, and that they differ.
+
+    Raises:
+        InputError: A model is not used.
+    """
+    combinations = {(planned.printed.printer, planned.printed.filament) for planned in study.blocks}
+    for i, model in enumerate(models):
+        own = (model.printer, model.filament)
+        if own in [(other.printer, other.filament) for other in models[:i]]:
+            raise InputError("printer-model", model.name, "is the second model of this printer and filament; give one")
+        if own not in combinations:
+            known = ", ".join(sorted(" with ".join(each) for each in combinations))
+            raise InputError("printer-model", " with ".join(own), f"is not in the study, which has: {known}")
 
 
 def seeded(*words: object) -> np.random.Generator:
@@ -159,10 +203,12 @@ def as_printed(block: Block, printer: VirtualPrinter, rng: np.random.Generator) 
     """
     from scipy.ndimage import gaussian_filter
 
+    if printer.model is not None:
+        return on_block(block, _by_model(block, printer.model, rng))
     cell = cell_of(block)
     x, y = centres(block)
     shift_x, shift_y = (printer.xy_error_mm * _drift(along, rng) for along in (x, y))
-    z = np.ascontiguousarray(block.surface.grid(x + shift_x, y + shift_y).T) - block.extremes.high
+    z = _designed(block, x + shift_x, y + shift_y)
     thin = z - _opened(z, SLUMPING_LINES * printer.nozzle_mm / cell)
     spread = 1.0 + PEAK_SPREAD * _smooth_noise(z.shape, DRIFT_MM / 2.0 / cell, rng)
     z -= np.clip(printer.peak_loss * spread, 0.0, 1.0) * thin
@@ -175,6 +221,27 @@ def as_printed(block: Block, printer: VirtualPrinter, rng: np.random.Generator) 
     z += printer.z_error_mm * rng.standard_normal()
     area_cm2 = block.size_mm[0] * block.size_mm[1] / 100.0
     return on_block(block, z + _strings(z, int(rng.poisson(printer.stringing_per_cm2 * area_cm2)), cell, rng))
+
+
+def _designed(block: Block, x: Floats, y: Floats) -> Floats:
+    """Return the heights of the block's file, (ny, nx), with z = 0 at the highest point of the design."""
+    if block.correction is None:
+        return np.asarray(np.ascontiguousarray(block.surface.grid(x, y).T) - block.extremes.high)
+    file = in_file(block)
+    shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(file.size_mm, block.size_mm, strict=True))
+    z = np.ascontiguousarray(file.surface.grid(x + shift_x, y + shift_y).T)
+    return np.asarray(z + (file.formula_datum_mm - block.height_mm))
+
+
+def _by_model(block: Block, model: PrinterModel, rng: np.random.Generator) -> Floats:
+    """Return the heights of a print by a measured printer, (ny, nx), with z = 0 at the highest point of the design."""
+    printed = Print(file=in_file(block), model=model)
+    x, y = centres(block)
+    shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(printed.size_mm, block.size_mm, strict=True))
+    z = np.ascontiguousarray(printed.heights(x + shift_x, y + shift_y).T) - block.height_mm
+    if model.repeatability_mm is not None:
+        z += model.repeatability_mm.value * _smooth_noise(z.shape, DRIFT_MM / 2.0 / cell_of(block), rng)
+    return np.asarray(z)
 
 
 def _drift(along_mm: Floats, rng: np.random.Generator) -> Floats:

@@ -23,6 +23,7 @@ from tacbench_cad.lab.study.spec import (
     Study,
 )
 from tacbench_cad.spec.fits import clearance_mm
+from tacbench_cad.spec.printermodel import read_printer_model
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
@@ -140,6 +141,7 @@ class _Prints:
     filament: str
     copies: Copy | Numbers = 1
     force_levels: Numbers | None = None
+    compensate: str | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("copies", self.copies), ("force_levels", self.force_levels)):
@@ -170,6 +172,7 @@ class _BlockTable(_Blocks):
     printer: str
     filament: str
     copy: Copy = 1
+    compensate: str | None = None
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -177,7 +180,8 @@ class _BlockTable(_Blocks):
 
     @property
     def prints(self) -> tuple[_Prints, ...]:
-        return (_Prints(printer=self.printer, filament=self.filament, copies=(self.copy,)),)
+        copies = (self.copy,)
+        return (_Prints(printer=self.printer, filament=self.filament, copies=copies, compensate=self.compensate),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,8 +311,13 @@ def _planned(table: _BlockTable | _StudyTable, levels: tuple[int, ...], folder: 
         blocks = [block_of_word(word, table.preset, table.scale, table.key_mm, folder) for word in table.textures]
         for each in table.prints:
             printer, filament = names.own_name("printer", each.printer), names.own_name("filament", each.filament)
+            corrected = blocks
+            if each.compensate is not None:
+                model = read_printer_model(folder / each.compensate)
+                model.require_for(printer, filament)
+                corrected = [replace(block, correction=model) for block in blocks]
             for copy in range(1, each.copies + 1) if isinstance(each.copies, int) else each.copies:
-                for block in blocks:
+                for block in corrected:
                     printed = PrintedBlock(block=block, printer=printer, filament=filament, copy=copy)
                     yield PlannedBlock(printed=printed, levels=each.force_levels or levels)
 

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.printermodel import read_printer_model
 from tacbench_cad.spec.textures import file_hint, read_texture
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError, located
 
 T = TypeVar("T")
 
+#: The column with the printer model of corrected files, which older layouts lack.
+COMPENSATE = "compensate"
 #: The columns that describe the block. The other columns describe its position on the plate and are not needed.
 NEEDED = ("texture", "preset", "scale", "key_mm", "copy", "printer", "filament")
 
@@ -62,14 +66,15 @@ def read_layout(path: Path) -> tuple[PrintedBlock, ...]:
             word = {name: row[header.index(name)].strip() for name in NEEDED}
             scale = _number(float, "scale", word["scale"])
             key_mm = _number(float, "key_mm", word["key_mm"]) if word["key_mm"] else None
-            blocks.append(
-                PrintedBlock(
-                    block=block_of_word(word["texture"], word["preset"], scale, key_mm, path.parent),
-                    printer=names.own_name("printer", word["printer"]),
-                    filament=names.own_name("filament", word["filament"]),
-                    copy=_number(int, "copy", word["copy"]),
-                )
-            )
+            block = block_of_word(word["texture"], word["preset"], scale, key_mm, path.parent)
+            printer, filament = names.own_name("printer", word["printer"]), names.own_name("filament", word["filament"])
+            compensate = row[header.index(COMPENSATE)].strip() if COMPENSATE in header else ""
+            if compensate:
+                model = read_printer_model(path.parent / compensate)
+                model.require_for(printer, filament)
+                block = replace(block, correction=model)
+            copy = _number(int, "copy", word["copy"])
+            blocks.append(PrintedBlock(block=block, printer=printer, filament=filament, copy=copy))
     return tuple(blocks)
 
 

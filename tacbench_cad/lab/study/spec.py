@@ -20,7 +20,7 @@ from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
-from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields
+from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, to_plain
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 
@@ -215,6 +215,7 @@ def block_values(block: Block) -> dict[str, Any]:
         ),
         "label": block.label,
         "engraved_copy": block.copy,
+        **({} if block.correction is None else {"correction": to_plain(block.correction, without_none=True)}),
     }
 
 

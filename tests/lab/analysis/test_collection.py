@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from helpers.printers import PRINTER
 from helpers.studies import GRID, Plan, write_run, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
@@ -14,6 +16,7 @@ from tacbench_cad.lab.analysis.preprocess import Preprocess
 from tacbench_cad.lab.runs.reading import find_runs
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -117,3 +120,24 @@ def test_other_arrays_are_not_changed() -> None:
     assert np.array_equal(Preprocess(resolution=0.5)(taxels), taxels)
     with pytest.raises(InputError, match="resolution"):
         Preprocess(resolution=0.0)
+
+
+def test_corrected_and_plain_prints_do_not_mix(tmp_path: Path) -> None:
+    def write(folder: str, model: PrinterModel | None, copy: int, printer: str = "ender-3") -> None:
+        block = replace(Block.of(1), correction=model)
+        printed = PrintedBlock(block=block, printer=printer, filament="pla-plus", copy=copy)
+        write_run(tmp_path / folder / printed.name, printed, Plan())
+
+    write("plain", None, 1)
+    write("corrected", PRINTER, 1)
+    # Prints of several printers may each be corrected by the model of their own printer.
+    write("corrected", replace(PRINTER, name="another"), 1, "bambu-p1p")
+    assert "texture-1_paper-corrected_x1_ender-3_pla-plus_copy01" in [run.name for run in find_runs([tmp_path])]
+    collection = Collection.open([tmp_path / "corrected"])
+    assert {row.preset for row in collection.rows} == {"paper-corrected"}
+    assert PRINTER in [run.info.printed.block and run.info.printed.block.correction for run in collection.runs]
+    with pytest.raises(InputError, match=r"preset = 'paper': in .*plain.*, but 'paper-corrected' in"):
+        Collection.open([tmp_path / "corrected", tmp_path / "plain"])
+    write("remade", replace(PRINTER, prints=2), 2)
+    with pytest.raises(InputError, match="printer model of the corrected files"):
+        Collection.open([tmp_path / "corrected", tmp_path / "remade"])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.printers import PRINTER, measured
 
 from tacbench_cad.lab.simulate.heights import centres
 from tacbench_cad.lab.simulate.prints import (
@@ -14,12 +16,15 @@ from tacbench_cad.lab.simulate.prints import (
     VirtualPrinter,
     as_printed,
     printer_of,
+    require_used,
     seeded,
     stimulus,
 )
+from tacbench_cad.lab.simulate.study import quick_study
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.compensation import corrected_for
 from tacbench_cad.util.errors import InputError
 
 #: A printer without errors and with very thin layers.
@@ -146,3 +151,34 @@ def stimulus_error(block: Block, printer: str, filament: str) -> np.ndarray:
 def test_an_impossible_printer_is_refused(field: str, value: float) -> None:
     with pytest.raises(InputError, match=field):
         replace(PERFECT, **{field: value})  # type: ignore[arg-type]
+
+
+def test_a_measured_printer_prints_by_its_model() -> None:
+    printed = _printed("ender-3", "pla-plus", texture=2)
+    printer = printer_of(printed, [PRINTER])
+    assert PRINTER.fingerprint in printer.name and printer_of(printed).model is None
+    plain = as_printed(printed.block, printer, seeded("a")).z_mm - _design(printed.block)
+    corrected = corrected_for(printed.block, PRINTER)
+    # The print of the corrected file is the design, also in its height.
+    assert np.max(np.abs(as_printed(corrected, printer, seeded("a")).z_mm - _design(printed.block))) < 1e-4
+    assert np.std(plain) > 0.02
+    uneven = replace(PRINTER, repeatability_mm=measured(0.03))
+    first, second = (as_printed(corrected, replace(printer, model=uneven), seeded(i)).z_mm for i in range(2))
+    assert np.std(first - second) == pytest.approx(0.03 * math.sqrt(2.0), rel=0.3)
+
+
+def test_a_preset_prints_the_corrected_file() -> None:
+    block = Block.of(2)
+    change = as_printed(corrected_for(block, PRINTER), PERFECT, seeded("a")).z_mm - _design(block)
+    # Waves of the file are higher by the factors of the model, and so is the highest point.
+    assert np.max(change) > 0.01 and np.std(change) > 0.01
+
+
+def test_models_must_belong_to_the_study() -> None:
+    study = quick_study()
+    known = replace(PRINTER, printer="bambu-p1p", filament="pla-minus")
+    require_used([known], study)
+    with pytest.raises(InputError, match="is not in the study"):
+        require_used([PRINTER], study)
+    with pytest.raises(InputError, match="second model"):
+        require_used([known, known], study)

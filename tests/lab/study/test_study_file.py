@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.printers import PRINTER
 
 from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
 from tacbench_cad.lab.study.presses import block_order, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
+from tacbench_cad.spec.printermodel import write_printer_model
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid
 from tacbench_cad.util.errors import InputError
 
@@ -284,3 +286,17 @@ def test_a_roll_moves_the_contact_by_the_arc_and_a_tilt_by_its_sine(tmp_path: Pa
 def test_turns_that_are_not_possible_are_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         _read(tmp_path, f"{BLOCK}[protocol]\n{text}")
+
+
+def test_prints_of_corrected_files(tmp_path: Path) -> None:
+    write_printer_model(PRINTER, tmp_path / "my-printer.toml")
+    text = '[study]\ntextures = [1]\nprints = [{printer = "ender-3", filament = "pla-plus", '
+    text += 'compensate = "my-printer.toml"}'
+    file = _read(tmp_path, f'{text}, {{printer = "bambu-p1p", filament = "petg"}}]\n')
+    corrected, plain = (planned.printed for planned in file.study.blocks)
+    assert corrected.block.correction == PRINTER and plain.block.correction is None
+    assert corrected.name == "texture-1_paper-corrected_x1_ender-3_pla-plus_copy01"
+    with pytest.raises(InputError, match="must be the model of ender-3 with petg"):
+        _read(tmp_path, text.replace("pla-plus", "petg") + "]\n")
+    block = BLOCK.replace("bambu", "ender-3").replace("PLA-", "PLA+") + 'compensate = "my-printer.toml"\n'
+    assert _read(tmp_path, block).study.blocks[0].printed.block.correction == PRINTER
