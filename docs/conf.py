@@ -67,6 +67,7 @@ CONTENTS = {
         "design",
         "sources",
         "plates",
+        "scan",
         "compensate",
     ),
     "Press": ("first-rig", "rig", "devices", "run", "watch", "runs", "own-data", "simulation", "simulation-model"),

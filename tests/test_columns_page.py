@@ -21,6 +21,10 @@ from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
 from tacbench_cad.lab.analysis.report import results
 from tacbench_cad.lab.analysis.variance import view
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.scan import analysing, writing
+from tacbench_cad.scan.result import WAVE_COLUMNS
+from tacbench_cad.scan.roughness import Roughness
+from tacbench_cad.scan.simulating import ScanTruth, simulate_scan
 from tacbench_cad.slicing import plates
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -42,6 +46,8 @@ TABLES = {
     "presses of a split": PRESS_COLUMNS,
     "series of a press": schema.columns(schema.MovingRow),
     "layout of a plate": plates.COLUMNS,
+    "deviation.csv": writing.MAP_COLUMNS,
+    "waves.csv": WAVE_COLUMNS,
 }
 Capture = pytest.CaptureFixture[str]
 
@@ -97,6 +103,20 @@ def test_every_key_of_the_parts_documents_is_explained(tmp_path: Path, capsys: C
     for folder in ("grid", "corrected"):
         manifest = json.loads((tmp_path / folder / "manifest.json").read_text(encoding="utf-8"))
         assert set(keys(manifest)) <= named("columns.md")
+
+
+def test_every_key_of_a_scan_is_explained(tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("trimesh")
+    # surfalize takes seconds to load
+    sizes = dict.fromkeys(("sa_um", "sq_um", "sz_um", "ssk", "sku", "sdr_percent", "filled_fraction"), 1.0)
+    monkeypatch.setattr(analysing, "why_missing", lambda *_: None)
+    monkeypatch.setattr(analysing, "roughness", lambda _: Roughness(**sizes, area_mm=(1.0, 1.0), filters="none"))
+    block, scan = Block.of(2, scale=0.5), tmp_path / "top.ply"
+    writing.write_simulated(simulate_scan(block, ScanTruth(points=15_000, seed=1).with_random_pose()), scan)
+    gcode = write_gcode(tmp_path / "two.gcode", block)
+    words = ("--block", "2", "--scale", "0.5", "--compare", str(gcode), "--out", str(tmp_path / "out"), "--no-picture")
+    main(["scan", str(scan), *words, "--json"])
+    assert _unexplained(capsys) == set()
 
 
 @pytest.mark.usefixtures("no_figures")

@@ -30,6 +30,7 @@ GROUPS = {
         "check-part",
         "plate",
         "check-gcode",
+        "scan",
         "printer-model",
     ),
     "Press": ("rig", "acquire", "watch", "simulate", "import-frames", "check-runs", "runs"),

@@ -21,11 +21,6 @@ from tacbench_cad.util.text import counted, short
 
 #: The source of the noise: the fit's residuals, a second scan of the print, or the scan of a flat plate.
 NoiseSource = Literal["residuals", "repeat", "flat"]
-#: The parameters of roughness in the table: key, name and unit.
-_ISO_25178 = (
-    *(("sa_um", "Sa", " µm"), ("sq_um", "Sq", " µm"), ("sz_um", "Sz", " µm")),
-    *(("ssk", "Ssk", ""), ("sku", "Sku", ""), ("sdr_percent", "Sdr", " %")),
-)
 _NOISE_WORDS = {"residuals": "estimated from this scan", "repeat": "from the repeated scan", "flat": "from the flat"}
 
 
@@ -191,14 +186,20 @@ class ScanResult:
         yield from self._noise_row()
         yield from _summary_rows("walls", self.walls.summary)
         if self.walls.outward_95_mm is not None:
-            yield "  outside of the nominal walls", f"{1000.0 * self.walls.outward_95_mm:+.0f} µm", "95 % of the points"
+            yield (
+                "  outside of the nominal walls",
+                f"{1000.0 * self.walls.outward_95_mm:+z.0f} µm",
+                "95 % of the points",
+            )
         yield "crests lost", *_extrema_cells(self.top.peaks, -1.0)
         yield "valleys filled", *_extrema_cells(self.top.valleys, 1.0)
         if self.top.pin_shift_px is not None:
             yield "shift of the sensor's pins, rms", f"{self.top.pin_shift_px:.2g} px", "of a TacTip, computed"
         for surface, values in self.roughness.items():
-            numbers = ", ".join(f"{word} {short(values[name])}{unit}" for name, word, unit in _ISO_25178)
-            yield f"ISO 25178, {surface}", numbers, str(values["filters"])
+            heights = ", ".join(short(values[name]) for name in ("sa_um", "sq_um", "sz_um"))
+            shape = f"{short(values['ssk'])}, {short(values['sku'])}, {short(values['sdr_percent'])} %"
+            yield f"{surface}: Sa, Sq, Sz", f"{heights} µm", "ISO 25178"
+            yield "  Ssk, Sku, Sdr", shape, ""
 
     @property
     def _turn(self) -> str:
@@ -251,12 +252,12 @@ def _parameter_row(parameter: Estimate) -> tuple[str, str, str] | None:
         return name, "not determined", "the scan does not show it"
     low, high = parameter.low, parameter.high
     if kind == "scale":
-        shrinkage = f"{100.0 * (1.0 - parameter.value):+.2f} % shrinkage ({100.0 * (1.0 - high):+.2f} to "
-        return name, f"{parameter.value:.4f}", f"{shrinkage}{100.0 * (1.0 - low):+.2f})"
+        shrinkage = f"{100.0 * (1.0 - parameter.value):+z.2f} % shrinkage ({100.0 * (1.0 - high):+z.2f} to "
+        return name, f"{parameter.value:.4f}", f"{shrinkage}{100.0 * (1.0 - low):+z.2f})"
     if kind == "skew":
         value, low, high = (math.degrees(math.atan(number)) for number in (parameter.value, low, high))
-        return name, f"{value:+.3f} degrees", f"{low:+.3f} to {high:+.3f}"
-    return name, f"{parameter.value:.3f} mm", f"{low:.3f} to {high:.3f}"
+        return name, f"{value:+z.3f} degrees", f"{low:+z.3f} to {high:+z.3f}"
+    return name, f"{parameter.value:z.3f} mm", f"{low:z.3f} to {high:z.3f}"
 
 
 def _summary_rows(name: str, summary: Summary | None) -> Iterator[tuple[str, str, str]]:
@@ -264,7 +265,7 @@ def _summary_rows(name: str, summary: Summary | None) -> Iterator[tuple[str, str
         yield name, "not scanned", ""
         return
     um = 1000.0
-    yield f"{name}: deviation, rms", f"{um * summary.rms_mm:.0f} µm", f"mean {um * summary.mean_mm:+.0f}"
+    yield f"{name}: deviation, rms", f"{um * summary.rms_mm:.0f} µm", f"mean {um * summary.mean_mm:+z.0f}"
     within, largest = f"{um * summary.within_95_mm:.0f} µm", f"largest {um * summary.largest_mm:.0f}"
     yield "  95 % are within", within, largest
 
@@ -280,7 +281,7 @@ def wave_table(waves: tuple[WaveEstimate, ...]) -> list[tuple[str, ...]]:
     """Return the rows of the table of printed waves, beginning with the largest wave of the formula."""
     rows: list[tuple[str, ...]] = []
     for wave in sorted(waves, key=lambda wave: -abs(wave.wave.amplitude)):
-        first = (f"{wave.wavelength_mm:.2f}", f"{wave.direction_deg:+.0f}", f"{1000.0 * abs(wave.wave.amplitude):.0f}")
+        first = (f"{wave.wavelength_mm:.2f}", f"{wave.direction_deg:+z.0f}", f"{1000.0 * abs(wave.wave.amplitude):.0f}")
         if not wave.determined:
             rows.append((*first, "not determined", "", "", ""))
             continue
@@ -289,8 +290,8 @@ def wave_table(waves: tuple[WaveEstimate, ...]) -> list[tuple[str, ...]]:
                 *first,
                 f"{wave.amplitude_ratio:.3f}",
                 "sets the scale" if wave.is_scale_reference else f"{wave.ratio_low:.3f} to {wave.ratio_high:.3f}",
-                f"{wave.phase_deg:+.1f}",
-                f"{wave.phase_low_deg:+.1f} to {wave.phase_high_deg:+.1f}",
+                f"{wave.phase_deg:+z.1f}",
+                f"{wave.phase_low_deg:+z.1f} to {wave.phase_high_deg:+z.1f}",
             )
         )
     return rows

@@ -1,0 +1,302 @@
+"""``tacbench scan``: compare the scan of a print with its formula."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from click.exceptions import Exit
+
+from tacbench_cad.cli import options
+from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
+from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.errors import InputError, require_between
+
+if TYPE_CHECKING:
+    from tacbench_cad.scan.comparison import Views
+    from tacbench_cad.scan.reading import ScanFile
+    from tacbench_cad.scan.result import PrintOrigin, ScanResult
+    from tacbench_cad.spec.block import Block
+
+#: Seconds between two lines of progress without a terminal. A scan takes a few seconds.
+_EVERY_S = 2.0
+#: The simulated print of ``--simulate``: its scale, and the wavelengths along x and y that lose half of their height.
+_SCALE, _HALF_MM = 0.996, (0.9, 1.2)
+
+
+@options.command("scan")
+@options.argument("file", options.file("FILE"), "Scan: a mesh, a point cloud or a height map.", required=False)
+@options.option(
+    "--block",
+    options.text("BLOCK"),
+    "The block: a texture (1 to 6, a name, a TOML file), the words of its label ('T4 PAPER X1 02'), the name of its "
+    "file, the folder of its print set, or its run folder. Default: the six textures are tried.",
+    options.PARTS,
+)
+@options.preset
+@options.key
+@options.scale
+@options.option(
+    "--unit", options.choice("um", "mm", "m", "inch"), "Unit of the file, if the file has none.", options.INPUT
+)
+@options.option("--mm-per-pixel", options.MM, "Distance of neighbouring pixels of a height map.", options.INPUT)
+@options.option(
+    "--repeat",
+    options.file("FILE"),
+    "A second scan of the same print, from which the noise of the scanner is computed.",
+    options.INPUT,
+)
+@options.option("--flat", options.file("FILE"), "A scan of a flat plate, for the same purpose.", options.INPUT)
+@options.option("--printer", options.text("NAME"), "Printer. Default: from the run folder.", options.PRINTER)
+@options.option("--filament", options.text("NAME"), "Filament. Default: from the run folder.", options.PRINTER)
+@options.option("--copy", options.COUNT, "Number of the copy. Default: from the label.", options.PRINTER)
+@options.option(
+    "--layer",
+    options.MM,
+    "Height of a layer: a crest that is lower by more counts as lost. Default: from print.toml, otherwise 0.2.",
+    options.PRINTER,
+    dest="layer_mm",
+)
+@options.option(
+    "--fit",
+    options.choice("pose", "scale", "square"),
+    "What is fitted: only the pose; also the scales along x, y and z; also the skew.",
+    options.METHOD,
+    default="scale",
+)
+@options.option(
+    "--limits",
+    options.words("LIST", suffix=".toml"),
+    "Limits of the verdict: NAME=VALUE,... or a TOML file. Default: what a TacTip feels, and the clearance of the "
+    "holder.",
+    options.METHOD,
+)
+@options.option(
+    "--compare",
+    options.file("FILE.gcode"),
+    "G-code of the print: show formula, as sliced and as scanned side by side.",
+    options.METHOD,
+)
+@options.option(
+    "--simulate",
+    options.file("FILE.ply"),
+    "Write a simulated scan of the block instead, to try the command without a scanner.",
+    options.METHOD,
+)
+@options.out("DIR", "Folder of the results. Default: NAME_scan in the working folder.")
+@options.flag("--no-picture", "Write no pictures.", options.OUTPUT)
+@options.json
+def command(
+    file: Path | None,
+    block: str | None,
+    preset: str,
+    scale: float,
+    key_mm: float | None,
+    limits: tuple[str, ...] | None,
+    compare: Path | None,
+    simulate: Path | None,
+    out: Path | None,
+    no_picture: bool,
+    json: bool,
+    **values: Any,
+) -> None:
+    """Compare the scan of a print with its formula.
+
+    The command reads meshes (STL, PLY, OBJ, 3MF), point clouds (XYZ, PLY, LAS) and height maps (TIFF, NPY, CSV, and
+    files of instruments that the package surfalize reads). It finds how the scan lies on the block, and writes:
+    - the deviation from the formula, as a picture, a table and coloured points
+    - shrinkage and skew, with intervals
+    - how much of each wave was printed, with intervals
+    - lost crests, filled valleys, and the roughness
+    - how far the deviation moves the pins of a TacTip
+
+    The last line says whether the print is within the limits; if it is not, the exit code is 1. If --block is a run
+    folder, scan.json is also written there, beside print.toml, and the report shows it.
+
+    Examples:
+      tacbench scan --simulate scan.ply --block 4       # without a scanner
+      tacbench scan scan.ply --block 4
+      tacbench scan top.npy --unit um --mm-per-pixel 0.02 --block 4
+      tacbench scan top.stl --unit mm --block 'T4 PAPER X1 02'
+      tacbench scan scan.ply --block stl_out --limits top_rms_mm=0.05
+      tacbench scan scan.ply --block 4 --compare texture-4.gcode
+    """
+    blocks, origin, run = _blocks(block, preset, scale, key_mm)
+    if simulate is not None:
+        if file is not None:
+            raise InputError("simulate", str(simulate), f"writes a scan and reads none; leave out {file}")
+        _simulate(blocks[0], simulate)
+        print_next("scan", simulate, *([] if block is None else ["--block", block]))
+        return
+    if file is None:
+        raise InputError("file", None, "name a scan, or write a simulated scan with --simulate FILE.ply")
+    folder = out if out is not None else Path(f"{file.stem}_scan")
+    result, views = _result(file, blocks, limits, compare, origin, run, values)
+    document = result.as_dict() | ({"comparison": views.as_dict()} if views else {})
+    paths = _write(result, views, folder, run, no_picture)
+    if json:
+        print_json(document | {"folder": str(folder), "files": [str(path) for path in paths]})
+    else:
+        _show(result, views)
+        note(f"wrote {', '.join(path.name for path in paths)} to {folder}")
+        if run is not None:
+            note(f"wrote {run / 'scan.json'}")
+        print_lines(str(result.verdict))
+    if not result.verdict.ok:
+        raise Exit(1)
+
+
+def _blocks(
+    word: str | None, preset: str, scale: float, key_mm: float | None
+) -> tuple[list[Block], PrintOrigin, Path | None]:
+    """Return the possible blocks, what is known about the print, and the run folder if the user named one."""
+    from tacbench_cad.making.labelled import blocks_named
+    from tacbench_cad.scan.result import PrintOrigin
+
+    if word is not None and (Path(word) / "run.json").is_file():
+        from tacbench_cad.lab.runs.reading import Run
+
+        opened = Run.open(Path(word))
+        printed = opened.info.printed
+        if printed.block is None:
+            raise InputError("block", word, "is an imported run without a formula; name the texture instead")
+        record = opened.print_record.values
+        nozzle = record.get("nozzle_mm")
+        origin = PrintOrigin(printer=printed.printer, filament=printed.filament, copy=printed.copy, nozzle_mm=nozzle)
+        return [printed.block], origin, opened.folder
+    blocks = blocks_named(word, preset, scale, key_mm)
+    return blocks, PrintOrigin(copy=blocks[0].copy if len(blocks) == 1 else None), None
+
+
+def _result(
+    file: Path,
+    blocks: list[Block],
+    limits: tuple[str, ...] | None,
+    compare: Path | None,
+    origin: PrintOrigin,
+    run: Path | None,
+    values: dict[str, Any],
+) -> tuple[ScanResult, Views | None]:
+    from dataclasses import replace
+
+    from tacbench_cad.scan.analysing import LAYER_MM, Options, analyse
+    from tacbench_cad.scan.limits import limits_of
+    from tacbench_cad.slicing.gcode import read_gcode
+
+    given = {name: values[name] for name in ("printer", "filament", "copy") if values[name] is not None}
+    layer = values["layer_mm"] or (_layer_of(run) if run is not None else None) or LAYER_MM
+    require_between("layer", layer, 0.001, 10.0, " mm")
+    chosen = Options(fit=values["fit"], layer_mm=layer, limits=limits_of(limits or ()), origin=replace(origin, **given))
+    sliced = None if compare is None else read_gcode(compare)
+    with ProgressLine(_EVERY_S) as line:
+
+        def progress(step: str, fraction: float) -> None:
+            line.show(step, round(100.0 * fraction), 100)
+
+        def read(path: Path, size_mm: tuple[float, float, float] | None) -> ScanFile:
+            from tacbench_cad.scan.reading import read_scan
+            from tacbench_cad.util.files import existing_file
+
+            progress(f"reading {path.name}", 0.0)
+            unit, pixel = values["unit"], values["mm_per_pixel"]
+            return read_scan(existing_file(path), unit=unit, mm_per_pixel=pixel, size_mm=size_mm)
+
+        size = (*blocks[0].size_mm, blocks[0].height_mm) if len(blocks) == 1 else None
+        scan = read(file, size)
+        repeat, flat = values["repeat"], values["flat"]
+        chosen = replace(
+            chosen,
+            notes=scan.notes,
+            repeat=None if repeat is None else read(repeat, size).cloud,
+            flat=None if flat is None else read(flat, None).cloud,
+        )
+        result = analyse(scan.cloud, blocks, chosen, progress)
+        if sliced is None:
+            return result, None
+        progress("computing the sliced surface", 0.0)
+        return result, _views(result, sliced)
+
+
+def _layer_of(run: Path) -> float | None:
+    from tacbench_cad.spec.printrecord import read_record
+
+    value: float | None = read_record(run / "print.toml", within=run).values.get("layer_height_mm")
+    return value
+
+
+def _views(result: ScanResult, sliced: Any) -> Views:
+    from tacbench_cad.scan.comparison import View, Views
+    from tacbench_cad.slicing.compare import compare
+
+    top = result.top
+    as_sliced = compare(sliced, result.block, pitch_mm=top.cell_mm)
+    heights = {"as sliced": as_sliced.printed_mm, "as scanned": top.printed_mm}
+    return Views(
+        block=result.block,
+        x_mm=top.x_mm,
+        y_mm=top.y_mm,
+        formula_mm=top.formula_mm,
+        views=[View(name=name, heights_mm=surface) for name, surface in heights.items()],
+        layer_mm=sliced.layer_mm,
+        simulated=result.cloud.simulated,
+    )
+
+
+def _write(result: ScanResult, views: Views | None, folder: Path, run: Path | None, no_picture: bool) -> list[Path]:
+    from tacbench_cad.scan.pictures import comparison_picture, deviation_picture, waves_picture
+    from tacbench_cad.scan.writing import write_result
+    from tacbench_cad.util.files import write_json
+
+    paths = write_result(result, folder)
+    if run is not None:
+        write_json(run / "scan.json", result.as_dict())
+    if no_picture:
+        return paths
+    drawings = {"deviation.png": partial(deviation_picture, result)}
+    if any(wave.determined for wave in result.fit.waves):
+        drawings["waves.png"] = partial(waves_picture, result)
+    if views is not None:
+        drawings["comparison.png"] = partial(comparison_picture, views)
+    return paths + [folder / name for name, draw in drawings.items() if write_picture(folder / name, draw)]
+
+
+def _show(result: ScanResult, views: Views | None) -> None:
+    from tacbench_cad.scan.result import described, wave_table
+
+    print_table(described(result), ("", ">value", "interval or remark"), result.rows())
+    if result.fit.waves:
+        heads = (">wavelength (mm)", ">direction (degrees)", ">formula (µm)", ">printed / formula", ">95 % interval")
+        print_table("printed waves", (*heads, ">phase (degrees)", ">95 % interval"), wave_table(result.fit.waves))
+    if views is not None:
+        print_table("three views (formula: 0)", ("", *(f">{view.name}" for view in views.views)), views.rows())
+    for surface, parameters in result.roughness.items():
+        print_lines(f"ISO 25178, {surface}: {parameters['filters']}")
+    for sentence in result.notes:
+        note(f"note: {sentence}")
+
+
+def _simulate(block: Block, path: Path) -> None:
+    from dataclasses import replace
+
+    from tacbench_cad.scan.simulating import ScanTruth, low_pass, simulate_scan, stretch
+    from tacbench_cad.scan.writing import write_simulated
+
+    if path.suffix.lower() != ".ply":
+        raise InputError("simulate", str(path), "must end in .ply")
+    truth = ScanTruth(
+        transfer_x=low_pass(_HALF_MM[0]),
+        transfer_y=low_pass(_HALF_MM[1]),
+        outlier_fraction=0.01,
+        walls=("x-", "x+", "y-", "y+") if block.outline is None else (),
+        seed=block.copy or 0,
+    ).with_random_pose()
+    truth = replace(truth, pose=replace(truth.pose, stretch=stretch((_SCALE, _SCALE, 1.0))))
+    cloud = simulate_scan(block, truth)
+    write_simulated(cloud, path)
+    x, y = _HALF_MM
+    note(f"wrote {path}: a simulated scan of {block.name}, {len(cloud):,} points with 0.02 mm of noise")
+    note(
+        f"the simulated print is {100.0 * (1.0 - _SCALE):.1f} % too small along x and y, and has lost half of waves of "
+        f"{x:g} mm along x and {y:g} mm along y"
+    )

@@ -1,0 +1,111 @@
+"""The command ``tacbench scan``: a simulated scan from end to end, its files, the run folder, and errors."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from helpers.gcode_writer import write_gcode
+from helpers.studies import write_study
+
+from tacbench_cad.cli import main
+from tacbench_cad.scan import analysing
+from tacbench_cad.scan.simulating import ScanTruth, low_pass, simulate_scan
+from tacbench_cad.scan.writing import write_simulated
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_record
+
+pytest.importorskip("trimesh")
+Capture = pytest.CaptureFixture[str]
+BLOCK = Block.of(2, scale=0.5)
+HALF = ("--block", "2", "--scale", "0.5")
+
+
+@pytest.fixture(autouse=True)
+def _no_roughness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the roughness, because surfalize takes seconds to load; it has its own tests."""
+    monkeypatch.setattr(analysing, "why_missing", lambda *_: "surfalize is left out in this test")
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a simulated scan of a print that has lost some of its short waves."""
+    path = tmp_path_factory.mktemp("scan") / "top.ply"
+    truth = ScanTruth(points=15_000, noise_mm=0.01, transfer_x=low_pass(0.5), seed=2).with_random_pose()
+    write_simulated(simulate_scan(BLOCK, truth), path)
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_table_and_the_files_of_a_scan(scan: Path, folder: Path, capsys: Capture) -> None:
+    assert main(["scan", str(scan), *HALF, "--no-picture", "--limits", "pin_shift_px=none,wall_outward_mm=none"]) == 0
+    captured = capsys.readouterr()
+    assert "simulated scan of texture-2_paper_x0.5, 15,000 points" in captured.out
+    assert "scale along x" in captured.out and "printed / formula" in captured.out
+    assert captured.out.splitlines()[-1].startswith("within the limits: ")
+    assert "No roughness by ISO 25178: surfalize is left out" in captured.err
+    assert {path.name for path in (folder / "top_scan").iterdir()} == {
+        *(SCAN_FILE, "deviation.csv", "waves.csv", "deviation.ply")
+    }
+
+
+def test_a_limit_that_is_not_met_gives_exit_code_1_and_one_line(scan: Path, folder: Path, capsys: Capture) -> None:
+    words = ["--limits", "top_rms_mm=0.000001", "--printer", "ender-3", "--copy", "3", "--json", "--no-picture"]
+    assert main(["scan", str(scan), *HALF, *words]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["ok"] is False and document["verdict"].startswith("beyond the limits: rms deviation")
+    assert (document["printer"], document["copy"], document["simulated"]) == ("ender-3", 3, True)
+    stored = json.loads((folder / "top_scan" / SCAN_FILE).read_text(encoding="utf-8"))
+    assert stored == {name: value for name, value in document.items() if name not in ("folder", "files")}
+
+
+def test_the_sliced_surface_is_compared_on_the_same_grid(scan: Path, folder: Path, capsys: Capture) -> None:
+    gcode = write_gcode(folder / "half.gcode", BLOCK)
+    words = ["--compare", str(gcode), "--json", "--no-picture", "--limits", "pin_shift_px=none"]
+    assert main(["scan", str(scan), *HALF, *words]) == 0
+    views = json.loads(capsys.readouterr().out)["comparison"]
+    assert set(views) == {"as_sliced", "as_scanned"}
+    assert views["as_sliced"]["height_error"]["count"] >= views["as_scanned"]["height_error"]["count"] > 1000
+
+
+def test_a_run_folder_names_the_block_and_receives_the_numbers(folder: Path) -> None:
+    (run,) = write_study(folder / "runs", textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1)
+    cloud = simulate_scan(Block.of(1), ScanTruth(points=15_000, seed=4).with_random_pose())
+    write_simulated(cloud, folder / "scan.ply")
+    main(["scan", "scan.ply", "--block", str(run), "--no-picture"])
+    record = read_scan_record(run / SCAN_FILE)
+    assert record.block.startswith("texture-1") and record.simulated
+    document = json.loads((run / SCAN_FILE).read_text(encoding="utf-8"))
+    assert document["printer"] and document["copy"] == 1
+
+
+def test_a_simulated_scan_can_be_tried_at_once(folder: Path, capsys: Capture) -> None:
+    assert main(["scan", "--simulate", "try.ply", "--block", "2"]) == 0
+    captured = capsys.readouterr()
+    assert "simulated scan of texture-2_paper_x1, 200,000 points" in captured.err
+    assert captured.out == "Next: tacbench scan try.ply --block 2\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "name a scan"),
+        (["missing.ply", "--block", "2"], "missing.ply"),
+        (["scan.ply", "--simulate", "a.ply"], "leave out scan.ply"),
+        (["--simulate", "a.stl"], "must end in .ply"),
+        (["scan.ply", "--block", "textur-4"], "texture"),
+        (["scan.ply", "--limits", "top=1"], "top_rms_mm"),
+        (["scan.ply", "--layer", "-1"], "layer"),
+    ],
+)
+def test_wrong_input_is_one_clear_line(folder: Path, capsys: Capture, words: Sequence[str], message: str) -> None:
+    assert main(["scan", *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and message in error
