@@ -234,6 +234,7 @@ class FakeGauge(Closing):
         self.readings: list[float] = []
         self.tared = 0
         self.closed = False
+        self.temperature_c: float | None = None
         self._offset = 0.0
         self._random = np.random.default_rng(seed)
 
@@ -249,7 +250,7 @@ class FakeGauge(Closing):
         self.readings.append(value)
         if isinstance(fault, Exception):
             raise fault
-        return Force(mean_n=value, spread_n=self.noise_n, samples=1)
+        return Force(mean_n=value, spread_n=self.noise_n, samples=1, temperature_c=self.temperature_c)
 
     def tare(self) -> None:
         self.tared += 1

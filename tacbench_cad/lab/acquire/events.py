@@ -75,7 +75,7 @@ class ProgressFile(PressProgress):
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
         """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
-        self.write("pressed", done=done)
+        self.write("pressed", done=done, temperature_c=None if force is None else force.temperature_c)
 
     def end(self) -> None:
         """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
@@ -172,6 +172,7 @@ class Progress:
         over: The outcome of the session; None until it ends.
         messages: The last messages.
         time_s: The time of the last event in seconds since 1970.
+        temperature_c: The temperature of the room at the last press, if the gauge measures it.
         process: The number of the process of the session, and the name of its machine; None if they are unknown.
     """
 
@@ -190,6 +191,7 @@ class Progress:
     over: dict[str, Any] | None = None
     messages: deque[str] = field(default_factory=lambda: deque(maxlen=KEPT_MESSAGES))
     time_s: float = 0.0
+    temperature_c: float | None = None
     process: tuple[int, str] | None = None
     _intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT_INTERVALS))
     _pressed_s: float | None = None
@@ -228,6 +230,7 @@ class Progress:
         elif name == "pressed":
             self.saved += event["done"] - self.done
             self.done = event["done"]
+            self.temperature_c = event.get("temperature_c")
             self.curves.append((self.press, self.curve))
             self._forget_press()
             if self._pressed_s is not None:

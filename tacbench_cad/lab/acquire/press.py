@@ -43,6 +43,8 @@ GROWTH = 3.0
 FAR_BANDS = 4.0
 #: The fraction of the predicted step that is taken there.
 FAR_FRACTION = 0.8
+#: The longest way up after a force that is too large, in approach steps. After a slip, the contact can seem very soft.
+MAX_UP_STEPS = 5.0
 #: The distance above the highest expected contact at which the stepwise approach starts at a new position, in mm.
 NEW_MARGIN_MM = 0.5
 #: The distance above the start of the stepwise approach down to which the sensor moves at the travel speed, in mm.
@@ -291,7 +293,7 @@ class Presser:
                 stands = abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0
                 min_step_mm = 2.0 * min_step_mm if stands else protocol.fine_step_mm
             else:
-                self._from_above(z + max(needed_mm, min_step_mm))
+                self._from_above(z + min(max(needed_mm, min_step_mm), MAX_UP_STEPS * protocol.approach_step_mm))
             if is_far:
                 now_n = force.glance().mean_n
             is_near = not is_far or now_n >= target_n - band_n

@@ -16,11 +16,13 @@ class Force:
         mean_n: The mean of the samples in N, positive in compression.
         spread_n: The standard deviation of the samples in N (ddof 0).
         samples: The number of samples, at least one.
+        temperature_c: The temperature of the room in degrees Celsius; None if the gauge does not measure it.
     """
 
     mean_n: float
     spread_n: float
     samples: int
+    temperature_c: float | None = None
 
 
 @runtime_checkable

@@ -40,6 +40,7 @@ class LoadCellOptions:
         unit: ``counts`` or ``newtons``.
         columns: The number of values on a line.
         column: The value that is the force, counted from 1.
+        temperature_column: The value that is the temperature of the room in degrees Celsius, from 1; 0 for none.
         low_counts: The counts at which the converter is saturated; the default is for the usual 24 bits (HX711,
             ADS1232).
         high_counts: The upper counts at which the converter is saturated.
@@ -54,6 +55,7 @@ class LoadCellOptions:
     unit: Literal["counts", "newtons"] = "counts"
     columns: Annotated[int, Bounds(1, 1000)] = 1
     column: Annotated[int, Bounds(1, 1000)] = 1
+    temperature_column: Annotated[int, Bounds(0, 1000)] = 0
     low_counts: float = float(-(2**23))
     high_counts: float = float(2**23 - 1)
     stuck_samples: StuckSamples = 20
@@ -64,6 +66,13 @@ class LoadCellOptions:
         check_fields(self)
         if self.column > self.columns:
             raise InputError("column", self.column, f"must be from 1 to {self.columns}, the number of values on a line")
+        if self.temperature_column > self.columns or self.temperature_column == self.column:
+            raise InputError(
+                "temperature_column",
+                self.temperature_column,
+                f"must be from 1 to {self.columns}, the number of values on a line, and not column, which is the "
+                "force; 0 for none",
+            )
         if not self.low_counts < self.high_counts:
             raise InputError("low_counts", self.low_counts, "must be below high_counts")
         require_stuck_samples(self.stuck_samples)
@@ -98,11 +107,13 @@ class RawMean:
         mean: The mean in counts or newtons.
         spread: The standard deviation in the same unit (ddof 0).
         samples: The number of samples.
+        temperature_c: The temperature of the room in degrees Celsius in the last sample; None without one.
     """
 
     mean: float
     spread: float
     samples: int
+    temperature_c: float | None = None
 
 
 class LoadCell(SampleStream):
@@ -171,17 +182,27 @@ class LoadCell(SampleStream):
         until = self._clock.now_s() + window_s
         samples: list[float] = []
         while len(samples) < self.options.least_samples or self._clock.now_s() < until or self._in_doubt(samples):
-            value = self.next()[self.options.column - 1]
+            values = self.next()
+            value = values[self.options.column - 1]
             if self._believable(value):
                 samples.append(value)
         kept = self._without_damaged(np.array(samples))
-        return RawMean(mean=float(kept.mean()), spread=float(kept.std()), samples=len(kept))
+        column = self.options.temperature_column
+        temperature_c = values[column - 1] if column else None
+        return RawMean(
+            mean=float(kept.mean()), spread=float(kept.std()), samples=len(kept), temperature_c=temperature_c
+        )
 
     def read(self, window_s: float) -> Force:
         """See :class:`tacbench_cad.lab.rig.gauge.Gauge`."""
         raw = self.mean(window_s)
         spread_n = raw.spread * self._n_per_unit
-        return Force(mean_n=self._newtons(raw.mean) - self._zero_n, spread_n=spread_n, samples=raw.samples)
+        return Force(
+            mean_n=self._newtons(raw.mean) - self._zero_n,
+            spread_n=spread_n,
+            samples=raw.samples,
+            temperature_c=raw.temperature_c,
+        )
 
     def tare(self) -> None:
         """Take the mean over one second as zero."""

@@ -267,6 +267,7 @@ def _session(progress: Progress, under_way: bool) -> dict[str, Any]:
         "run_s": None if press_s is None else round(press_s * (progress.total - progress.done)),
         "study_s": None if press_s is None else round(press_s * (progress.planned - progress.saved)),
         "time": progress.time_s,
+        "temperature_c": progress.temperature_c,
     }
 
 

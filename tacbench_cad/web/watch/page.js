@@ -124,6 +124,7 @@
     if (session) {
       rows.push(["Presses of the study", `${session.saved} of ${session.planned}, ${session.blocks} block${session.blocks === 1 ? "" : "s"}`]);
       if (session.run_s !== null) rows.push(["Time left for this run", duration(session.run_s)], ["Time left for the study", duration(session.study_s)]);
+      if (session.temperature_c !== null) rows.push(["Temperature of the room", `${session.temperature_c.toFixed(1)} °C`]);
       rows.push(["Last event", new Date(1000 * session.time).toLocaleString()]);
     }
     if (run && run.simulated.length) rows.push(["Simulated", run.simulated.map((device) => device.split(":")[0]).join(", ")]);

@@ -39,6 +39,8 @@ def test_a_reader_follows_a_session(tmp_path: Path) -> None:
         return str(progress.question["label"])
 
     person = RecordedPerson(Typing(answer, lambda _: None), file)
+    assert rig.gauge is not None
+    rig.gauge.temperature_c = 21.5
     study = study_of(PROTOCOL, 1, 4)
     acquire_study(study, rig_settings(), tmp_path, person=person, progress=file, durable=False, opener=rig.opener)
     file.write("over", outcome="done", message="2 runs complete")
@@ -47,7 +49,7 @@ def test_a_reader_follows_a_session(tmp_path: Path) -> None:
     assert progress is not None
     assert [question["label"] for question in questions] == ["T1 PAPER X1 01", "T4 PAPER X1 01"]
     assert questions[1]["run"] == printed(4).name and questions[1]["slot"] is None
-    assert (progress.blocks, progress.planned, progress.saved) == (2, 32, 32)
+    assert (progress.blocks, progress.planned, progress.saved, progress.temperature_c) == (2, 32, 32, 21.5)
     assert (progress.run, progress.done, progress.total) == (printed(4).name, 16, 16)
     assert not progress.pressing and progress.question is None
     assert progress.over == {"outcome": "done", "message": "2 runs complete"}

@@ -157,6 +157,17 @@ def test_a_short_window_has_some_samples() -> None:
     assert gauge(Cell(Time()), least_samples=10).read(0.001).samples == 10
 
 
+def test_a_column_can_be_the_temperature_of_the_room() -> None:
+    cell = Cell(Time(), lambda t: 2.0)
+    cell.alter = lambda _, line: f"{line} 21.25"
+    force = gauge(cell, columns=2, temperature_column=2).read(0.1)
+    assert force.mean_n == pytest.approx(2.0, abs=1e-3) and force.temperature_c == 21.25
+    assert gauge(Cell(Time())).read(0.0).temperature_c is None
+    for column in (1, 3):
+        with pytest.raises(InputError, match=r"temperature_column = \d: must be from 1 to 2"):
+            LoadCellOptions(columns=2, temperature_column=column)
+
+
 @pytest.mark.parametrize("line", ["8100", "810000"])
 def test_a_third_sample_shows_which_of_two_is_damaged(line: str) -> None:
     cell = Cell(Time(), lambda t: 2.0)
