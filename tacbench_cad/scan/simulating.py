@@ -52,6 +52,7 @@ class ScanTruth:
         holes: The number of round holes in the top.
         hole_mm: The radius of a hole.
         walls: The walls that were seen.
+        wall_offset_mm: The distance of the printed walls outside of their position.
         table_mm: The width of the strip of the table that was seen around the block, in mm.
         points: The number of points.
         seed: The seed of everything random.
@@ -67,6 +68,7 @@ class ScanTruth:
     holes: int = 0
     hole_mm: float = 1.0
     walls: tuple[Wall, ...] = WALLS
+    wall_offset_mm: float = 0.0
     table_mm: float = 0.0
     points: int = 200_000
     seed: int = 0
@@ -172,10 +174,11 @@ def simulate_scan(block: Block, truth: ScanTruth) -> Cloud:
         parts.append((_table(block, truth.table_mm, table, rng), np.array([0.0, 0.0, 1.0])))
     nominal = np.concatenate([points for points, _ in parts])
     printed = nominal @ truth.pose.stretch.T
+    normals = np.repeat([normal for _, normal in parts], [len(points) for points, _ in parts], axis=0)
+    printed[:, :2] += truth.wall_offset_mm * normals[:, :2]
     if truth.noise_direction == "all":
         printed += truth.noise_mm * rng.standard_normal(printed.shape)
     else:
-        normals = np.repeat([normal for _, normal in parts], [len(points) for points, _ in parts], axis=0)
         printed += truth.noise_mm * rng.standard_normal((len(printed), 1)) * normals
     if outliers:
         margin = np.full(3, OUTLIERS_WITHIN_MM)

@@ -74,6 +74,15 @@ def test_points_of_walls_lie_on_their_planes(key_mm: float | None) -> None:
         assert np.all(x - y <= width - key_mm + 1e-9)
 
 
+def test_walls_can_lie_outside_of_their_position() -> None:
+    wanted = truth(walls=("x-", "x+"), wall_offset_mm=0.1)
+    x, y, z = (wanted.pose.to_print(simulate_scan(BLOCK, wanted).points_mm)).T
+    lean = y * STRETCH[0, 1] / STRETCH[1, 1]
+    assert (x - lean).min() == pytest.approx(-0.1, abs=0.03)
+    assert (x - lean).max() == pytest.approx(0.996 * BLOCK.size_mm[0] + 0.1, abs=0.03)
+    assert np.ptp(z) > 4.0
+
+
 def test_noise_holes_outliers_and_partial_views_have_the_size_asked_for() -> None:
     wanted = truth(walls=(), noise_mm=0.05, top_fraction=0.5, points=40_000, holes=3, hole_mm=2.0)
     cloud = simulate_scan(BLOCK, wanted)
