@@ -1,6 +1,6 @@
 """A process that presses a block on test doubles, or on the virtual rig, until it is killed.
 
-python killed_child.py FOLDER SEED fakes|slides|virtual-grbl|virtual-marlin|station-NAME
+python killed_child.py FOLDER SEED fakes|slides|rolls|virtual-grbl|virtual-marlin|station-NAME
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from helpers.arms import ARM_RIG, LastingArm, rig_of, turning_protocol
 from helpers.fakes import FakeSensor
 from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
 from tacbench_cad.lab.acquire.block import press_block
@@ -18,6 +19,7 @@ from tacbench_cad.lab.acquire.safety import Signals
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.study.file import virtual_study
+from tacbench_cad.lab.study.rotation import UPRIGHT
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.virtual_rig.devices import open_rig
 
@@ -44,6 +46,16 @@ def sliding(folder: Path, seed: int) -> None:
     print("ready", flush=True)
     with Signals() as signals:
         press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
+
+
+def rolling(folder: Path) -> None:
+    """Press and roll on the simulated arm, which stays tilted and in contact if this process is killed in a roll."""
+    arm, frame = LastingArm(folder / "arm"), ARM_RIG.stage.frame
+    with rig_of(arm, ARM_RIG, printed(), frame) as rig, Signals() as signals:
+        info = info_of(rig, turning_protocol(forces_n=(1.5,)), frame=frame)
+        print("ready", flush=True)
+        press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
+    assert arm.rotation() == UPRIGHT
 
 
 def on_virtual_rig(folder: Path, driver: str) -> None:
@@ -76,6 +88,8 @@ if __name__ == "__main__":
         on_doubles(Path(sys.argv[1]), int(sys.argv[2]))
     elif sys.argv[3] == "slides":
         sliding(Path(sys.argv[1]), int(sys.argv[2]))
+    elif sys.argv[3] == "rolls":
+        rolling(Path(sys.argv[1]))
     elif sys.argv[3].startswith("station-"):
         at_station(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].removeprefix("station-"))
     else:

@@ -218,7 +218,7 @@ class RunWriter:
         age_s = None
         if time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
-        x, y, z, rx, ry, rz = (round(float(value), 6) for value in (*pose_mm, *angles_deg))
+        x, y, z, rx, ry, rz = (round(float(value), 6) + 0.0 for value in (*pose_mm, *angles_deg))
         require_complete(press.number, moving, self.info.series_frames)
         if moving and press.number not in self.done:
             files = [self._encoded(each.frame) for each in moving]

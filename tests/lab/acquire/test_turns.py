@@ -6,15 +6,15 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
+from helpers.arms import ARM_RIG, SPEED, rig_of, turning_protocol
+from helpers.rigs import FakeRig, printed, rig_settings, study_of
 
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
@@ -22,42 +22,22 @@ from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import Rig
-from tacbench_cad.lab.rig.drivers import ready_stage
 from tacbench_cad.lab.rig.errors import DepthLimitError, ForceLimitError
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.motion import course_of
 from tacbench_cad.lab.study.rotation import UPRIGHT, angle_between, lowest, tilt, towards
 from tacbench_cad.lab.study.spec import (
     Angles,
-    GaugeSettings,
     Point,
     PrintedBlock,
     Protocol,
     RigSettings,
-    SensorSettings,
-    StageSettings,
     WorkFrame,
 )
-from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig.arm import VirtualArm
-
-#: A block that is turned by a quarter turn on the stage.
-RIG = RigSettings(
-    stage=StageSettings(
-        driver="virtual-arm",
-        origin_mm=(110.0, 80.0, 40.0),
-        quarter_turns=1,
-        limits_mm=((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)),
-        travel_mm_s=100.0,
-        approach_mm_s=20.0,
-    ),
-    gauge=GaugeSettings(driver="simulated"),
-    sensor=SensorSettings(driver="simulated"),
-)
 
 
 class Arm(VirtualArm):
@@ -65,7 +45,7 @@ class Arm(VirtualArm):
 
     def __init__(self, on_way: Callable[[Angles], None], **start: Any) -> None:
         self.on_way = on_way
-        super().__init__(Clock(speed=10.0), **start)
+        super().__init__(Clock(speed=SPEED), **start)
         self.turns: list[tuple[Point, Angles]] = []
 
     def turn(self, angles_deg: Angles, speed_deg_s: float, **path: Any) -> Angles:
@@ -85,40 +65,8 @@ class Rigs:
     def __init__(self, on_way: Callable[[Angles], None] = lambda angles: None, **start: Any) -> None:
         self.arm = Arm(on_way, **start)
 
-    @contextmanager
-    def opener(self, settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
-        stage = ready_stage(self.arm, replace(settings.stage, home=False))
-        clock = self.arm.clock
-        gauge = SimulatedGauge(stage.followed_mm, clock, rotation=stage.followed_deg)
-        sensor = SimulatedSensor(
-            stage.followed_mm,
-            clock,
-            rotation=stage.followed_deg,
-            in_motion=lambda: stage.is_tracked,
-        )
-        rig = Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=(gauge, sensor))
-        rig.put(block, frame)
-        yield rig
-
-
-def protocol_of(**changes: Any) -> Protocol:
-    """Return a protocol of two presses, each with a turn by 6 degrees in 3 s of rig time."""
-    values: dict[str, Any] = {
-        "grid": PressGrid(x_mm=(5.0, 8.0), y_mm=(20.0,)),
-        "forces_n": (1.0,),
-        "bands_n": (0.1,),
-        "repeats": 1,
-        "stationary_frames": 0,
-        "clearance_mm": 2.0,
-        "motion": "roll",
-        "motion_frames": 4,
-        "turn_angle_deg": 6.0,
-        "turn_direction_deg": 90.0,
-        "turn_speed_deg_s": 2.0,
-        "settle_s": 0.05,
-        **changes,
-    }
-    return small_protocol(**values)
+    def opener(self, settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[Rig]:
+        return rig_of(self.arm, settings, block, frame)
 
 
 def acquire(protocol: Protocol, out: Path, rigs: Rigs, said: list[str] | None = None) -> Run:
@@ -128,7 +76,9 @@ def acquire(protocol: Protocol, out: Path, rigs: Rigs, said: list[str] | None = 
                 said.append(text)
 
     person = Typing(lambda prompt: "", lambda message: None)
-    acquire_study(study_of(protocol, 2), RIG, out, person=person, progress=Saying(), durable=False, opener=rigs.opener)
+    acquire_study(
+        study_of(protocol, 2), ARM_RIG, out, person=person, progress=Saying(), durable=False, opener=rigs.opener
+    )
     return Run.open(out / printed(2).name)
 
 
@@ -136,10 +86,10 @@ def acquire(protocol: Protocol, out: Path, rigs: Rigs, said: list[str] | None = 
 def test_a_run_has_the_poses_the_angles_and_the_forces_of_each_turn(
     motion: str, direction: float, tmp_path: Path
 ) -> None:
-    protocol, rigs = protocol_of(motion=motion, turn_direction_deg=direction), Rigs()
+    protocol, rigs = turning_protocol(motion=motion, turn_direction_deg=direction), Rigs()
     run = acquire(protocol, tmp_path, rigs)
     assert check_run(run.folder, workers=1).findings == ()
-    contact = contact_for(printed(2), RIG.holder)
+    contact = contact_for(printed(2), ARM_RIG.holder)
     for row in run.rows:
         assert (row.pose_rx, row.pose_ry, row.pose_rz) == (0.0, 0.0, 0.0)
         series = run.series(row, verify=True)
@@ -162,8 +112,8 @@ def test_a_run_has_the_poses_the_angles_and_the_forces_of_each_turn(
 
 
 def test_an_arm_that_was_left_tilted_in_contact_is_lifted_before_it_turns_upright(tmp_path: Path) -> None:
-    protocol = protocol_of()
-    start = RIG.stage.frame.to_stage((6.0, 20.0, -1.0))
+    protocol = turning_protocol()
+    start = ARM_RIG.stage.frame.to_stage((6.0, 20.0, -1.0))
     rigs = Rigs(summit_mm=start, angles_deg=towards(20.0, 12.0))
     acquire(protocol, tmp_path, rigs)
     (x, y, z), angles = rigs.arm.turns[0]
@@ -180,7 +130,7 @@ def test_a_force_above_the_limit_stops_a_tilt_and_the_sensor_is_lifted_and_uprig
         most = max(most, tilt(angles))
 
     rigs.arm.on_way = on_way
-    protocol = protocol_of(motion="tilt", turn_angle_deg=25.0, hard_limit_n=1.6, depth_limit_mm=9.0)
+    protocol = turning_protocol(motion="tilt", turn_angle_deg=25.0, hard_limit_n=1.6, depth_limit_mm=9.0)
     with pytest.raises(ForceLimitError, match=r"above the hard limit of 1\.6 N"):
         acquire(protocol, tmp_path, rigs, said)
     assert 1.0 < most < 25.0
@@ -203,11 +153,11 @@ def test_a_signal_in_a_roll_lifts_the_sensor_turns_it_back_and_the_run_is_resume
 
     rigs.arm.on_way = on_way
     with pytest.raises(RunInterruptedError) as caught:
-        acquire(protocol_of(), tmp_path, rigs)
+        acquire(turning_protocol(), tmp_path, rigs)
     assert 2.0 < sent[0] < 6.0
     assert f"{caught.value}" == "the sensor is lifted; 1 of 2 presses are saved"
     assert rigs.arm.rotation() == UPRIGHT
-    run = acquire(protocol_of(), tmp_path, Rigs())
+    run = acquire(turning_protocol(), tmp_path, Rigs())
     assert [row.number for row in run.rows] == [1, 2]
     assert check_run(run.folder, workers=1).findings == ()
 
@@ -215,7 +165,7 @@ def test_a_signal_in_a_roll_lifts_the_sensor_turns_it_back_and_the_run_is_resume
 def test_a_tilt_below_the_depth_limit_is_not_begun(tmp_path: Path) -> None:
     rigs = Rigs()
     with pytest.raises(DepthLimitError, match=r"the dome would move down to z = -\d\.\d+ mm, below the depth limit"):
-        acquire(protocol_of(motion="tilt", turn_angle_deg=25.0, depth_limit_mm=3.0), tmp_path, rigs)
+        acquire(turning_protocol(motion="tilt", turn_angle_deg=25.0, depth_limit_mm=3.0), tmp_path, rigs)
     assert rigs.arm.turns == []
 
 
@@ -228,7 +178,7 @@ def test_a_stage_that_cannot_turn_is_refused_before_a_device_is_opened(tmp_path:
     ):
         with pytest.raises(InputError, match=words):
             acquire_study(
-                study_of(protocol_of(), 2),
+                study_of(turning_protocol(), 2),
                 settings,
                 tmp_path,
                 person=person,
@@ -240,6 +190,6 @@ def test_a_stage_that_cannot_turn_is_refused_before_a_device_is_opened(tmp_path:
     settings = rig_settings(driver="helpers.rigs:printed")
     with pytest.raises(InputError, match="cannot turn the sensor"):
         acquire_study(
-            study_of(protocol_of(), 2), settings, tmp_path, person=person, progress=Silent(), opener=rig.opener
+            study_of(turning_protocol(), 2), settings, tmp_path, person=person, progress=Silent(), opener=rig.opener
         )
     assert rig.opened == 1 and rig.stage.closed
