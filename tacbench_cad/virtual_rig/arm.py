@@ -12,7 +12,7 @@ from typing import Annotated
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError, PositionLostError
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.rotation import UPRIGHT, Turn
 from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
 from tacbench_cad.util.convert import Bounds, from_plain
@@ -54,9 +54,8 @@ class VirtualArm(Closing):
         self.clock = clock or Clock()
         self._motion = _Motion(at=lambda fraction: (summit_mm, angles_deg), began_s=0.0, ends_s=0.0)
         self._stopped = self._closed = False
-        #: See :class:`tacbench_cad.lab.rig.stage.Stage` and ``RotatingStage``.
-        self.on_report: Callable[[Point], None] | None = None
-        self.on_turn: Callable[[Angles], None] | None = None
+        self._report: Callable[[Point], None] = no_report
+        self._report_turn: Callable[[Angles], None] = no_report
 
     @classmethod
     def open(cls, settings: StageSettings) -> VirtualArm:
@@ -108,6 +107,14 @@ class VirtualArm(Closing):
         self._require_open()
         return self._pose()[1]
 
+    def report_to(self, receive: Callable[[Point], None]) -> None:
+        """See :class:`~tacbench_cad.lab.rig.stage.Stage`."""
+        self._report = receive
+
+    def report_turns_to(self, receive: Callable[[Angles], None]) -> None:
+        """See :class:`~tacbench_cad.lab.rig.stage.RotatingStage`."""
+        self._report_turn = receive
+
     def stop(self) -> None:
         """See :class:`~tacbench_cad.lab.rig.stage.Stage`."""
         self._stopped = True
@@ -149,10 +156,8 @@ class VirtualArm(Closing):
         while (left_s := began_s + seconds - self.clock.now_s()) > 0.0 and not self._stopped:
             self.clock.sleep(min(left_s, POLL_S * self.clock.speed))
             summit, angles = self._pose()
-            if self.on_report is not None:
-                self.on_report(summit)
-            if self.on_turn is not None:
-                self.on_turn(angles)
+            self._report(summit)
+            self._report_turn(angles)
         if self._stopped:
             self._stand()
             raise NotThereError("virtual arm: the motion was stopped on request; home the stage first")

@@ -13,7 +13,7 @@ import numpy as np
 from tacbench_cad.lab.rig.errors import NotThereError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.spec import Point
 
 
@@ -149,13 +149,11 @@ class SlidingStage(FakeStage):
         on_part: Called with the number of each part, from 1, before it.
     """
 
-    on_report: Callable[[Point], None] | None
-
     def __init__(self, *, parts: int = 12, frames_each: int = 2, reports: bool = True, **stage: Any) -> None:
         super().__init__(**stage)
         self._parts, self._frames_each = parts, frames_each
-        if reports:
-            self.on_report = None
+        self._reports = reports
+        self._report: Callable[[Point], None] = no_report
         self.slides = 0
         self.on_part: Callable[[int], None] = lambda _: None
         self._allowed: int | None = None
@@ -171,8 +169,8 @@ class SlidingStage(FakeStage):
                 self.on_part(part)
                 x, y, z = (a + part / self._parts * (b - a) for a, b in zip(start, target_mm, strict=True))
                 self._go((x, y, z))
-                if (report := getattr(self, "on_report", None)) is not None:
-                    report(self.at)
+                if self._reports:
+                    self._report(self.at)
                 with self._turn:
                     self._allowed = self._frames_each
                     self._turn.notify_all()
@@ -185,6 +183,9 @@ class SlidingStage(FakeStage):
                 self._allowed = None
                 self._turn.notify_all()
         return self.at
+
+    def report_to(self, receive: Callable[[Point], None]) -> None:
+        self._report = receive
 
     @staticmethod
     def pause() -> None:

@@ -128,6 +128,7 @@ class ArduinoStage(SerialStage[Link]):
             self._step_to(self._steps((x, y, z)), math.dist(start, target_mm) / speed_mm_s / pieces)
             if self._stopping:
                 raise NotThereError(f"{self._link.name}: the move was stopped on request")
+            self._report(self._mm(self._counters))
         return self._mm(self._counters)
 
     def position(self) -> Point:

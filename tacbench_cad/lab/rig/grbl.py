@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Unpack
 
@@ -104,8 +104,6 @@ class GrblStage(SerialStage[GrblLink]):
         **options: Unpack[SerialOptions],
     ) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
-        #: See :class:`tacbench_cad.lab.rig.stage.Stage`.
-        self.on_report: Callable[[Point], None] | None = None
         self._stopping = self._homing = False
         self._home_mm: Point | None = None
         self._switches = switches.SwitchCheck()
@@ -447,8 +445,8 @@ class GrblStage(SerialStage[GrblLink]):
                 raise NotThereError(
                     f"{name}: moved to {place_text(at)}, off the line to {place_text(target)}, and was stopped"
                 )
-            if self.on_report is not None and not aside:
-                self.on_report(at)
+            if not aside:
+                self._report(at)
             if answer.state != "Idle":
                 standing = None
                 if math.dist(at, target) < closest - min(self._tolerance_mm):

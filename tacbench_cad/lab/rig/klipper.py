@@ -32,6 +32,7 @@ import time
 import urllib.error
 import urllib.parse
 import urllib.request
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -47,7 +48,7 @@ from tacbench_cad.lab.rig.errors import (
     RigError,
 )
 from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.util.convert import Bounds, from_plain
 from tacbench_cad.util.errors import InputError, one_line
@@ -125,6 +126,7 @@ class KlipperStage(Closing):
         # A proxy for web pages does not lead to the printer.
         self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
         self._moving = self._stopped = self._closed = False
+        self._report: Callable[[Point], None] = no_report
         self._lost = ""
         self._home_counts: dict[str, Count] | None = None
         info = self._info()
@@ -192,6 +194,8 @@ class KlipperStage(Closing):
         x, y, z = target_mm
         seconds = SLOWNESS * math.dist(start, target_mm) / speed_mm_s / self._clock.speed
         self._run(f"G90\nG1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{60.0 * speed_mm_s:.3f}\nM400", self._timeout_s + seconds)
+        # The motion has just ended. Where the tool head was on its way is unknown.
+        self._report(target_mm)
         until_s = self._clock.now_s() + LAST_STEP_S
         at = self.position()
         while not self._near(at, target_mm) and self._clock.now_s() < until_s:
@@ -221,6 +225,10 @@ class KlipperStage(Closing):
             raise PositionLostError(f"{self._name}: the position is unknown: {self._lost}; home the stage first")
         x, y, z = status["motion_report"]["live_position"][:3]
         return (float(x), float(y), float(z))
+
+    def report_to(self, receive: Callable[[Point], None]) -> None:
+        """See :class:`tacbench_cad.lab.rig.stage.Stage`."""
+        self._report = receive
 
     def stop(self) -> None:
         """Halt Klipper if a move is in progress. Never raises."""

@@ -173,6 +173,8 @@ class MarlinStage(SerialStage[MarlinLink]):
             self._send(start, target_mm, speed_mm_s)
             seconds = duration_s(start, target_mm, speed_mm_s, self._rates_mm_s or (0.0,) * 3)
             self._link.command("M400", within_s=seconds, limit_s=4.0 * (self._timeout_s + seconds) + 10.0)
+            # The motion has just ended. Where the carriage was on its way is unknown.
+            self._report(target_mm)
             at = self._at(target_mm)
         if not is_near(at, target_mm, self._tolerance_mm()):
             # The carriage may now stand at an end stop, which homing must not take for a stuck switch.

@@ -10,7 +10,7 @@ from typing import Generic, TypedDict, TypeVar
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import AlarmError, PositionLostError, RigError
 from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.spec import Point
 
 T = TypeVar("T")
@@ -110,8 +110,13 @@ class SerialStage(Closing, Generic[L]):
         baud = options.get("baud")
         self._bauds = (baud,) if baud else bauds
         self._last: Point | None = None
+        self._report: Callable[[Point], None] = no_report
         self._line = Line(port, baud=self._bauds[0], what="stage", write_timeout_s=min(self._timeout_s, 2.0))
         self._link = link(self._line, self._timeout_s)
+
+    def report_to(self, receive: Callable[[Point], None]) -> None:
+        """See :class:`tacbench_cad.lab.rig.stage.Stage`."""
+        self._report = receive
 
     def stop(self) -> None:
         """See :class:`tacbench_cad.lab.rig.stage.Stage`."""

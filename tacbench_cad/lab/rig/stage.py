@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Protocol, Self, cast, runtime_checkable
+from typing import Protocol, Self, cast, runtime_checkable
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.rig.track import Track, TurnTrack
@@ -41,8 +41,8 @@ class Stage(Device, Protocol):
 
     A driver opens its device when it is created: the device is then connected and identified. :meth:`home` is separate.
 
-    A driver can have the optional attribute ``on_report``: None, or a function that it calls during a move with each
-    position that its device reports. Without it, the positions during a slide are computed from the time.
+    A driver can have the optional method ``report_to(receive)``. During every later move, it then calls ``receive``
+    with each position that its device reports. Without it, the positions during a slide are computed from the time.
 
     Attributes:
         identity: Driver, firmware with version, and port, for people and for ``run.json``.
@@ -84,8 +84,8 @@ class RotatingStage(Stage, Protocol):
     orientation. Angles are those of :mod:`tacbench_cad.lab.study.rotation`, in the stage's frame: all are 0 while the
     sensor points straight down.
 
-    A driver can have the optional attribute ``on_turn``: None, or a function that it calls during a turn with the
-    angles that its device reports. Without it, the angles during a turn are computed from the time.
+    A driver can have the optional method ``report_turns_to(receive)``. During every later turn, it then calls
+    ``receive`` with the angles that its device reports. Without it, the angles are computed from the time.
     """
 
     def turn(
@@ -156,22 +156,24 @@ def measures_offset(stage: Stage) -> bool:
     return hasattr(inner(stage), "home_offset_mm")
 
 
+def no_report(at: Point | Angles) -> None:
+    """Ignore a position or angles that a stage reports during a motion."""
+
+
 @contextmanager
 def tracked(stage: Stage, track: Track) -> Iterator[None]:
     """Send what a stage reports while it moves or turns to a track, also for the devices that follow the stage."""
-    driver: Any = inner(stage)
-    name, report = ("on_turn", track.report_angles) if isinstance(track, TurnTrack) else ("on_report", track.report)
+    is_turn = isinstance(track, TurnTrack)
+    report_to = getattr(inner(stage), "report_turns_to" if is_turn else "report_to", lambda receive: None)
     if isinstance(stage, LimitedStage):
         stage.track = track
-    if hasattr(driver, name):
-        setattr(driver, name, report)
+    report_to(track.report_angles if isinstance(track, TurnTrack) else track.report)
     try:
         yield
     finally:
         if isinstance(stage, LimitedStage):
             stage.track = None
-        if hasattr(driver, name):
-            setattr(driver, name, None)
+        report_to(no_report)
 
 
 class LimitedStage(Closing):

@@ -2,8 +2,9 @@
 
 Most drivers wait in ``move`` until the carriage has arrived, and some firmware cannot say where the carriage is before
 that. A track collects what a driver reports during the move, and computes the positions between the reports. Without
-reports it assumes a constant speed. The error is then about the speed times the delay of the firmware, which is up to
-0.1 s with Marlin, plus the way in which the carriage accelerates.
+reports on the way it assumes that the carriage moved at the requested speed until the driver reported the target. The
+carriage accelerates and brakes, so the error on the way is about ``speed^2 / acceleration`` plus the speed times the
+delay of the report.
 """
 
 from __future__ import annotations
@@ -89,9 +90,10 @@ class Track:
         times = [seen_s for seen_s, _ in self._seen] + [self._ended_s]
         points = [at for _, at in self._seen] + [self.end_mm]
         if not self.is_reported:
-            # The delays before and after the motion are unknown, and count as equal.
-            delay_s = max(0.0, (self._ended_s - times[0] - self.length_mm / self.speed_mm_s) / 2.0)
-            times, points = [times[0] + delay_s, self._ended_s - delay_s], [self.start_mm, self.end_mm]
+            # The firmware may begin late, so the time of arrival counts.
+            arrived_s = next((seen_s for seen_s, at in self._seen[1:] if at == self.end_mm), self._ended_s)
+            begun_s = max(times[0], arrived_s - self.length_mm / self.speed_mm_s)
+            times, points = [begun_s, arrived_s], [self.start_mm, self.end_mm]
         columns = [np.interp(times_s, times, [point[axis] for point in points]) for axis in range(3)]
         return np.stack(columns, axis=1)
 

@@ -34,7 +34,7 @@ from tacbench_cad.lab.rig.errors import (
     PositionLostError,
 )
 from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.rotation import Turn, angle_between, angles_of, from_vector, leaning, matrix, to_vector
 from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
 from tacbench_cad.util.convert import Bounds, from_plain
@@ -94,9 +94,8 @@ class UniversalRobot(Closing):
 
         self._name, self._timeout_s = f"arm at {address}", timeout_s
         self._options, self._clock = options or RobotOptions(), clock or Clock()
-        #: See :class:`tacbench_cad.lab.rig.stage.Stage` and ``RotatingStage``.
-        self.on_report: Callable[[Point], None] | None = None
-        self.on_turn: Callable[[Angles], None] | None = None
+        self._report: Callable[[Point], None] = no_report
+        self._report_turn: Callable[[Angles], None] = no_report
         self._stopped = self._closed = False
         try:
             self._state: Any = rtde_receive.RTDEReceiveInterface(address)
@@ -197,6 +196,14 @@ class UniversalRobot(Closing):
         x, y, z = (1000.0 * float(value) for value in self._pose()[:3])
         return (x, y, z)
 
+    def report_to(self, receive: Callable[[Point], None]) -> None:
+        """See :class:`tacbench_cad.lab.rig.stage.Stage`."""
+        self._report = receive
+
+    def report_turns_to(self, receive: Callable[[Angles], None]) -> None:
+        """See :class:`tacbench_cad.lab.rig.stage.RotatingStage`."""
+        self._report_turn = receive
+
     def stop(self) -> None:
         """Stop the tool in a straight line. Never raises."""
         self._stopped = True
@@ -235,8 +242,7 @@ class UniversalRobot(Closing):
             # Rest is asked for before the position, so that the position is that of an arm at rest.
             at_rest = self._arm.isSteady()
             at = self.position()
-            if self.on_report is not None:
-                self.on_report(at)
+            self._report(at)
             off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
             off_deg = 0.0 if angles_deg is None else self._off_deg(angles_deg)
             if self._stopped:
@@ -254,8 +260,7 @@ class UniversalRobot(Closing):
     def _off_deg(self, angles_deg: Angles) -> float:
         """Return the angle between the tool and its target, and report the angles."""
         angles = self.rotation()
-        if self.on_turn is not None:
-            self.on_turn(angles)
+        self._report_turn(angles)
         return angle_between(angles, angles_deg)
 
     def _vector(self, angles_deg: Angles) -> list[float]:

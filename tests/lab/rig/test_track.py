@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.fakes import FakeStage
+from helpers.fakes import SlidingStage
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.stage import LimitedStage, tracked
@@ -43,20 +43,24 @@ def test_reported_positions_are_interpolated() -> None:
     np.testing.assert_array_equal(places[:, 1:], [[0.0, 1.0]] * 5)
 
 
-def test_without_reports_the_speed_counts_as_constant_in_the_middle_of_the_time() -> None:
+@pytest.mark.parametrize("reports_arrival", [True, False])
+def test_without_reports_on_the_way_the_speed_counts_as_constant_until_the_arrival(reports_arrival: bool) -> None:
     track = track_of()
     at(100.0)
     track.begin()
     at(100.01)
-    track.report((0.0, 0.0, 1.0))  # a position at the ends says nothing about the motion
+    track.report((0.0, 0.0, 1.0))  # a position at the start says nothing about the motion
     at(102.4)
+    if reports_arrival:
+        track.report(track.end_mm)
+        at(102.6)
     track.end()
     assert not track.is_reported
-    places = track.at_mm(np.array([100.1, 100.2, 101.2, 102.2, 102.4]))
-    np.testing.assert_allclose(places[:, 0], [0.0, 0.0, 5.0, 10.0, 10.0])
+    places = track.at_mm(np.array([100.1, 100.4, 101.4, 102.4, 102.6]))
+    np.testing.assert_allclose(places[:, 0], [0.0, 0.0, 5.0, 10.0, 10.0], atol=1e-9)
 
 
-def test_a_slow_stage_is_not_faster_than_it_can_have_been() -> None:
+def test_a_stage_that_is_faster_than_requested_moves_in_all_the_time() -> None:
     track = track_of()
     at(100.0)
     track.begin()
@@ -83,20 +87,20 @@ def test_the_present_position_is_estimated_from_the_last_report_and_the_speed() 
 
 
 def test_devices_that_follow_a_stage_do_not_disturb_it_while_it_is_tracked() -> None:
-    class Reporting(FakeStage):
-        on_report = None
-
-    stage = Reporting(at=(0.0, 0.0, 1.0))
+    stage = SlidingStage(parts=2, frames_each=0, at=(0.0, 0.0, 1.0))
     limited = LimitedStage(stage, ((-99.0, 99.0),) * 3)
     track = track_of()
     seen: list[Point] = []
     with tracked(limited, track):
         assert limited.is_tracked
-        assert stage.on_report == track.report
         calls = stage.calls
+        track.begin()
         seen.append(limited.followed_mm())
         assert stage.calls == calls
+        limited.move((10.0, 0.0, 1.0), 5.0)
+        track.end()
+        assert track.is_reported
     assert seen == [track.start_mm]
-    assert stage.on_report is None
+    calls = stage.calls
     assert not limited.is_tracked
     assert limited.followed_mm() == stage.at and stage.calls == calls + 1
