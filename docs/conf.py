@@ -71,7 +71,7 @@ CONTENTS = {
         "compensate",
     ),
     "Press": ("first-rig", "rig", "devices", "run", "watch", "runs", "own-data", "simulation", "simulation-model"),
-    "Analyse": ("analysis", "networks", "numbers", "columns", "regions", "share"),
+    "Analyse": ("analysis", "series", "networks", "numbers", "columns", "regions", "share"),
     "Script and extend": ("scripting", "cad", "any-part", "any-mesh", "freecad", "extending", "simulators"),
     "Background": ("paper", "accuracy", "measured"),
     "Reference": ("commands", "api/index"),

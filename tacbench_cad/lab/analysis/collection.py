@@ -155,7 +155,8 @@ class Collection:
             raise InputError("features", features, "are recorded during a motion; also give --series")
         for run in self.runs if series else ():
             if not run.info.series_frames:
-                raise InputError("series", str(run.folder), "does not exist: the protocol of this run has no motion")
+                what = "has no series of frames: its protocol has no motion, or it was imported; leave out --series"
+                raise InputError("run", str(run.folder), what)
             for name, value in self._motion(run).items():
                 if value != self._motion(self.runs[0])[name]:
                     raise InputError(

@@ -17,16 +17,18 @@ from helpers.studies import PRINTERS, SHAPE, noise_image, write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial_seed
-from tacbench_cad.lab.analysis.classification.classify import classify
+from tacbench_cad.lab.analysis.classification.classify import classify, write_tables
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
 from tacbench_cad.lab.analysis.classification.outcomes import Study
 from tacbench_cad.lab.analysis.classification.pca import Pool
 from tacbench_cad.lab.analysis.classification.result import Result
-from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord, ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.compare import compare, read_side
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
+from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.variance.registration import register
 from tacbench_cad.lab.analysis.variance.streaming import Pass, stream
 from tacbench_cad.lab.analysis.variance.table import variance_table
@@ -350,7 +352,9 @@ def test_what_series_cannot_be_used_for_is_refused(slides: Path, tmp_path: Path)
     with pytest.raises(InputError, match="is for the frames of presses; leave out --series"):
         ClassificationSettings(protocol="as-published", series=True)
     write_study(tmp_path / "pressed", textures=(1,), still=0)
-    with pytest.raises(InputError, match="does not exist: the protocol of this run has no motion"):
+    with pytest.raises(
+        InputError, match="has no series of frames: its protocol has no motion, or it was imported; leave out"
+    ):
         Collection.open([tmp_path / "pressed"]).viewed("pixels", True)
     write_slides(tmp_path / "short", moving_frames=2, moving_force=None, still=0, copies=3, textures=(3,))
     with pytest.raises(InputError, match=r"need a force gauge, but .* has no forces"):
@@ -362,32 +366,90 @@ def test_what_series_cannot_be_used_for_is_refused(slides: Path, tmp_path: Path)
         both.viewed("pixels", True)
 
 
+def test_imported_arrays_with_an_axis_of_time_are_analysed_without_series(tmp_path: Path) -> None:
+    samples = np.random.default_rng(5).integers(0, 256, (12, 3, 10, 11), dtype=np.uint8)  # (n, T, height, width)
+    np.save(tmp_path / "slides.npy", samples)
+    lines = [f"{'ab'[i % 2]},{1 + i // 2 % 2},1,{1 + i // 4}" for i in range(12)]
+    (tmp_path / "slides.csv").write_text("\n".join(["label,print,position,repeat", *lines]))
+    files = [str(tmp_path / name) for name in ("slides.npy", "slides.csv")]
+    assert main(["import-frames", *files, "-o", str(tmp_path / "runs")]) == 0
+    collection = Collection.open([tmp_path / "runs"])
+    assert collection.info.frame_shape == (3, 10, 11)
+    cell = variance_table(collection).cells[0]
+    assert cell.variance == pytest.approx(samples[::2].var(axis=0).mean(), rel=1e-9)
+    with pytest.raises(InputError, match=r"has no series of frames: .* it was imported"):
+        collection.viewed("pixels", True)
+
+
+STUDY = """
+out = "runs"
+[study]
+preset = "released"
+textures = [1, 5]
+prints = [{ printer = "bambu-p1p", filament = "pla-minus", copies = 2, force_levels = [2] }]
+[protocol]
+grid = { x_mm = [5.0, 8.0], y_mm = [15.0] }
+repeats = 1
+stationary_frames = 1
+motion = "slide"
+motion_frames = 5
+slide_length_mm = 8.0
+slide_direction_deg = 0.0
+"""
+
+
+@pytest.mark.usefixtures("single_thread", "few_trees")
+def test_a_virtual_slide_study_is_analysed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("study.toml").write_text(STUDY)
+    assert main(["simulate", "--study", "study.toml", "--jobs", "1"]) == 0
+    collection = Collection.open([Path("runs")]).viewed("pixels", True)
+    distance_mm = collection.courses.distance_mm
+    np.testing.assert_allclose(distance_mm, np.tile([0.0, 2.0, 4.0, 6.0, 8.0], (8, 1)), atol=1e-3)
+    cell = variance_table(collection).cells[0]
+    here = np.flatnonzero(collection.texture == cell.texture)
+    expected = [arrays_of(collection, here[collection.position[here] == at]).var(axis=0).mean() for at in (1, 2)]
+    assert cell.variance == pytest.approx(np.mean(expected), rel=1e-9)
+    result = classified(Path("runs"), tmp_path, series=True, resolution=0.1, components=3, hold_out=("copy",))
+    assert accuracy(result, "copy") == 1.0
+
+
+@pytest.fixture(scope="module")
+def few_slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_slides(tmp_path_factory.mktemp("few"), prints=PRINTERS[:1], still=1)
+
+
 @pytest.mark.usefixtures("few_trees")
-def test_commands_analyse_series(slides: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    common = [str(slides), "--series", "--jobs", "1"]
-    assert main(["variance", *common, "-o", str(tmp_path / "v"), "--json"]) == 0
+def test_commands_analyse_series(few_slides: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    common = [str(few_slides), "--series", "--jobs", "1"]
+    assert main(["variance", *common, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["series"] and document["features"] == "pixels"
-    assert main(["classify", *common, "-o", str(tmp_path / "c"), "--trials", "1", "--hold-out", "copy"]) == 0
-    alone = ["classify", str(slides), "--jobs", "1", "--trials", "1", "--hold-out", "copy", "-o", str(tmp_path / "p")]
-    assert main(alone) == 0
-    forces = ["--features", "forces", "--hold-out", "copy", "--trials", "1", "-o", str(tmp_path / "f")]
+    assert len(document["motion"]) == 2 * STEPS
+    out = tmp_path / "forces"
+    forces = ["--features", "forces", "--hold-out", "copy", "--trials", "1", "-o", str(out)]
     assert main(["classify", *common, *forces]) == 0
-    capsys.readouterr()
-    assert main(["compare", str(tmp_path / "p"), str(tmp_path / "c"), "-o", str(tmp_path / "both")]) == 0
-    assert "series: False for A, True for B" in capsys.readouterr().out
-    report = [
-        "report",
-        str(slides),
-        "--variance",
-        str(tmp_path / "v"),
-        "--classify",
-        str(tmp_path / "c"),
-        "--jobs",
-        "1",
-    ]
+    record = ClassificationRecord.read(out)
+    assert (record.features, record.series, record.components, record.units) == ("forces", True, None, "N")
+    assert "the forces during the motion" in Classification.read(out).methods
+
+
+@pytest.mark.usefixtures("single_thread", "few_trees")
+def test_a_comparison_says_that_one_side_used_the_series(few_slides: Path, tmp_path: Path) -> None:
+    for name, series in (("press", False), ("slide", True)):
+        write_tables(classified(few_slides, tmp_path / name, series=series, hold_out=("copy",)), tmp_path / name)
+    sides = [read_side(tmp_path / name, name) for name in ("press", "slide")]
+    comparison = compare(sides[0][0], sides[1][0], "forest")
+    assert "series: False for A, True for B" in comparison.notes
+    assert comparison.rows[0].paired and comparison.rows[0].accuracy_b == 1.0
+
+
+def test_a_report_shows_the_variance_along_the_slide(few_slides: Path, tmp_path: Path) -> None:
+    view = variance_table(Collection.open([few_slides]).viewed("pixels", True))
+    write_all(view, tmp_path / "variance")
+    report = ["report", str(few_slides), "--variance", str(tmp_path / "variance"), "--no-classify", "--jobs", "1"]
     assert main([*report, "-o", str(tmp_path / "report.html")]) == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Variance of each frame of the series" in page
-    assert "all frames that were taken during the motion in contact" in page
+    assert "They were taken while the sensor moved in contact, 4 after each press." in page
     assert (tmp_path / "report_files" / "variance" / "variance_motion.png").is_file()
