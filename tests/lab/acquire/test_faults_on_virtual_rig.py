@@ -19,6 +19,7 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import StudyFile, virtual_study
 from tacbench_cad.lab.study.spec import Study
+from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.virtual_rig import devices
 from tacbench_cad.virtual_rig.devices import open_rig
 from tacbench_cad.virtual_rig.faults import Fault
@@ -139,6 +140,37 @@ def test_an_alarm_on_grbl_lifts_the_sensor(tmp_path: Path, monkeypatch: pytest.M
     error, trial = try_fault("virtual-grbl", Fault(kind="alarm"), 1.0, tmp_path, monkeypatch)
     assert error is not None
     assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.messages)
+
+
+@pytest.mark.parametrize("origin", ["pulloff", "switch"])
+def test_both_builds_of_grbl_are_pressed_with_and_checked(
+    origin: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Coordinates are 0 where homing ends, or at the switches: GRBL's default build, where all are negative."""
+    file = short_file("virtual-grbl")
+    stage = file.required_rig.stage
+    if origin == "switch":
+        x, y, z = stage.origin_mm
+        stage = replace(
+            stage,
+            origin_mm=(x - 200.0, y - 200.0, z),
+            limits_mm=((-200.0, 0.0), (-200.0, 0.0), stage.limits_mm[2]),
+            options={**stage.options, "origin": origin},
+        )
+    grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0,))
+    protocol = replace(file.study.protocol, home_every=50, grid=grid)
+    study = replace(file.study, protocol=protocol)
+    file = StudyFile(study=study, rig=replace(file.required_rig, stage=stage))
+    trial = Trial(file, None, 0.0)
+    trial.run(tmp_path, monkeypatch)
+    run = Run.open(tmp_path / study.blocks[0].printed.name)
+    assert [row.number for row in run.rows] == [1, 2] and all(row.in_band for row in run.rows)
+    assert [check.reason for check in run.position_checks] == ["start", "end", "first"]
+    for check in run.position_checks[:-1]:
+        assert check.ok and check.covers_all_axes
+        offset = (check.offset_x_mm, check.offset_y_mm, check.offset_z_mm)
+        assert offset == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
+    assert trial.left_at_mm >= CLEARANCE_MM - 0.1
 
 
 @pytest.mark.long
