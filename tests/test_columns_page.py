@@ -18,7 +18,7 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import answers, compare
 from tacbench_cad.lab.analysis.classification import result, score
 from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
-from tacbench_cad.lab.analysis.report import results
+from tacbench_cad.lab.analysis.report import results, scans
 from tacbench_cad.lab.analysis.variance import view
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.scan import analysing, writing
@@ -42,6 +42,7 @@ TABLES = {
     "sweep.csv": [column.name for column in result.SWEEP_COLUMNS],
     "comparison.csv": [column.name for column in compare.COLUMNS],
     "textures.csv": [column.name for column in results.COLUMNS],
+    "scans.csv": [column.name for column in scans.COLUMNS],
     "columns of score": score.COLUMNS,
     "presses of a split": PRESS_COLUMNS,
     "series of a press": schema.columns(schema.MovingRow),

@@ -294,3 +294,15 @@ def test_constant_frames_have_an_interval_of_zero() -> None:
     result = variance_interval(cell)
     assert (result.estimate, result.low, result.high) == (0.0, 0.0, 0.0)
     assert isinstance(result, Interval)
+
+
+def test_the_distance_of_a_print_from_the_others_is_that_of_their_mean_frames() -> None:
+    random = np.random.default_rng(3)
+    copies = np.array([1, 1, 2, 2, 5, 5, 5])
+    frames = random.standard_normal((len(copies), 40)) + 3.0 * random.standard_normal((6, 40))[copies]
+    distances = CellSums.of(gram_of(list(frames)), copies).from_others()
+    assert list(distances) == [1, 2, 5]
+    for copy, square in distances.items():
+        own, others = frames[copies == copy].mean(axis=0), frames[copies != copy].mean(axis=0)
+        assert square == pytest.approx(float(np.mean((own - others) ** 2)))
+    assert CellSums.of(gram_of(list(frames[:2])), copies[:2]).from_others() == {}

@@ -21,7 +21,10 @@ from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
 
 FIGURES = ("variance", "variance_pixels", "variance_positions", "between_textures", "components")
-TABLES = ("printer_answers", "variance", "floor_removed", "components", "between_textures", "positions", "permutation")
+TABLES = (
+    *("printer_answers", "variance", "floor_removed", "components", "between_textures", "positions", "permutation"),
+    "print_distances",
+)
 #: A combination with figures in the paper.
 PAPERS = ("bambu-p1p", "pla-minus")
 

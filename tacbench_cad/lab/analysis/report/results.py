@@ -13,6 +13,7 @@ from tacbench_cad.lab.analysis.classification.splits import UNITS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
+from tacbench_cad.lab.analysis.report.scans import scan_table
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, name_of, parts_of, shown_levels
 from tacbench_cad.lab.analysis.variance.grade import Grade
@@ -67,6 +68,11 @@ class Results:
     def records(self) -> Mapping[str, Any]:
         """The tables of the print records."""
         return record_tables(self.collection)
+
+    @cached_property
+    def scans(self) -> tuple[Table, list[str]]:
+        """The table of the scanned prints, and the errors of unreadable records."""
+        return scan_table(self.collection, self.variance)
 
     @cached_property
     def level(self) -> Level | None:

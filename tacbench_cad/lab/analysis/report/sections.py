@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from tacbench_cad.lab.analysis.report.parts import (
 )
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.report.scans import SCANNED, answer
 from tacbench_cad.lab.analysis.report.summary import next_steps
 from tacbench_cad.util.text import counted
 
@@ -55,6 +57,7 @@ def sections(results: Results, folder: Path) -> list[dict[str, Any]]:
         "published": ("Comparison with the paper's figures", _published(results)),
         "maps": ("Which pixels, positions and textures vary", _maps(results)),
         "classification": ("What the sensor can tell apart", _classification(results, folder)),
+        "scans": ("Scan and touch", _scans(results)),
         "methods": ("Methods and citations", _methods(results)),
         "prints": ("The prints' records", _records(results)),
     }
@@ -114,6 +117,11 @@ def _variance(results: Results) -> Iterator[Part]:
         elif name == "components":
             yield figure_part("variance/components", "Where the variance comes from.")
     yield from map(text_part, view.notes)
+    distances = view.tables.get("print_distances")
+    if distances is not None and distances.rows:
+        first = sorted(distances.rows, key=lambda row: -row["from_others"])
+        title = f"How far each print is from the other prints of its texture (mean square, {view.unit}), largest first"
+        yield long_part(replace(distances, rows=tuple(first), title=title), "variance/print_distances.csv")
 
 
 def _published(results: Results) -> Iterator[Part]:
@@ -193,6 +201,23 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     for stem, caption in _CLASSIFICATION_FIGURES.items():
         for path in sorted((folder / name).glob(f"{stem}*.png")):
             yield figure_part(f"{name}/{path.stem}", caption)
+
+
+def _scans(results: Results) -> Iterator[Part]:
+    table, damaged = results.scans
+    if damaged:
+        yield text_part("Scans that cannot be read:")
+        yield list_part(damaged)
+    if not table.rows:
+        return
+    yield text_part(
+        "The deviation is that of a scan of the print from its formula. The difference from other prints is the mean "
+        "square between the frames of the print and those of the other prints of its texture, printer and filament; it "
+        "contains sensor noise."
+    )
+    for name in SCANNED:
+        yield text_part(answer(table.rows, name))
+    yield long_part(table, "scans.csv")
 
 
 def _methods(results: Results) -> Iterator[Part]:

@@ -209,6 +209,20 @@ class CellSums:
         """Return the Gram matrix (k, k) of the prints' mean deviations times sqrt(repeats), at complete positions."""
         return _between(self.gram, self.design)
 
+    def from_others(self) -> dict[int, float]:
+        """Return how far each print is from the other prints, by its copy number.
+
+        It is the mean square, over pixels and complete positions, of the difference between the mean of the print's
+        presses and the mean of all other presses. It also contains sensor noise, which is the same for all prints.
+        """
+        copies, presses = np.unique(self.design, return_counts=True)
+        if len(copies) < 2 or self.whole == 0:
+            return {}
+        # The distance from all other presses is larger than the distance from the mean of all presses.
+        larger = len(self.design) / (len(self.design) - presses)
+        squares = np.diag(self.print_gram()) / presses / self.whole * larger**2
+        return dict(zip(copies.tolist(), squares.tolist(), strict=True))
+
 
 def _means(copies: Ints) -> Floats:
     """Return the matrix that converts presses to the means of their prints, shape (k, n)."""

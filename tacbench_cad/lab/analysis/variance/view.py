@@ -92,6 +92,11 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("position", int),
         *(Column(name, float) for name in ("x_mm", "y_mm", "variance")),
     ),
+    "print_distances": (
+        *_CELL,
+        Column("copy", int),
+        Column("from_others", float, text=short),
+    ),
     "motion": (
         *_CELL,
         Column("frame", int),
@@ -179,6 +184,7 @@ class VarianceView:
             "components": result.components,
             "between_textures": list(_pairs(result)),
             "positions": list(_positions(result)),
+            "print_distances": list(_print_distances(result)),
             "motion": list(_motion(result)),
             "displacements": list(_displacements(result)),
             "permutation": result.tests,
@@ -221,6 +227,8 @@ class VarianceView:
         names = ["variance", "floor_removed"]
         if settings.protocol == "paper":
             names += ("printer_answers", "components", "permutation", *["registration"] * settings.registered)
+            # Earlier versions did not write this file.
+            names += ["print_distances"] * (folder / "print_distances.csv").is_file()
         tables = {name: Table.read(folder / f"{name}.csv", COLUMNS[name]) for name in names}
         try:
             cells = tuple(
@@ -499,6 +507,15 @@ def _pairs(result: VarianceResult) -> Iterator[Row]:
                     "variance": float(matrix.variance[i, j]),
                     "presses": int(matrix.presses[i, j]),
                 }
+
+
+def _print_distances(result: VarianceResult) -> Iterator[Row]:
+    """Yield the rows of ``print_distances.csv``."""
+    for (combination, texture), of_levels in result.sums.items():
+        for level, cell in of_levels.items():
+            for copy, square in cell.from_others().items():
+                place = {**parts_of(combination), "texture": texture, "force_level": level}
+                yield {**place, "copy": copy, "from_others": square}
 
 
 def _displacements(result: VarianceResult) -> Iterator[Row]:

@@ -1,0 +1,154 @@
+"""Scan and touch: does a print that deviates more from its formula also differ more from other prints when pressed?
+
+The deviation is that of ``scan.json`` in the run folder. The difference is the mean square between a print's frames
+and those of the other prints of its texture, printer and filament. Textures differ much in both numbers. Therefore the
+logarithms of both are taken relative to their mean over the prints of a texture, printer and filament, and only then
+ranked over all prints.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.tables import Column, Row, Table
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, parts_of
+from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_record
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted, interval, short
+
+#: The columns of ``scans.csv``.
+COLUMNS = (
+    *(Column("run"), Column("texture"), Column("printer"), Column("filament")),
+    Column("top_rms_mm", float, "deviation, rms (µm)", text=lambda mm: short(1000.0 * mm)),
+    Column("pin_shift_px", float, "shift of the pins (px)", text=short),
+    Column("seen_fraction", float, "top scanned (%)", text=lambda fraction: f"{100.0 * fraction:.0f}"),
+    Column("from_others", float, "difference from other prints", text=short),
+    Column("scan_simulated", head="simulated scan"),
+)
+#: The two numbers of the scan that are compared with the presses.
+SCANNED = {"top_rms_mm": "the deviation from the formula", "pin_shift_px": "the computed shift of the pins"}
+#: The smallest number of prints beyond one for each group, from which a correlation has an interval.
+MIN_FREE = 5
+_HALF_WIDTH = 1.959963984540054
+
+
+@dataclass(frozen=True, kw_only=True)
+class RankCorrelation:
+    """A rank correlation over prints.
+
+    Args:
+        prints: The number of prints.
+        groups: The number of groups of prints with the same texture, printer and filament.
+        value: Spearman's coefficient; None if there are too few prints.
+        low: The lower end of its interval of 95 %.
+        high: The upper end of its interval of 95 %.
+    """
+
+    prints: int
+    groups: int
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[Table, list[str]]:
+    """Return a table with a row for each print that was scanned, and the errors of unreadable records.
+
+    Args:
+        collection: The study.
+        variance: The variance table; None if there is none.
+    """
+    distances = _distances(collection, variance)
+    rows, damaged = [], []
+    for number, run in enumerate(collection.runs):
+        path = run.folder / SCAN_FILE
+        if not path.is_file():
+            continue
+        try:
+            record = read_scan_record(path, within=run.folder)
+        except InputError as error:
+            damaged.append(str(error))
+            continue
+        here = np.flatnonzero(collection.run == number)
+        if len(here) == 0:
+            continue
+        first = int(here[0])
+        combination, texture = str(collection.combination[first]), str(collection.texture[first])
+        key = (combination, texture, int(collection.print_number[first]))
+        rows.append(
+            {
+                **parts_of(combination),
+                "run": run.folder.name,
+                "texture": texture,
+                "top_rms_mm": record.top_rms_mm,
+                "pin_shift_px": record.pin_shift_px,
+                "seen_fraction": record.seen_fraction,
+                "from_others": distances.get(key),
+                "scan_simulated": "yes" if record.simulated else "",
+            }
+        )
+    return Table.of(COLUMNS, rows, "Scans of the prints"), damaged
+
+
+def _distances(collection: Collection, variance: VarianceView | None) -> dict[tuple[str, str, int], float]:
+    """Return the mean distance of each print from the others over the force levels."""
+    table = variance.tables.get("print_distances") if variance else None
+    values: dict[tuple[str, str, int], list[float]] = defaultdict(list)
+    for row in table.rows if table else ():
+        if row["force_level"] != ALL_LEVELS and row["from_others"] is not None:
+            values[f"{row['printer']}_{row['filament']}", row["texture"], row["copy"]].append(row["from_others"])
+    return {key: float(np.mean(of_levels)) for key, of_levels in values.items()}
+
+
+def rank_correlation(rows: Sequence[Row], name: str) -> RankCorrelation:
+    """Return the rank correlation of a number of the scan and the difference from other prints.
+
+    Args:
+        rows: The rows of the table.
+        name: The column of the number.
+    """
+    groups: dict[tuple[Any, ...], list[tuple[float, float]]] = defaultdict(list)
+    for row in rows:
+        if row[name] and row["from_others"]:
+            pair = (math.log(row[name]), math.log(row["from_others"]))
+            groups[row["texture"], row["printer"], row["filament"]].append(pair)
+    several = [np.array(pairs) for pairs in groups.values() if len(pairs) > 1]
+    count, free = sum(map(len, several)), sum(len(pairs) - 1 for pairs in several)
+    if free < MIN_FREE:
+        return RankCorrelation(prints=count, groups=len(several))
+    relative = np.concatenate([pairs - pairs.mean(axis=0) for pairs in several])
+    if np.ptp(relative, axis=0).min() < 1e-12:
+        return RankCorrelation(prints=count, groups=len(several))
+    ranks = np.argsort(np.argsort(relative, axis=0), axis=0)
+    value = float(np.asarray(np.corrcoef(ranks.T))[0, 1])
+    # Fisher's z with the standard error of Bonett and Wright (2000) for ranks. Each group costs a mean.
+    error = math.sqrt((1.0 + value**2 / 2.0) / (free - 2))
+    middle = math.atanh(max(-1.0 + 1e-12, min(1.0 - 1e-12, value)))
+    low, high = (math.tanh(middle + sign * _HALF_WIDTH * error) for sign in (-1.0, 1.0))
+    return RankCorrelation(prints=count, groups=len(several), value=value, low=low, high=high)
+
+
+def answer(rows: Sequence[Row], name: str) -> str:
+    """Return a sentence that says whether prints that deviate more differ more when they are pressed."""
+    result, what = rank_correlation(rows, name), SCANNED[name]
+    if result.value is None:
+        return (
+            f"Too few prints to compare {what} with the presses: {counted(result.prints, 'scanned print')} with "
+            f"another scanned print of the same texture, printer and filament."
+        )
+    of = f"rank correlation {result.value:+.2f}, 95 % interval {interval(result.low, result.high, signed=True)}"
+    ending = f"({of}, {result.prints} prints in {counted(result.groups, 'group')})."
+    assert result.low is not None and result.high is not None
+    if result.low > 0.0:
+        return f"Prints differ more from other prints of their texture, the larger {what} is {ending}"
+    if result.high < 0.0:
+        return f"Prints differ less from other prints of their texture, the larger {what} is {ending}"
+    return f"No relation can be shown between {what} and the differences between prints {ending}"

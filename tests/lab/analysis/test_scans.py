@@ -1,0 +1,96 @@
+"""Scans beside presses: the correlation over prints, and the section of the report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.studies import Frame, write_study
+
+pytest.importorskip("cv2")
+
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.scans import answer, rank_correlation, scan_table
+from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.spec.scanrecord import KIND, SCAN_FILE, SCHEMA
+
+
+def rows(groups: int, prints: int, slope: float, noise: float = 0.0) -> list[dict[str, object]]:
+    """Return scanned prints whose distance is a power of their deviation; each texture has its own scale."""
+    random = np.random.default_rng(1)
+    deviations = [[0.02 * 1.3**copy * 2.0**group for copy in range(prints)] for group in range(groups)]
+    return [
+        {
+            "texture": f"texture-{group}",
+            "printer": "ender-3",
+            "filament": "pla-plus",
+            "top_rms_mm": deviation,
+            "from_others": 100.0**group * deviation**slope * np.exp(noise * random.standard_normal()),
+        }
+        for group, members in enumerate(deviations)
+        for deviation in members
+    ]
+
+
+def test_a_relation_inside_of_the_textures_is_found() -> None:
+    result = rank_correlation(rows(2, 6, slope=2.0, noise=0.1), "top_rms_mm")
+    assert (result.prints, result.groups) == (12, 2)
+    assert result.value is not None and result.low is not None
+    assert result.value > 0.9 and result.low > 0.5
+    assert answer(rows(2, 6, 2.0), "top_rms_mm").startswith("Prints differ more from other prints of their texture")
+    assert answer(rows(2, 6, -2.0), "top_rms_mm").startswith("Prints differ less")
+
+
+def test_a_relation_between_textures_alone_does_not_count() -> None:
+    sentence = answer(rows(3, 4, slope=0.0, noise=1.0), "top_rms_mm")
+    assert sentence.startswith("No relation can be shown")
+
+
+def test_too_few_prints_have_no_correlation() -> None:
+    assert rank_correlation(rows(2, 3, 2.0), "top_rms_mm").value is None
+    assert answer(rows(5, 1, 2.0), "top_rms_mm").startswith("Too few prints")
+
+
+def test_intervals_of_unrelated_prints_contain_zero_in_nineteen_of_twenty_studies() -> None:
+    random = np.random.default_rng(2)
+    covered = 0
+    for _ in range(400):
+        study = [
+            {**row, "top_rms_mm": np.exp(random.standard_normal()), "from_others": np.exp(random.standard_normal())}
+            for row in rows(2, 6, 1.0)
+        ]
+        result = rank_correlation(study, "top_rms_mm")
+        assert result.low is not None and result.high is not None
+        covered += result.low <= 0.0 <= result.high
+    assert 0.92 <= covered / 400 <= 0.985
+
+
+def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
+    """Return an image of a print: copy 3 differs most from the others."""
+    shift = {1: 0.0, 2: 2.0, 3: 20.0}[printed.copy]
+    return (100.0 + shift + rng.normal(0.0, 1.0, (24, 32))).astype(np.uint8)
+
+
+def test_the_table_joins_each_scan_with_its_print(tmp_path: Path) -> None:
+    grid = PressGrid(x_mm=(4.0,), y_mm=(20.0,))
+    folders = write_study(tmp_path, textures=(1,), prints=(("ender-3", "pla-plus"),), copies=3, grid=grid, image=image)
+    for copy, folder in enumerate(folders[:2] + folders[2:], start=1):
+        document = {"kind": KIND, "schema": SCHEMA, "file": "scan.ply", "block": "b", "simulated": True}
+        document |= {"top": {"rms_mm": 0.01 * copy}, "pin_shift_px": 0.1 * copy, "seen_fraction": 1.0}
+        (folder / SCAN_FILE).write_text(json.dumps(document), encoding="utf-8")
+    (folders[0] / SCAN_FILE).write_text("{}", encoding="utf-8")
+    collection = Collection.open([tmp_path])
+    table, damaged = scan_table(collection, VarianceView.of(variance_table(collection)))
+    assert len(damaged) == 1 and str(folders[0] / SCAN_FILE) in damaged[0]
+    second, third = table.rows
+    assert (second["run"], second["top_rms_mm"], second["scan_simulated"]) == (folders[1].name, 0.02, "yes")
+    # The means of the three prints are 100, 102 and 120 counts.
+    assert third["from_others"] == pytest.approx(19.0**2, rel=0.02)
+    assert second["from_others"] == pytest.approx(8.0**2, rel=0.05)
+    assert scan_table(collection, None)[0].rows[0]["from_others"] is None
