@@ -12,6 +12,7 @@ from helpers.rigs import FakeRig, small_protocol
 
 from tacbench_cad.lab.acquire.press import KnownGrowth, Slope
 from tacbench_cad.lab.acquire.touch import taught
+from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, GaugeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.presses import plan_presses
@@ -124,6 +125,37 @@ def test_the_known_growth_is_the_largest_at_each_depth() -> None:
     assert known.largest_n[-1] == 0.5
     assert known.safe_steps(0.45, 0.3, 1.3, max_steps=9) == (0, 0.0), "a contact does not become softer"
     assert known.safe_steps(0.45, 0.3, 1.5, max_steps=9) == (1, pytest.approx(0.3))
+
+
+def test_a_known_press_waits_only_near_the_target(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = FakeRig()
+    protocol = small_protocol()
+    presser = rig.presser(protocol)
+    press = plan_presses(protocol, (2,), "block")[0]
+    waits: list[float] = []
+    monkeypatch.setattr(Clock, "sleep", lambda _, seconds: waits.append(presser.carriage.at[2]))
+    for _ in range(2):
+        waits.clear()
+        contact = presser.press(press)
+        assert contact.in_band
+        presser.carriage.lift()
+    assert 1 <= len(waits) <= 3
+    assert max(waits) - contact.pose_mm[2] < protocol.approach_step_mm, "the steady zero is read without a wait"
+
+
+def test_a_zero_that_is_not_steady_is_read_again_after_a_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = FakeRig()
+    assert rig.gauge is not None
+    presser = rig.presser(small_protocol())
+    waits: list[float] = []
+    monkeypatch.setattr(Clock, "sleep", lambda _, seconds: waits.append(seconds))
+    assert presser.force is not None
+    presser.force.follow_zero()
+    assert waits == []
+    rig.gauge.drift_n = lambda _: 0.01
+    presser.force.follow_zero()
+    assert waits == [0.2]
+    assert presser.force.zero_n == pytest.approx(0.01, abs=0.002)
 
 
 def test_the_last_move_of_every_press_goes_down() -> None:
