@@ -19,19 +19,29 @@ def show_effects(effects: Sequence[Effect]) -> None:
     """Print the expected prints of plain and corrected files, and the waves with the largest errors."""
     rows = []
     for effect in effects:
-        for what, size, relief, rms in (
-            ("formula", effect.size_mm, effect.relief_mm, 0.0),
-            ("print of the plain file", effect.plain_size_mm, effect.plain_relief_mm, effect.plain_rms_mm),
-            ("print of this file", effect.corrected_size_mm, effect.corrected_relief_mm, effect.corrected_rms_mm),
+        plain = (effect.plain_rms_mm, effect.plain_normal_rms_mm)
+        corrected = (effect.corrected_rms_mm, effect.corrected_normal_rms_mm)
+        for what, size, relief, deviations in (
+            ("formula", effect.size_mm, effect.relief_mm, (None, None)),
+            ("print of the plain file", effect.plain_size_mm, effect.plain_relief_mm, plain),
+            ("print of this file", effect.corrected_size_mm, effect.corrected_relief_mm, corrected),
         ):
             name = effect.texture if what == "formula" else ""
-            deviation = "-" if rms is None else f"{1000.0 * rms:.1f}"
-            rows.append((name, what, *(f"{side:.3f}" for side in size), f"{relief:.3f}", deviation))
-    heads = ("texture", "", ">x (mm)", ">y (mm)", ">height (mm)", ">relief (mm)", ">deviation, rms (µm)")
+            rms = ("" if each is None else f"{1000.0 * each:.1f}" for each in deviations)
+            rows.append((name, what, *(f"{side:.3f}" for side in size), f"{relief:.3f}", *rms))
+    heads = (
+        *("texture", "", ">x (mm)", ">y (mm)", ">height (mm)", ">relief (mm)"),
+        *(">vertical error, rms (µm)", ">along the normal (µm)"),
+    )
     print_table(f"expected prints, by the model {effects[0].model}", heads, rows)
     for effect in effects:
         if not effect.waves:
             print_lines(f"{effect.texture} is not a sum of waves: only its sides and its height are corrected")
+        if not effect.helps:
+            print_lines(
+                f"{effect.texture}: the correction does not help, because most of the deviation comes from waves that "
+                "are narrower than the nozzle; print the plain file"
+            )
     waves = [(effect.texture, wave) for effect in effects for wave in effect.waves]
     waves.sort(key=lambda row: -abs(row[1].plain_mm - row[1].amplitude_mm))
     if waves:

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.scan.estimates import ScanFit
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
 from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_document
 from tacbench_cad.util.convert import from_plain
@@ -151,6 +153,58 @@ def print_scan(document: Mapping[str, Any], path: str) -> PrintScan:
         known["geometry"] = _only(known["geometry"], _names(_Geometry))
     scan = from_plain(PrintScan, known, f"{path}: ")
     return replace(scan, path=path)
+
+
+def scan_of_fit(
+    fit: ScanFit,
+    block: Block,
+    *,
+    printer: str,
+    filament: str,
+    copy: int | str,
+    nozzle_mm: float,
+    path: str = "",
+    simulated: bool = False,
+) -> PrintScan:
+    """Return the numbers of a scan from its fit, for a model without files.
+
+    Args:
+        fit: The fit, with the scale.
+        block: The block that the scan was fitted to.
+        printer: The printer.
+        filament: The filament.
+        copy: The number or the name of the print.
+        nozzle_mm: The diameter of the nozzle.
+        path: A name for error messages.
+        simulated: Whether the scan was simulated.
+    """
+    return PrintScan(
+        block=block.name,
+        parameters=tuple(
+            _Parameter(**{name: getattr(each, name) for name in _names(_Parameter)})
+            for each in fit.parameters
+            if each.determined
+        ),
+        waves=tuple(
+            _Wave(
+                wavelength_mm=each.wavelength_mm,
+                direction_deg=each.direction_deg,
+                amplitude_mm=abs(each.wave.amplitude),
+                amplitude_ratio=each.amplitude_ratio,
+                standard_error=each.standard_error,
+                phase_deg=each.phase_deg,
+            )
+            for each in fit.waves
+            if each.determined
+        ),
+        simulated=simulated,
+        printer=printer,
+        filament=filament,
+        copy=copy,
+        nozzle_mm=nozzle_mm,
+        geometry=_Geometry(base_mm=block.base_mm, datum_mm=block.datum_mm),
+        path=path,
+    )
 
 
 _KEYS = ("block", "parameters", "waves", "simulated", "printer", "filament", "copy", "nozzle_mm", "geometry")

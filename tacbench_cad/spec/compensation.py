@@ -286,6 +286,9 @@ class Effect:
         plain_rms_mm: The predicted root mean square deviation of such a print from the formula; None if the texture is
             not a sum of waves.
         corrected_rms_mm: The same for the corrected file.
+        plain_normal_rms_mm: The same deviation of a print of the plain file along the normal of the formula, as scans
+            measure it. Steep walls count less.
+        corrected_normal_rms_mm: The same for the corrected file.
         waves: The waves, by decreasing amplitude; empty if the texture is not a sum of waves.
     """
 
@@ -301,7 +304,18 @@ class Effect:
     corrected_relief_mm: float
     plain_rms_mm: float | None
     corrected_rms_mm: float | None
+    plain_normal_rms_mm: float | None
+    corrected_normal_rms_mm: float | None
     waves: tuple[PredictedWave, ...]
+
+    @property
+    def helps(self) -> bool:
+        """Whether the correction is expected to reduce both deviations."""
+        pairs = (
+            (self.plain_rms_mm, self.corrected_rms_mm),
+            (self.plain_normal_rms_mm, self.corrected_normal_rms_mm),
+        )
+        return all(before is None or after is None or after < before for before, after in pairs)
 
 
 def effect_of(block: Block) -> Effect:
@@ -316,10 +330,14 @@ def effect_of(block: Block) -> Effect:
     plain = Print(file=replace(block, correction=None), model=model)
     corrected = Print(file=in_file(block), model=model)
     waves: tuple[PredictedWave, ...] = ()
-    rms: list[float | None] = [None, None]
+    rms: list[float | None] = [None] * 4
     design, file = block.surface, corrected.file.surface
     if isinstance(design, WaveSum) and isinstance(file, WaveSum):
-        rms = [float(np.sqrt(np.mean(each.deviation_mm(block) ** 2))) for each in (plain, corrected)]
+        vertical = [each.deviation_mm(block) for each in (plain, corrected)]
+        x, y = (np.linspace(0.0, side, _POINTS) for side in block.size_mm)
+        steep2 = 1.0 + design.grid(x, y, (1, 0)) ** 2 + design.grid(x, y, (0, 1)) ** 2
+        rms = [float(np.sqrt(np.mean(z**2))) for z in vertical]
+        rms += [float(np.sqrt(np.mean(z**2 / steep2))) for z in vertical]
         free = is_correctable(design, model)
         rows = zip(design.waves, file.waves, plain.surface.waves, corrected.surface.waves, free.tolist(), strict=True)
         waves = tuple(
@@ -348,6 +366,8 @@ def effect_of(block: Block) -> Effect:
         corrected_relief_mm=corrected.relief_mm,
         plain_rms_mm=rms[0],
         corrected_rms_mm=rms[1],
+        plain_normal_rms_mm=rms[2],
+        corrected_normal_rms_mm=rms[3],
         waves=tuple(sorted(waves, key=lambda wave: -wave.amplitude_mm)),
     )
 

@@ -79,9 +79,18 @@ def test_the_effect_has_the_amplitudes_and_the_deviation_before_and_after() -> N
     assert first.plain_mm < first.amplitude_mm < first.corrected_mm + 0.01 < first.file_mm + 0.01
     assert effect.plain_rms_mm is not None and effect.corrected_rms_mm is not None
     assert effect.corrected_rms_mm < effect.plain_rms_mm / 3.0
-    assert effect.size_mm == pytest.approx(effect.corrected_size_mm)
+    assert effect.corrected_normal_rms_mm is not None and effect.corrected_normal_rms_mm < effect.corrected_rms_mm
+    assert effect.size_mm == pytest.approx(effect.corrected_size_mm) and effect.helps
     with pytest.raises(InputError, match="is not corrected"):
         effect_of(Block.of("5"))
+
+
+def test_a_texture_of_waves_below_the_nozzle_is_said_not_to_profit() -> None:
+    low = replace(
+        PRINTER, transfer_x=points((0.3, 0.1), (0.8, 0.7), (8.0, 1.0)), transfer_y=points((0.3, 0.1), (8.0, 1.0))
+    )
+    assert not effect_of(corrected_for(Block.of("6"), low)).helps
+    assert effect_of(corrected_for(Block.of("1"), low)).helps
 
 
 def test_an_oblique_wave_gets_the_mean_of_both_directions() -> None:
