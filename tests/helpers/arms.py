@@ -12,7 +12,7 @@ from typing import Any
 from helpers.rigs import small_protocol
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import Rig
-from tacbench_cad.lab.rig.stage import LimitedStage
+from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage
 from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.spec import (
     Angles,
@@ -41,8 +41,8 @@ ARM_RIG = RigSettings(
     gauge=GaugeSettings(driver="simulated"),
     sensor=SensorSettings(driver="simulated"),
 )
-#: The speed of the arm relative to real time.
-SPEED = 10.0
+#: The time of the arm.
+CLOCK = Clock(speed=10.0)
 _POSE = struct.Struct("6d")
 
 
@@ -60,7 +60,7 @@ class LastingArm(VirtualArm):
         with path.open("r+b") as file:
             self._file = mmap.mmap(file.fileno(), _POSE.size)
         x, y, z, rx, ry, rz = _POSE.unpack(self._file[:])
-        super().__init__(Clock(speed=SPEED), (x, y, z), (rx, ry, rz))
+        super().__init__(CLOCK, (x, y, z), (rx, ry, rz))
 
     def _pose(self) -> tuple[Point, Angles]:
         summit, angles = super()._pose()
@@ -89,9 +89,11 @@ def turning_protocol(**changes: Any) -> Protocol:
 
 
 @contextmanager
-def rig_of(arm: VirtualArm, settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+def rig_of(
+    arm: RotatingStage, settings: RigSettings, block: PrintedBlock, frame: WorkFrame, clock: Clock = CLOCK
+) -> Iterator[Rig]:
     """Make a rig of an arm that is already open, and of a simulated gauge and sensor."""
-    stage, clock = LimitedStage(arm, settings.stage.limits_mm, settings.stage.tilt_limit_deg), arm.clock
+    stage = LimitedStage(arm, settings.stage.limits_mm, settings.stage.tilt_limit_deg)
     gauge = SimulatedGauge(stage.followed_mm, clock, rotation=stage.followed_deg)
     sensor = SimulatedSensor(stage.followed_mm, clock, rotation=stage.followed_deg, in_motion=lambda: stage.is_tracked)
     rig = Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=(gauge, sensor))

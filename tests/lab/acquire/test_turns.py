@@ -8,21 +8,23 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.arms import ARM_RIG, SPEED, rig_of, turning_protocol
+from helpers.arms import ARM_RIG, CLOCK, rig_of, turning_protocol
+from helpers.emulated_arm import install_arm
 from helpers.rigs import FakeRig, printed, rig_settings, study_of
 
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import DepthLimitError, ForceLimitError
+from tacbench_cad.lab.rig.universal_robots import UniversalRobot
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
@@ -45,7 +47,7 @@ class Arm(VirtualArm):
 
     def __init__(self, on_way: Callable[[Angles], None], **start: Any) -> None:
         self.on_way = on_way
-        super().__init__(Clock(speed=SPEED), **start)
+        super().__init__(CLOCK, **start)
         self.turns: list[tuple[Point, Angles]] = []
 
     def turn(self, angles_deg: Angles, speed_deg_s: float, **path: Any) -> Angles:
@@ -193,3 +195,50 @@ def test_a_stage_that_cannot_turn_is_refused_before_a_device_is_opened(tmp_path:
             study_of(turning_protocol(), 2), settings, tmp_path, person=person, progress=Silent(), opener=rig.opener
         )
     assert rig.opened == 1 and rig.stage.closed
+
+
+def test_an_emulated_arm_of_universal_robots_rolls_is_interrupted_and_goes_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    emulated, protocol = install_arm(monkeypatch, CLOCK), turning_protocol()
+    limits = ((200.0, 400.0), (50.0, 250.0), (100.0, 300.0))
+    stage = replace(ARM_RIG.stage, driver="ur", port="ur5e", origin_mm=(320.0, 100.0, 150.0), limits_mm=limits)
+    settings, person = replace(ARM_RIG, stage=stage), Typing(lambda prompt: "", lambda message: None)
+    sent: list[float] = []
+
+    def opener(settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[Rig]:
+        emulated.connected = emulated.program = True
+        return rig_of(UniversalRobot("ur5e", clock=CLOCK), settings, block, frame)
+
+    def follow(pose: list[float], *settings: float) -> bool:
+        if not sent and len(emulated.servoed) > 10:
+            sent.append(len(emulated.servoed))
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+        return servo(pose, *settings)
+
+    servo = emulated.servoL
+    monkeypatch.setattr(emulated, "servoL", follow)
+    for _ in range(2):
+        try:
+            acquire_study(
+                study_of(protocol, 2),
+                settings,
+                tmp_path,
+                person=person,
+                progress=Silent(),
+                durable=False,
+                opener=opener,
+            )
+        except RunInterruptedError as error:
+            assert f"{error}" == "the sensor is lifted; 0 of 2 presses are saved"
+        arm = UniversalRobot("ur5e", clock=CLOCK)
+        assert angle_between(UPRIGHT, arm.rotation()) < 0.1
+        assert arm.position()[2] > 150.0 + protocol.clearance_mm - 0.1
+    assert sent
+    run = Run.open(tmp_path / printed(2).name)
+    assert [row.number for row in run.rows] == [1, 2]
+    for row in run.rows:
+        series = run.series(row)
+        assert angle_between(UPRIGHT, tuple(series.rotation_deg[-1])) == pytest.approx(6.0, abs=0.1)
+        assert series.pose_from == "reports"
