@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +15,20 @@ from helpers.fakes import Plate, SlidingStage
 from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol
 
 from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.slide import Recorder, TooFewFramesError, nearest_frames
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError
 from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.virtual_rig.devices import open_rig
 
 FRAMES = 5
 TRAVEL_MM = 5.0
@@ -247,3 +254,28 @@ def test_a_recorder_stops_the_stage_again_until_its_body_ends(monkeypatch: pytes
             pass
     with pytest.raises(DeviceLostError, match="gone"):
         recorder.check()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows")
+@pytest.mark.parametrize(("driver", "pose_from"), [("virtual-grbl", "reports"), ("virtual-marlin", "time")])
+def test_a_slide_on_virtual_firmware_with_the_simulated_sensor(tmp_path: Path, driver: str, pose_from: str) -> None:
+    chosen = virtual_study(texture="4", driver=driver, speed=50.0)
+    # The slide is slow, so that a busy computer has enough frames of a rig that is 50 times faster than a real one.
+    protocol = slide_protocol(
+        grid=PressGrid(x_mm=(6.5,), y_mm=(18.0,)), motion_frames=4, slide_speed_mm_s=0.4, bands_n=(0.05,)
+    )
+    (planned,) = chosen.study.blocks
+    study = replace(chosen.study, protocol=protocol, blocks=(replace(planned, levels=(1,)),), grid_spacing="own")
+    person = Typing(lambda prompt: "", lambda message: None)
+    acquire_study(study, chosen.required_rig, tmp_path, person=person, progress=Notes(), durable=False, opener=open_rig)
+    run = Run.open(tmp_path / planned.printed.name)
+    assert check_run(run.folder, workers=1).findings == ()
+    (row,) = run.rows
+    series = run.series(row, verify=True)
+    assert series.pose_from == pose_from
+    np.testing.assert_allclose(series.pose_mm[[0, -1], 1], [18.0, 22.0], atol=0.2)
+    np.testing.assert_allclose(series.pose_mm[:, [0, 2]], [[6.5, row.pose_mm[2]]] * 4, atol=0.01)
+    assert series.force_n is not None and 0.2 < series.force_n.min() <= series.force_n.max() < 5.0
+    # The pins have moved, and the press itself was before the motion.
+    changed = np.count_nonzero(np.abs(series.frames.astype(float) - run.frame(row)) > 40.0, axis=(1, 2))
+    assert changed[-1] > 1000 and changed[0] < changed[-1]
