@@ -75,6 +75,7 @@ CONTENTS = {
         "rig",
         "devices",
         "run",
+        "slide",
         "roll",
         "watch",
         "runs",

@@ -251,6 +251,12 @@ def test_slides_that_are_not_possible_are_refused(tmp_path: Path, text: str, wor
         _read(tmp_path, SLIDE + text)
 
 
+def test_the_example_of_slides_is_a_valid_study() -> None:
+    file = read_study(Path(__file__).parents[3] / "examples" / "slide.toml")
+    assert file.study.protocol.motion == "slide" and file.study.presses == 16
+    assert file.required_rig.stage.driver == "virtual-grbl"
+
+
 def test_a_slide_must_not_cross_the_key(tmp_path: Path) -> None:
     keyed = SLIDE.replace("texture = 4", "texture = 4\nkey_mm = 3") + "grid = { x_mm = [19], y_mm = [5] }\n"
     assert _read(tmp_path, keyed + "slide_direction_deg = 0\nslide_length_mm = 4\n").study.presses
