@@ -29,7 +29,7 @@ _SCALE, _HALF_MM = 0.996, (0.9, 1.2)
 @options.argument("file", options.file("FILE"), "Scan: a mesh, a point cloud or a height map.", required=False)
 @options.option(
     "--block",
-    options.text("BLOCK"),
+    options.text("BLOCK", complete=options.TEXTURE.complete),
     "The block: a texture (1 to 6, a name, a TOML file), the words of its label ('T4 PAPER X1 02'), the name of its "
     "file, the folder of its print set, or its run folder. Default: the six textures are tried.",
     options.PARTS,
@@ -111,7 +111,7 @@ def command(
     - lost crests, filled valleys, and the roughness
     - how far the deviation moves the pins of a TacTip
 
-    The last line says whether the print is within the limits; if it is not, the exit code is 1. If --block is a run
+    One line says whether the print is within the limits; if it is not, the exit code is 1. If --block is a run
     folder, scan.json is also written there, beside print.toml, and the report shows it.
 
     Examples:
@@ -143,6 +143,7 @@ def command(
         if run is not None:
             note(f"wrote {run / 'scan.json'}")
         print_lines(str(result.verdict))
+        print_next("printer-model", folder, "-o", "my-printer.toml")
     if not result.verdict.ok:
         raise Exit(1)
 

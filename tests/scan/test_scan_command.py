@@ -49,7 +49,9 @@ def test_the_table_and_the_files_of_a_scan(scan: Path, folder: Path, capsys: Cap
     captured = capsys.readouterr()
     assert "simulated scan of texture-2_paper_x0.5, 15,000 points" in captured.out
     assert "scale along x" in captured.out and "printed / formula" in captured.out
-    assert captured.out.splitlines()[-1].startswith("within the limits: ")
+    verdict, following = captured.out.splitlines()[-2:]
+    assert verdict.startswith("within the limits: ")
+    assert following == "Next: tacbench printer-model top_scan -o my-printer.toml"
     assert "No roughness by ISO 25178: surfalize is left out" in captured.err
     assert {path.name for path in (folder / "top_scan").iterdir()} == {
         *(SCAN_FILE, "deviation.csv", "waves.csv", "deviation.ply")

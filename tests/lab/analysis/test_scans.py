@@ -12,7 +12,9 @@ from helpers.studies import Frame, write_study
 pytest.importorskip("cv2")
 
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.scans import answer, rank_correlation, scan_table
+from tacbench_cad.lab.analysis.report.sections import _scans as scans_section
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.study.presses import Press
@@ -94,3 +96,15 @@ def test_the_table_joins_each_scan_with_its_print(tmp_path: Path) -> None:
     assert third["from_others"] == pytest.approx(19.0**2, rel=0.02)
     assert second["from_others"] == pytest.approx(8.0**2, rel=0.05)
     assert scan_table(collection, None)[0].rows[0]["from_others"] is None
+
+
+def test_the_report_shows_the_scans(tmp_path: Path) -> None:
+    grid = PressGrid(x_mm=(4.0,), y_mm=(20.0,))
+    (folder,) = write_study(tmp_path, textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1, grid=grid)
+    collection = Collection.open([tmp_path])
+    assert list(scans_section(Results(collection=collection, reports=()))) == []
+    document = {"kind": KIND, "schema": SCHEMA, "file": "scan.ply", "block": "b", "simulated": False}
+    (folder / SCAN_FILE).write_text(json.dumps(document | {"top": {"rms_mm": 0.05}}), encoding="utf-8")
+    parts = list(scans_section(Results(collection=collection, reports=())))
+    assert "Too few prints to compare the deviation from the formula" in parts[1]["text"]
+    assert parts[-1]["files"] == ["scans.csv"] and "50" in parts[-1]["rows"][0]
