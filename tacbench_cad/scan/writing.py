@@ -103,7 +103,8 @@ def write_ply(
         path: The file.
         points_mm: The points, shape (n, 3).
         colours: The colours, shape (n, 3); None for no colours.
-        deviation_mm: The deviations, which become the property ``deviation``, shape (n,); None for no such property.
+        deviation_mm: The deviations, which become the property ``quality``, shape (n,), as MeshLab
+            calls it; None for no such property.
         comments: The comments in the header.
 
     Raises:
@@ -114,7 +115,7 @@ def write_ply(
     if colours is not None:
         columns += [(name, "u1", "uchar", colours[:, i]) for i, name in enumerate(("red", "green", "blue"))]
     if deviation_mm is not None:
-        columns.append(("deviation", "<f4", "float", deviation_mm))
+        columns.append(("quality", "<f4", "float", deviation_mm))
     table = np.empty(len(points_mm), dtype=[(name, kind) for name, kind, _, _ in columns])
     for name, _, _, values in columns:
         table[name] = values
