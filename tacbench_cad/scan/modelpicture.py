@@ -46,7 +46,7 @@ def transfer_picture(model: PrinterModel, path: Path) -> None:
         axes.axhline(1.0, color=INK, linewidth=0.5)
         axes.axhline(1.0 / MAX_FACTOR, color=INK, linewidth=0.5, linestyle=":")
         axes.axvspan(span[0], 2.0 * model.nozzle_mm, color="0.9", zorder=0.0)
-        axes.text(span[0] * 1.03, 0.04, "ridges narrower\nthan the nozzle", color=INK, fontsize=8.0)
+        axes.text(span[0] * 1.03, 1.03, "ridges narrower\nthan the nozzle", color=INK, fontsize=8.0)
         axes.text(span[-1] / 1.03, 1.0 / MAX_FACTOR + 0.02, "limit of the correction", ha="right", fontsize=8.0)
         ticks = [tick for tick in (0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 50) if span[0] <= tick <= span[-1]]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])

@@ -425,7 +425,7 @@ def facts(model: PrinterModel) -> list[tuple[str, str, str]]:
     for axis in "xyz":
         row(f"scale along {axis}", getattr(model, f"scale_{axis}"), "")
     row("skew", model.skew_xy_deg, " degrees", digits=3)
-    row("walls outside of their position", model.offset_mm, " µm", 1000.0, 0)
+    row("walls outside of their position", model.offset_mm, " µm", 1000.0, 1)
     row("repeatability between prints", model.repeatability_mm, " µm", 1000.0, 1)
     for axis, points in (("x", model.transfer_x), ("y", model.transfer_y)):
         for point in points:
