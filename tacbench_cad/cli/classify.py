@@ -13,7 +13,7 @@ from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 
 #: What ``--sweep`` can vary; a test compares these words with those of the analysis.
-SWEPT = ("resolution", "components", "copies", "forces")
+SWEPT = ("resolution", "components", "copies", "forces", "frames")
 
 
 @options.command("classify")
@@ -69,8 +69,9 @@ SWEPT = ("resolution", "components", "copies", "forces")
 @options.option(
     "--sweep",
     options.text("SWEEP", *(f"{name}=" for name in SWEPT)),
-    "Draw the accuracy as a function of resolution, components, copies (in training) or forces. Write NAME=LOW:HIGH "
-    "for 10 values, NAME=LOW:HIGH:N for N values, or NAME=A,B,C.",
+    "Draw the accuracy as a function of resolution, components, copies (in training), forces, or with --series of the "
+    "frames that are used from the start of each series. Write NAME=LOW:HIGH for 10 values, NAME=LOW:HIGH:N for N "
+    "values, or NAME=A,B,C.",
     options.ADVANCED,
 )
 @options.option(

@@ -93,6 +93,7 @@ class Collection:
         features: The analysed features: the pixel values of a frame, the displacements of the markers in its image, or
             the forces during a press's motion.
         series: Whether the series of moving frames of each press are analysed instead of the frames of the presses.
+        frames: The number of frames that are used from the start of each series; None for all.
     """
 
     runs: tuple[Run, ...]
@@ -100,6 +101,7 @@ class Collection:
     number: Ints
     features: FeatureName = "pixels"
     series: bool = False
+    frames: int | None = None
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> Collection:
@@ -140,16 +142,17 @@ class Collection:
             raise InputError("force-level", level, f"must be a level of the runs: {', '.join(map(str, self.levels))}")
         return self.chosen(self.level == level)
 
-    def viewed(self, features: FeatureName, series: bool) -> Collection:
+    def viewed(self, features: FeatureName, series: bool, frames: int | None = None) -> Collection:
         """Return the same presses with other features, or with the series of moving frames.
 
         Args:
             features: See :class:`Collection`.
             series: See :class:`Collection`.
+            frames: See :class:`Collection`.
 
         Raises:
-            InputError: The forces are analysed without the series, a run has no series, or two runs have different
-                motions.
+            InputError: The forces are analysed without the series, a run has no series, two runs have different
+                motions, or the series have fewer frames.
         """
         if features == "forces" and not series:
             raise InputError("features", features, "are recorded during a motion; also give --series")
@@ -165,7 +168,9 @@ class Collection:
                         f"in {run.folder}, but {self._motion(self.runs[0])[name]!r} in {self.runs[0].folder}; "
                         "analyse the series of these runs separately",
                     )
-        return replace(self, features=features, series=series)
+        if frames is not None and not 1 <= frames <= self.info.series_frames:
+            raise InputError("frames", frames, f"must be from 1 to {self.info.series_frames}, the length of a series")
+        return replace(self, features=features, series=series, frames=frames)
 
     @staticmethod
     def _motion(run: Run) -> dict[str, object]:
@@ -331,7 +336,8 @@ class Collection:
         if self.features == "forces":
             return (f"{folder}/{schema.SERIES_FILE}",)
         count, suffix = self.info.series_frames, Path(self._rows[run][number].path).suffix
-        return tuple(f"{folder}/{schema.moving_name(i, count, suffix)}" for i in range(1, count + 1))
+        used = range(1, (self.frames or count) + 1)
+        return tuple(f"{folder}/{schema.moving_name(i, count, suffix)}" for i in used)
 
     @cached_property
     def courses(self) -> Courses:
@@ -341,7 +347,7 @@ class Collection:
             CheckFailedError: A table is missing or incomplete.
             InputError: A table cannot be read.
         """
-        count = self.info.series_frames
+        count = self.frames or self.info.series_frames
         courses = Courses(digests=[], time_s=np.empty((len(self), count)), pose=np.empty((len(self), count, 6)))
         for index in range(len(self)):
             rows = self.moving(index)
@@ -352,14 +358,14 @@ class Collection:
         return courses
 
     def moving(self, index: int) -> tuple[schema.MovingRow, ...]:
-        """Return the rows of the series of a press: the time, the pose and the force of each frame.
+        """Return the rows of the used part of a press's series: the time, the pose and the force of each frame.
 
         Raises:
             CheckFailedError: The table is missing, damaged or incomplete.
             InputError: The table cannot be read.
         """
         run, number = int(self.run[index]), int(self.number[index])
-        return series_rows(self.runs[run].folder, number, self.info.series_frames)
+        return series_rows(self.runs[run].folder, number, self.info.series_frames)[: self.frames]
 
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:

@@ -25,6 +25,7 @@ from tacbench_cad.lab.analysis.classification.pca import Pool
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord, ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import PressTable
+from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.compare import compare, read_side
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
@@ -338,6 +339,27 @@ def test_series_of_noise_are_predicted_at_chance(tmp_path: Path) -> None:
     for score in (score for score in result.scores if score.tested_on == "all"):
         assert score.low is not None and score.high is not None
         assert score.low <= result.chance <= score.high
+
+
+@pytest.mark.usefixtures("single_thread", "few_trees")
+def test_a_sweep_shows_how_far_the_sensor_must_slide(few_slides: Path, tmp_path: Path) -> None:
+    collection = Collection.open([few_slides])
+    alone = read_features(collection.viewed("pixels", True, 1), Preprocess())
+    assert alone.shape == (1, *SHAPE)
+    np.testing.assert_array_equal(alone.rows[3].reshape(SHAPE), collection.runs[0].series(collection.rows[3]).frames[0])
+    forces = read_features(collection.viewed("forces", True, 3), Preprocess(forces=True))
+    assert forces.rows[5].tolist() == collection.runs[0].series(collection.rows[5]).force_n[:3].tolist()
+    with pytest.raises(InputError, match="frames = 5: must be from 1 to 4, the length of a series"):
+        collection.viewed("pixels", True, 5)
+    settings = ClassificationSettings(resolution=1.0, components=3, hold_out=("copy",), series=True)
+    sweep = Sweep.parsed("frames=1,3")
+    with workers() as executor:
+        result = run_sweep(collection, settings, sweep, 1, tmp_path, executor)
+        # All textures have the same stripes in the first frame; the speed of the stripes shows only in later frames.
+        assert result.values == (1.0, 3.0) and [score.accuracy for score in result.scores][1] == 1.0
+        assert result.scores[0].accuracy < 0.8
+        with pytest.raises(InputError, match="needs series of frames; also give --series"):
+            run_sweep(collection, ClassificationSettings(), sweep, 1, tmp_path, executor)
 
 
 def test_what_series_cannot_be_used_for_is_refused(slides: Path, tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def classify(
     if trials < 1:
         raise InputError("trials", trials, "must be at least 1")
     collection.require("classification", "label", *(["print"] if settings.protocol == "as-published" else []))
-    collection = collection.viewed(settings.features, settings.series)
+    collection = collection.viewed(settings.features, settings.series, settings.frames)
     presses = PressTable.of(collection)
     if settings.protocol != "leak-free":
         settings = replace(settings, train_on=settings.train_on or default_train_on(collection))

@@ -65,6 +65,7 @@ class ClassificationSettings:
         train_on: The training combinations, used one at a time (not ``leak-free``).
         features: The analysed features, see :class:`~tacbench_cad.lab.analysis.collection.Collection`.
         series: Whether all frames of a press's series are classified together, instead of the frame of the press.
+        frames: The number of frames that are used from the start of each series; None for all.
         roi: The region of interest in the form of ``--roi``; None for the region that is stored with the runs.
         marker_sigma: The width of a marker divided by 2.8, in pixels; None for an estimate.
         marker_threshold: The minimum contrast of a marker, in counts; None for an estimate.
@@ -89,6 +90,7 @@ class ClassificationSettings:
     train_on: tuple[str, ...] = ()
     features: FeatureName = "pixels"
     series: bool = False
+    frames: Annotated[int, Bounds(1)] | None = None
     roi: str | None = None
     marker_sigma: float | None = None
     marker_threshold: float | None = None

@@ -1,4 +1,7 @@
-"""Sweeps: the accuracy for several values of one setting (resolution, components, training prints, contact force)."""
+"""Sweeps: the accuracy for several values of one setting.
+
+The setting is the resolution, the contact force, or the number of components, of training prints or of moving frames.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,7 @@ PARAMETERS = {
     "components": "principal components",
     "copies": "prints of each texture and combination in training",
     "forces": "force level (trained and tested at it alone)",
+    "frames": "frames from the start of each series",
 }
 #: The default number of values in a range.
 STEPS = 10
@@ -93,6 +97,8 @@ class Sweep:
             return collection, replace(settings, components=int(value))
         if self.parameter == "copies":
             return collection, replace(settings, copies=int(value))
+        if self.parameter == "frames":
+            return collection, replace(settings, frames=int(value))
         return collection.at_level(int(value)), settings
 
 
@@ -126,6 +132,8 @@ def run_sweep(
         )
     if sweep.parameter == "components" and settings.components is None:
         raise InputError("sweep", sweep.parameter, "needs principal components; leave out --components none")
+    if sweep.parameter == "frames" and not settings.series:
+        raise InputError("sweep", sweep.parameter, "needs series of frames; also give --series")
     points: list[tuple[float, Score]] = []
     notes: list[str] = []
     for value in sweep.values:
