@@ -213,9 +213,9 @@ class Slider:
         self.carriage.check()
         grab = getattr(self._sensor, "grab", None)
         later: Callable[[], Frame] = partial(_same, self._read()) if grab is None else grab()
-        exposed_s = getattr(self._sensor, "frame_time_s", None)
+        ended_s, age_s = self.clock.now_s(), getattr(self._sensor, "frame_age_s", None)
         # A driver that does not know the time of exposure has waited for it in the meantime.
-        return ((begun_s + self.clock.now_s()) / 2.0 if exposed_s is None else exposed_s, later)
+        return ((begun_s + ended_s) / 2.0 if age_s is None else ended_s - age_s * self.clock.speed, later)
 
     def _net_force(self) -> tuple[float, float]:
         assert self.force is not None

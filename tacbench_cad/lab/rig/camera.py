@@ -142,6 +142,8 @@ class CameraSensor(Closing):
             present = {setting: self._capture.get(_PROPERTIES[setting]) for setting in _LOCKED}
             self._locked = {setting: value for setting, value in present.items() if value not in (0.0, -1.0)}
             self._period_s = self._pace()
+            #: The age of the last picture of :meth:`grab`, with an error of about half a period.
+            self.frame_age_s = self._period_s
             self.read()
         except BaseException:
             self.close()
@@ -162,9 +164,24 @@ class CameraSensor(Closing):
             SensorError: The frames are dark, blurred or stuck, or have another size, or the camera has changed one of
                 its settings by itself.
         """
+        return self._good(self._fresh)
+
+    def grab(self) -> Callable[[], Frame]:
+        """Take the next picture of the camera while the sensor moves; see :class:`tacbench_cad.lab.rig.sensor.Sensor`.
+
+        The pictures follow each other at the camera's own rate, since no buffered frame is discarded.
+
+        Raises:
+            RigError: Same as for :meth:`read`.
+        """
+        image = self._good(self._next)
+        return lambda: image
+
+    def _good(self, take: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+        """Take pictures until one has no fault."""
         faults: tuple[str, ...] = ()
         for _ in range(1 + _GLITCHES):
-            image = self._fresh()
+            image = take()
             faults = frame_faults(image, self._previous, self._options.limits)
             self._previous = image
             if not faults:
@@ -177,6 +194,13 @@ class CameraSensor(Closing):
         capture, self._capture = self._capture, None
         if capture is not None:
             capture.release()
+
+    def _next(self) -> NDArray[Any]:
+        self._grab()
+        now_s = self._now_s()
+        # A frame arrives about half a period after the end of its exposure, which takes up to a period.
+        self.frame_age_s = now_s - self._time_s(now_s) + self._period_s
+        return self._retrieve()
 
     def _fresh(self) -> NDArray[Any]:
         requested_s = self._now_s()

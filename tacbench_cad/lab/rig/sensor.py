@@ -26,8 +26,8 @@ class Sensor(Device, Protocol):
 
     A driver can have two optional members for moving frames. The method ``grab()`` takes a frame as :meth:`read` does,
     but returns a function that returns the frame, so that slow work is done later, and only for frames that are kept.
-    The attribute ``frame_time_s`` is the time of the last frame's exposure on the rig's clock. Without it, the time of
-    a moving frame is the middle of the call.
+    The attribute ``frame_age_s`` is the time from the middle of the last frame's exposure to the end of the call, in s
+    of real time. Without it, the middle of the call counts as the time of a moving frame.
     """
 
     name: str

@@ -138,7 +138,7 @@ class SimulatedSensor(_Follower):
         #: The state of the generator before the errors of the last approach were drawn.
         self._before_approach = self._rng.bit_generator.state
         #: See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
-        self.frame_time_s = self._began_s
+        self.frame_age_s = 0.0
         self._pins = self._tactip.rest
         self.name = SIMULATED
         self.units = "counts"
@@ -154,7 +154,7 @@ class SimulatedSensor(_Follower):
         """Take the pose for an image; see :class:`tacbench_cad.lab.rig.sensor.Sensor`."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
         (pose, angles), is_moving = self._pose(), self._in_motion()
-        frame_time_s = self.frame_time_s = self._clock.now_s()
+        frame_time_s = self._clock.now_s()
         if not is_moving:
             self._drag = Drag()
         contact = self._contact

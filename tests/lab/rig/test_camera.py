@@ -380,3 +380,28 @@ def test_opencv_refuses_a_number_without_a_camera() -> None:
     capture = open_capture("97")
     assert not capture.isOpened()
     capture.release()
+
+
+@pytest.mark.parametrize("stamps", [True, False])
+def test_moving_frames_come_at_the_rate_of_the_camera_with_their_age(stamps: bool) -> None:
+    fake = FakeCapture(Time(), stamps=stamps)
+    with camera(fake) as sensor:
+        sensor.read()
+        exposed, errors = [], []
+        for _ in range(12):
+            frame = sensor.grab()
+            middle_s = fake.exposed_at + fake.period_s / 2.0
+            exposed.append(middle_s)
+            errors.append(fake.time.now - sensor.frame_age_s - middle_s)
+            assert is_image(frame())
+        np.testing.assert_allclose(np.diff(exposed), fake.period_s)
+        # The first frames can be buffered ones, whose age is unknown without time stamps.
+        assert np.max(np.abs(errors[0 if stamps else 5 :])) < 0.6 * fake.period_s
+
+
+def test_a_moving_frame_that_is_dark_is_replaced_by_the_next_one(fake: FakeCapture) -> None:
+    with camera(fake) as sensor:
+        bad = fake._taken + 2
+        fake.alter = lambda frame, image: image // 50 if frame == bad else image
+        frames = [sensor.grab()() for _ in range(3)]
+        assert min(frame.max() for frame in frames) > 150 and fake._taken == bad + 2
