@@ -112,7 +112,8 @@ def _next(request: Mapping[str, Any]) -> list[str]:
     parts = request["parts"] or ("blocks",)
     if "blocks" in parts and not any(request[name] for name in ("size_mm", "height_mm", "mm_per_unit")):
         block = next_block(request["textures"], request["preset"], request["scale"], request["key_mm"])
-        return ["plate", "--printer", "NAME", *block]
+        model = request.get("compensate")
+        return ["plate", "--printer", "NAME", *block, *([] if model is None else ["--compensate", str(model)])]
     return ["make", "--fit", "FIT"] if tuple(parts) == ("coupon",) else ["acquire", "--init", "study.toml"]
 
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from helpers.gcode_writer import write_gcode
+from helpers.printers import PRINTER, points
 
 from tacbench_cad.cli import main
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.compensation import corrected_for, in_file
+from tacbench_cad.spec.printermodel import write_printer_model
 
 Capture = pytest.CaptureFixture[str]
 HALF = ("--texture", "2", "--scale", "0.5")
@@ -113,3 +117,16 @@ def test_an_empty_file_is_refused(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty.gcode").touch()
     assert main(["check-gcode", str(tmp_path / "empty.gcode"), *HALF, "--no-picture"]) == 2
     assert "is empty" in capsys.readouterr().err
+
+
+def test_the_g_code_of_a_corrected_file_is_compared_with_the_corrected_formula(tmp_path: Path, capsys: Capture) -> None:
+    high = replace(PRINTER, transfer_x=points((1.0, 0.8)), transfer_y=points((1.0, 0.8)))
+    model = tmp_path / "my-printer.toml"
+    write_printer_model(high, model)
+    path = write_gcode(tmp_path / "two.gcode", in_file(corrected_for(Block.of(2, scale=0.5), high)))
+
+    def rms(*options: str) -> float:
+        assert main(["check-gcode", str(path), *HALF, "--json", "--no-picture", "--frame", "90,80", *options]) == 0
+        return float(json.loads(capsys.readouterr().out)["files"][0]["height"]["rms_mm"])
+
+    assert 1.3 * rms("--compensate", str(model)) < rms()
