@@ -29,7 +29,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -184,12 +184,20 @@ def collect(outcome: Outcome, fit: ScanFit, block: Block, truth: ScanTruth, pose
             outcome.waves.append((ratio, wave.amplitude_ratio - ratio, wave.standard_error))
 
 
-def numbered(call: Callable[[int], Any], count: int, what: str, pool: ProcessPoolExecutor) -> Iterator[Any]:
-    """Yield the results of calls with numbers, and show the progress."""
-    for done, result in enumerate(pool.map(call, range(count)), start=1):
-        if sys.stderr.isatty():
-            print(f"\r{what} {done}/{count}", end="" if done < count else "\n", file=sys.stderr, flush=True)
-        yield result
+def numbered(call: Callable[[int], Any], count: int, what: str, options: argparse.Namespace) -> list[Any]:
+    """Return the results of calls with numbers, of as many as the time allows, and show the progress."""
+    end = time.monotonic() + 60.0 * options.minutes
+    results: list[Any] = []
+    with ProcessPoolExecutor(options.processes) as pool:
+        for result in pool.map(call, range(count)):
+            results.append(result)
+            if sys.stderr.isatty():
+                print(f"\r{what} {len(results)}/{count} ", end="", file=sys.stderr, flush=True)
+            if time.monotonic() > end:
+                pool.shutdown(wait=False, cancel_futures=True)
+                break
+    print(f"\n== {what}: {len(results)}")
+    return results
 
 
 def full_run(number: int) -> Outcome:
@@ -389,6 +397,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     for name, count in (("scans", 200), ("small", 200), ("foreign", 10), ("peers", 12), ("large", 1), ("processes", 2)):
         parser.add_argument(f"--{name}", type=int, default=count)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="the time for each of the first three parts")
     parser.add_argument("--save", type=Path, help="a JSON file for the outcomes")
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--texture", type=int, default=2, help=argparse.SUPPRESS)
@@ -397,25 +406,20 @@ def main() -> None:
         measure(options.measure, options.texture)
         return
     saved: dict[str, Any] = {}
-    with ProcessPoolExecutor(options.processes) as pool:
-        if options.scans:
-            print(f"\n== {options.scans} scans of 200,000 points")
-            outcomes = list(numbered(full_run, options.scans, "scan", pool))
-            saved["scans"] = [vars(one) for one in outcomes]
-            show_accuracy(outcomes)
-        if options.small:
-            print(f"\n== {options.small} small scans of 3,000 points")
-            outcomes = list(numbered(small_run, options.small, "small scan", pool))
-            saved["small"] = [vars(one) for one in outcomes]
-            show_coverage(outcomes)
-        if options.foreign:
-            count = options.foreign * (len(FOREIGN) + 1)
-            results = list(numbered(foreign_run, count, "object", pool))
-            refused = sum(bool(error) for _, error in results)
-            print(f"\n== {count} foreign objects: {refused} refused")
-            for number, (kind, error) in enumerate(results):
-                if not error:
-                    print(f"  ACCEPTED: object {number}, {kind}")
+    if options.scans:
+        outcomes = numbered(full_run, options.scans, "scans of 200,000 points", options)
+        saved["scans"] = [vars(one) for one in outcomes]
+        show_accuracy(outcomes)
+    if options.small:
+        outcomes = numbered(small_run, options.small, "small scans of 3,000 points", options)
+        saved["small"] = [vars(one) for one in outcomes]
+        show_coverage(outcomes)
+    if options.foreign:
+        results = numbered(foreign_run, options.foreign * (len(FOREIGN) + 1), "foreign objects", options)
+        print(f"refused: {sum(bool(error) for _, error in results)} of {len(results)}")
+        for number, (kind, error) in enumerate(results):
+            if not error:
+                print(f"  ACCEPTED: object {number}, {kind}")
     if options.peers:
         print("\n== beside other programs")
         compare_with_peers(options.peers)
