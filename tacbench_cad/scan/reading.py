@@ -146,11 +146,16 @@ def _by_trimesh(path: Path, suffix: str) -> tuple[Floats, Ints]:
     try:
         options: dict[str, Any] = {"process": False, "skip_materials": True}
         bodies = list(trimesh.load_scene(data, file_type=suffix[1:], **options).geometry.values())
+        starts = itertools.accumulate((len(body.vertices) for body in bodies), initial=0)
+        vertices = [np.asarray(body.vertices, dtype=np.float64).reshape(-1, 3) for body in bodies]
+        faces = [np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3) for body in bodies]
+        if any(
+            len(own) and not 0 <= own.min() <= own.max() < len(points)
+            for points, own in zip(vertices, faces, strict=True)
+        ):
+            raise ValueError("a triangle has a vertex that does not exist")
     except Exception as error:  # a damaged file can raise almost any error
         raise InputError("scan", str(path), f"cannot be read: {one_line(error, 200)}") from None
-    starts = itertools.accumulate((len(body.vertices) for body in bodies), initial=0)
-    vertices = [np.asarray(body.vertices, dtype=np.float64).reshape(-1, 3) for body in bodies]
-    faces = [np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3) for body in bodies]
     moved = [own + start for own, start in zip(faces, starts, strict=False)]
     return np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), dtype=np.int64), *moved])
 
@@ -211,8 +216,8 @@ def _table(path: Path) -> Floats:
         if _is_numbers(line.split(separator)):
             break
         skipped += 1
-        if skipped > 200:
-            raise InputError("scan", str(path), "has no line that begins with the numbers x, y and z")
+    else:
+        raise InputError("scan", str(path), "has no line that begins with the numbers x, y and z")
     try:
         table = np.loadtxt(
             io.BytesIO(data), delimiter=separator, skiprows=skipped, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")

@@ -12,6 +12,7 @@ import numpy as np
 
 from helpers.import_kinds import IMPORT_KINDS
 from helpers.mutations import HARMLESS_IN_TOML, Kind, indented, marked, windows, writer
+from helpers.scan_kinds import SCAN_KINDS
 
 TEXTURE = """# a texture
 [texture]
@@ -284,6 +285,7 @@ KINDS: dict[str, Kind] = {
     "step": Kind("block.step", make_step, read_step_file, (windows,)),
     "gcode": Kind("block.gcode", make_gcode, read_gcode_file, (windows,)),
     **IMPORT_KINDS,
+    **SCAN_KINDS,
 }
 
 

@@ -30,9 +30,9 @@ def workers() -> Iterator[Workers]:
 
 
 def _make_sample(name: str, folder: Path) -> Path:
-    for module in {"step": ("OCP",), "3mf": ("lib3mf",), "png": ("cv2",), "run": ("cv2",), "targets": ("cv2",)}.get(
-        name, ()
-    ):
+    needed = {"step": "OCP", "3mf": "lib3mf", "png": "cv2", "run": "cv2", "targets": "cv2"}
+    needed |= {"scan ply": "trimesh", "scan obj": "trimesh"}
+    if (module := needed.get(name)) is not None:
         pytest.importorskip(module)
     folder.mkdir()
     KINDS[name].make(folder)

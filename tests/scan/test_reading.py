@@ -127,6 +127,9 @@ def test_what_is_no_scan_is_refused(tmp_path: Path) -> None:
     (tmp_path / "b.xyz").write_text("words\n" * 300)
     with pytest.raises(InputError, match=r"no line that begins with the numbers x, y and z"):
         read_scan(tmp_path / "b.xyz", unit="mm")
+    (tmp_path / "b.xyz").write_text("x y z\n")
+    with pytest.raises(InputError, match="no line that begins with the numbers x, y and z"):
+        read_scan(tmp_path / "b.xyz", unit="mm")
     (tmp_path / "c.ply").write_bytes(b"ply\nnonsense")
     with pytest.raises(InputError, match=r"c\.ply': cannot be read"):
         read_scan(tmp_path / "c.ply", unit="mm")
