@@ -28,6 +28,8 @@ _PIXELS = 40
 _ANGLE_STEP = 4.0
 #: The number of poses that each vertical gives at most.
 _POSES = 24
+#: A pose is kept if its score is at least this fraction of the best.
+_SCORE_KEPT = 0.5
 _NEIGHBOURS = 12
 
 
@@ -232,6 +234,7 @@ class Search:
         total = float(level @ level)
         spread = Relief.of(self.block).rms_mm ** 2
         best: list[_Peak] = []
+        highest = 0.0
         for index in range(len(self.angles)):
             template, square, inside = self.spectra[index]
             products = np.stack(
@@ -243,12 +246,16 @@ class Search:
             # A pixel of the scan beside the block counts as one that the formula does not explain.
             left = left + 2.0 * spread * (count - overlap)
             score = np.where(overlap > 0.6 * count, 1.0 - left / (count * spread), -9.0)
-            peak = (score == ndimage.maximum_filter(score, 5, mode="wrap")) & (score > 0.0)
+            least = max(0.0, _SCORE_KEPT * highest)
+            if score.max() <= least:
+                continue
+            highest = max(highest, float(score.max()))
+            peak = (score == ndimage.maximum_filter(score, 5, mode="wrap")) & (score > least)
             best += [(float(score[i, j]), index, int(i), int(j)) for i, j in np.argwhere(peak)]
         best.sort(reverse=True)
         chosen: list[_Peak] = []
         for entry in best:
-            if len(chosen) == _POSES or entry[0] < 0.5 * best[0][0]:
+            if len(chosen) == _POSES or entry[0] < _SCORE_KEPT * best[0][0]:
                 break
             if not any(self._same(entry, other) for other in chosen):
                 chosen.append(entry)

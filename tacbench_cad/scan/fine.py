@@ -89,7 +89,8 @@ def faces_seen(points: Floats, block: Block, state: State, limit_mm: float) -> f
 
 def simple(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, frozenset[int]]:
     """Return the state with the scale and the skew fitted but not the waves, and the faces that the scan shows."""
-    state = replace(state, relief=Relief.of(block), depth_mm=limit_mm / TUKEY, lateral_mm=limit_mm / TUKEY)
+    noise = limit_mm / TUKEY
+    state = State(state.pose, Relief.of(block), depth_mm=noise, lateral_mm=noise, faces=state.faces)
     faces = faces_seen(points, block, state, limit_mm)
     state = replace(state, faces=faces)
     return iterate(points, block, state, unknowns(fit, state.relief, faces, waves=False), limit_mm, 4), faces
@@ -98,7 +99,9 @@ def simple(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float
 def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, Unknowns]:
     """Return the state with the scale, the skew and the waves fitted, and the parameters of the fit."""
     state, faces = simple(points, block, state, fit, limit_mm)
-    full = unknowns(fit, state.relief, faces, waves=True)
+    full = _without_offset(points, block, state, unknowns(fit, state.relief, faces, waves=True), limit_mm)
+    if "wall_offset_mm" not in full.names:
+        state = replace(state, wall_offset_mm=0.0)
     for turn in range(10):
         before = state
         state = iterate(points, block, state, full, limit_mm, 3 if turn < 2 else 1)
@@ -106,6 +109,21 @@ def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: floa
         if settled(before, state):
             break
     return state, full
+
+
+def _without_offset(points: Floats, block: Block, state: State, unknown: Unknowns, limit_mm: float) -> Unknowns:
+    """Return the parameters without the offset of the walls if the walls have to give a shift or a scale instead.
+
+    The offset can be told from a shift where the texture gives the shift, or where opposite walls and a known scale do.
+    """
+    if "wall_offset_mm" not in unknown.names:
+        return unknown
+    fewer = replace(unknown, names=unknown.names[:-1])
+    given = [
+        solve(normal_equations(points, block, state, names, limit_mm), names, block).determined[: len(fewer.names)]
+        for names in (unknown, fewer)
+    ]
+    return unknown if np.all(given[0] >= given[1]) else fewer
 
 
 def settled(before: State, after: State) -> bool:
@@ -143,7 +161,9 @@ def finish(points: Floats, block: Block, state: State, unknown: Unknowns, limit_
     correlation = _correlation(normal)
     ratio = normal.weight_sum / max(normal.slope_sum, 1e-9)
     covariance = solved.gain @ normal.scores @ solved.gain
-    error = np.sqrt(np.maximum(np.diag(covariance), 0.0) * correlation) * ratio
+    # The residuals are smaller than the errors, because the unknowns follow the points.
+    freedom = normal.count / max(1, normal.count - int(np.count_nonzero(solved.determined)))
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0) * correlation * freedom) * ratio
     return Final(state, unknown, solved, np.where(solved.determined, error, math.inf), math.sqrt(correlation))
 
 

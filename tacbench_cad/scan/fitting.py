@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,7 +14,7 @@ from tacbench_cad.scan import fine
 from tacbench_cad.scan.cloud import Cloud
 from tacbench_cad.scan.coarse import SEARCH_POINTS, Search, Seen, look, verticals
 from tacbench_cad.scan.estimates import FITS, Estimate, Fit, ScanFit
-from tacbench_cad.scan.faces import NOTHING, TOP, WALL, assign
+from tacbench_cad.scan.faces import NOTHING, TOP, WALL, assign, walls_of
 from tacbench_cad.scan.fine import COMPARED_POINTS, FIRST_POINTS, Rough, cost, thinned
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.scan.refining import (
@@ -43,6 +44,8 @@ _EQUAL = 40.0
 _MAX_COMPARED = 16
 #: A vertical is accepted without trying the others if its pose explains this fraction of the points.
 _ENOUGH = 0.85
+#: The number of candidates that are compared by their distances, after a comparison of heights.
+_MAX_LOCATED = 5
 #: The smallest fraction of the points in the box of the block that must lie on its faces.
 _MIN_EXPLAINED = 0.6
 #: The largest fraction of the variance of the relief that may remain at the points of the top.
@@ -71,7 +74,7 @@ class Match:
         index: Its index among the candidates.
         rms_mm: The root mean square of the distances of the points from its faces, with distances cut at a quarter of
             the relief's root mean square.
-        others_mm: The same for every candidate, infinite for those without a pose.
+        others_mm: The same for every candidate, infinite for those that were excluded by the correlation of heights.
     """
 
     block: Block
@@ -107,9 +110,10 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     tell("compare the poses", 0.3)
     best, rivals = _decide(points, block, fit, located)
     tell("fit", 0.6)
-    limit = _limit(block, best[0])
-    state, unknown = fine.refined(thinned(points, COMPARED_POINTS), block, best[0], fit, limit)
-    state = _centred(points, block, state, unknown, limit)
+    limit = _limit(block)
+    some = thinned(points, COMPARED_POINTS)
+    state, unknown = fine.refined(some, block, best[0], fit, limit)
+    state = _centred(some, block, state, unknown, limit)
     final = fine.finish(points, block, state, unknown, limit, blur=cloud.grid is None)
     _require_block(cloud, block, points, final, limit)
     tell("measure all points", 0.9)
@@ -132,14 +136,14 @@ def identify(cloud: Cloud, candidates: Sequence[Block]) -> Match:
     seen = look(thinned(points, SEARCH_POINTS))
     few = thinned(points, FIRST_POINTS)
     cut = 0.25 * min(Rough.of(block).reliefs[0].rms_mm for block in candidates)
-    costs: list[float] = []
-    for block in candidates:
-        located = _locate(seen, Search(block), upright=cloud.grid is not None)
-        found = math.inf
-        for entry in located[:2]:
-            state, _ = fine.simple(few, block, entry.state, "scale", _limit(block, entry.state))
-            found = min(found, math.sqrt(float(np.mean(cost(few, block, state, cut)))))
-        costs.append(found)
+    searches = [Search(block) for block in candidates]
+    scores = [_score(seen, search, upright=cloud.grid is not None) for search in searches]
+    costs = [math.inf] * len(candidates)
+    for index in np.argsort(scores)[::-1][:_MAX_LOCATED]:
+        block = candidates[index]
+        for entry in _locate(seen, searches[index], upright=cloud.grid is not None, most=2)[:2]:
+            state, _ = fine.simple(few, block, entry.state, "scale", _limit(block))
+            costs[index] = min(costs[index], math.sqrt(float(np.mean(cost(few, block, state, cut)))))
     order = np.argsort(costs)
     reason: InputError | None = None
     for index in order[:3]:
@@ -149,9 +153,7 @@ def identify(cloud: Cloud, candidates: Sequence[Block]) -> Match:
             except InputError as error:
                 reason = reason or error
                 continue
-            return Match(
-                block=candidates[index], index=int(index), rms_mm=costs[index], others_mm=tuple(float(c) for c in costs)
-            )
+            return Match(block=candidates[index], index=int(index), rms_mm=costs[index], others_mm=tuple(costs))
     raise reason or _refused(cloud, candidates[int(order[0])], "no pose explains its relief")
 
 
@@ -171,23 +173,36 @@ def _refused(cloud: Cloud, block: Block, why: str) -> InputError:
     )
 
 
-def _locate(seen: Seen, search: Search, *, upright: bool) -> list[_Located]:
-    """Return the poses that may be right, the best first."""
+def _score(seen: Seen, search: Search, *, upright: bool) -> float:
+    """Return how well the heights of a scan agree with a block at best, over the likely verticals."""
+    best = 0.0
+    for vertical in itertools.islice(verticals(seen, search.block), 2):
+        for sign in (1.0, -1.0):
+            if not upright or sign * vertical[2] >= 0.7:
+                best = max([best, *(score for score, _ in search.poses(seen, sign * vertical))])
+    return best
+
+
+def _locate(seen: Seen, search: Search, *, upright: bool, most: int = 6) -> list[_Located]:
+    """Return the poses that may be right, the best first, from at most ``most`` verticals."""
     block, steps = search.block, Rough.of(search.block)
     few = thinned(seen.points, FIRST_POINTS)
     cut = 0.3 * steps.reliefs[0].rms_mm
     result: list[_Located] = []
-    tried = 0
-    for vertical in verticals(seen, block):
-        tried += 1
+    for vertical in itertools.islice(verticals(seen, block), most):
         for sign in (1.0, -1.0):
             if upright and sign * vertical[2] < 0.7:
                 continue
             for _, pose in search.poses(seen, sign * vertical):
                 state = steps(few, pose)
                 squares = cost(few, block, state, cut)
+                for aligned in _aligned(few, block, state):
+                    other = cost(few, block, replace(state, pose=aligned), cut)
+                    if float(np.sum(other)) < float(np.sum(squares)):
+                        state = steps(few, aligned)
+                        squares = cost(few, block, state, cut)
                 result.append(_Located(state, float(np.mean(squares)), float(np.mean(squares < 0.99 * cut**2))))
-        if tried == 6 or (result and max(entry.explained for entry in result) > _ENOUGH):
+        if result and max(entry.explained for entry in result) > _ENOUGH:
             break
     result.sort(key=lambda entry: entry.cost)
     kept: list[_Located] = []
@@ -199,6 +214,29 @@ def _locate(seen: Seen, search: Search, *, upright: bool) -> list[_Located]:
     return kept
 
 
+def _aligned(points: Floats, block: Block, state: State) -> Iterator[Pose]:
+    """Return the pose moved along a side along which the texture is constant, so that edges or walls come to the ends.
+
+    The walls are where most of the points below the top lie.
+    """
+    nominal = state.pose.to_block(points)
+    limit = _limit(block)
+    top = assign(nominal, block, state.relief, limit, max(block.size_mm)).face == TOP
+    below = ~top & (nominal[:, 2] > 0.0) & (nominal[:, 2] < block.height_mm)
+    for axis in range(2):
+        if block.surface.highest_frequency[axis] > 0.0 or not top.any():
+            continue
+        places = list(np.quantile(nominal[top, axis], (0.003, 0.997)))
+        if below.any():
+            counts, edges = np.histogram(nominal[below, axis], np.arange(-1.0, 2.0, 0.01) * block.size_mm[axis])
+            places += list(edges[np.argsort(counts)[-2:]] + 0.005 * block.size_mm[axis])
+        for place in places:
+            for end in (0.0, block.size_mm[axis]):
+                shift = state.pose.shift_mm.copy()
+                shift[axis] += end - place
+                yield replace(state.pose, shift_mm=shift)
+
+
 def _close(first: Pose, second: Pose, block: Block, fraction: float = 0.03) -> bool:
     """Return whether two poses put the corners of the block at almost the same places of the scan."""
     x, y = block.size_mm
@@ -207,7 +245,7 @@ def _close(first: Pose, second: Pose, block: Block, fraction: float = 0.03) -> b
     return bool(far.max() < fraction * max(x, y))
 
 
-def _limit(block: Block, state: State) -> float:
+def _limit(block: Block) -> float:
     """Return the largest distance from a face at which points still count in the fine steps."""
     return 0.3 * Relief.of(block).rms_mm + 0.05
 
@@ -222,9 +260,9 @@ def _decide(
     """
     some = thinned(points, _DECIDING_POINTS)
     results: list[tuple[State, Unknowns]] = []
-    most = 1.5 * located[0].cost + (0.02 * _limit(block, located[0].state)) ** 2
+    most = 1.5 * located[0].cost + (0.02 * _limit(block)) ** 2
     for entry in [entry for entry in located if entry.cost <= most or entry is located[0]][:_MAX_COMPARED]:
-        limit = _limit(block, entry.state)
+        limit = _limit(block)
         state, unknown = fine.refined(some, block, entry.state, fit, limit)
         state = _centred(some, block, state, unknown, limit)
         if not any(_close(state.pose, other.pose, block, 0.02) for other, _ in results):
@@ -245,8 +283,10 @@ def _centred(points: Floats, block: Block, state: State, unknown: Unknowns, limi
     nominal = state.pose.to_block(points)
     assigned = assign(nominal, block, state.relief, limit, 0.25 * max(block.size_mm))
     top = assigned.face == TOP
+    walls = [wall for index, wall in enumerate(walls_of(block)) if WALL + index in state.faces]
     for axis in range(2):
-        if not known[f"shift_{'xy'[axis]}_mm"] and top.any():
+        held = known[f"shift_{'xy'[axis]}_mm"] or any(wall.normal[axis] for wall in walls)
+        if not held and top.any():
             low, high = np.quantile(nominal[top, axis], (0.005, 0.995))
             shift[axis] -= (low + high) / 2.0 - block.size_mm[axis] / 2.0
     return replace(state, pose=replace(state.pose, shift_mm=shift))

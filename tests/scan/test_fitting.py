@@ -9,7 +9,7 @@ import pytest
 
 from tacbench_cad.scan.cloud import Cloud
 from tacbench_cad.scan.estimates import ScanFit
-from tacbench_cad.scan.fitting import fit_scan
+from tacbench_cad.scan.fitting import fit_scan, identify
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.scan.refining import centre_of
 from tacbench_cad.scan.simulating import WALLS, ScanTruth, simulate_foreign, simulate_scan, stretch
@@ -29,7 +29,7 @@ def pose_errors(pose: Pose, truth: Pose, block: Block) -> tuple[float, np.ndarra
 
 
 def scanned(block: Block, fit: str = "scale", **truth: object) -> tuple[ScanFit, ScanTruth]:
-    made = ScanTruth(**{"points": 20_000, "pose": SHRUNK, "seed": 1, **truth}).with_random_pose()  # type: ignore[arg-type]
+    made = ScanTruth(**{"points": 12_000, "pose": SHRUNK, "seed": 1, **truth}).with_random_pose()  # type: ignore[arg-type]
     return fit_scan(simulate_scan(block, made), block, fit), made  # type: ignore[arg-type]
 
 
@@ -45,7 +45,7 @@ def test_a_whole_scan_gives_pose_scale_and_waves() -> None:
     assert fit.undetermined == ("base_mm",)
     assert fit.half_turn == "decided"
     assert fit.alternatives == ()
-    assert fit.noise_mm == pytest.approx(0.02, rel=0.05)
+    assert fit.noise_mm == pytest.approx(0.02, rel=0.1)
     assert 0.93 < fit.used.mean() < 0.99
     second = next(wave for wave in fit.waves if wave.direction_deg == 0.0 and 2.5 < wave.wavelength_mm < 2.55)
     assert second.ratio_low - 0.01 < 0.7 < second.ratio_high + 0.01
@@ -91,3 +91,24 @@ def test_a_flat_or_another_object_is_refused(kind: str) -> None:
 def test_a_scan_needs_points() -> None:
     with pytest.raises(InputError, match=r"few\.xyz: has 3 points; a scan needs at least 500 points"):
         fit_scan(Cloud(points_mm=np.eye(3), source="few.xyz"), Block.of(2))
+
+
+def test_the_block_is_found_among_others() -> None:
+    blocks = [Block.of(1), Block.of(5), Block.of(5, scale=0.5)]
+    truth = ScanTruth(points=6_000, pose=SHRUNK, walls=("x-",), seed=4).with_random_pose()
+    match = identify(simulate_scan(blocks[1], truth), blocks)
+    assert match.block is blocks[1]
+    assert match.index == 1
+    assert min(match.others_mm) == match.rms_mm < 0.05
+    assert match.others_mm[0] > 1.2 * match.rms_mm
+
+
+def test_a_key_decides_the_half_turn_and_an_outline_may_be_round() -> None:
+    block = Block.of(2, key_mm=4.0)
+    fit, truth = scanned(block, points=10_000)
+    assert fit.half_turn == "decided"
+    assert pose_errors(fit.pose, truth.pose, block)[0] < 0.05
+    disc = Block.of(2, outline="disc")
+    fit, truth = scanned(disc, points=10_000, walls=())
+    assert pose_errors(fit.pose, truth.pose, disc)[0] < 0.05
+    assert not fit.on_walls.any()
