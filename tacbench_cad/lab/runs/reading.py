@@ -147,7 +147,7 @@ class Run:
             verify: Compare each file with its checksum in the table.
 
         Returns:
-            The series, with as many frames as :attr:`RunInfo.series_frames` says.
+            The series, with as many frames as :attr:`~tacbench_cad.lab.runs.info.RunInfo.series_frames` says.
 
         Raises:
             InputError: The run has no series, or the table of the series cannot be read.

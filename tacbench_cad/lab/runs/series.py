@@ -48,7 +48,7 @@ class Series:
     """The frames of a press during its motion, in their order.
 
     Args:
-        frames: The frames, shape (T, *shape of a frame).
+        frames: The frames, shape (T, ...) with the shape of a frame after T.
         time_s: The time since the first frame, in s of the rig's clock, shape (T,).
         pose_mm: The position of the sensor's summit in the work frame, shape (T, 3).
         rotation_deg: The rotations of the sensor around x, y and z, shape (T, 3).
