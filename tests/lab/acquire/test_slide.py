@@ -21,7 +21,7 @@ from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.slide import Recorder, TooFewFramesError, nearest_frames
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError
+from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError, SlipError
 from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
@@ -182,6 +182,27 @@ def test_a_signal_during_a_slide_lifts_and_the_run_can_be_resumed(tmp_path: Path
     stage_of(rig).on_part = lambda _: None
     pressed(rig, tmp_path / "run")
     assert check_run(tmp_path / "run").series == 4
+
+
+def test_a_motor_that_slips_during_a_slide_sets_the_series_aside_and_they_are_made_again(tmp_path: Path) -> None:
+    rig = FakeRig(slides=True)
+    rig.stage.measures_offset = True
+    protocol = slide_protocol(home_every=2)
+
+    def slip(part: int) -> None:
+        if part == 6 and stage_of(rig).slides == 4:
+            x, y, z = rig.stage.true
+            rig.stage.true = (x + 0.5, y, z)
+
+    stage_of(rig).on_part = slip
+    with pytest.raises(SlipError, match=r"1 press since the last good check was set aside"):
+        pressed(rig, tmp_path / "run", protocol)
+    assert series_names(tmp_path / "run") == {"press_1", "press_2", "press_3"}
+    (aside,) = (tmp_path / "run" / "set_aside").iterdir()
+    assert series_names(aside) == {"press_4"} and (aside / "targets.csv").exists()
+    pressed(rig, tmp_path / "run", protocol)
+    report = check_run(tmp_path / "run")
+    assert (report.series, report.unchecked) == (4, 0)
 
 
 def test_a_press_is_made_again_if_the_sensor_was_too_slow_and_then_given_up(tmp_path: Path) -> None:
