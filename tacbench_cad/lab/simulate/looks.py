@@ -141,7 +141,7 @@ class Look(Checked):
 def rings_seen(
     counts: tuple[int, ...], radii_px: tuple[float, ...], first_deg: float, focal_px: float
 ) -> tuple[Ring, ...]:
-    """Return rings of pins on a sphere of :data:`TIP_RADIUS_MM` that the camera sees at given radii.
+    """Return rings of pins that the camera sees at given radii, as far from the centre as TIP_RADIUS_MM.
 
     Args:
         counts: The number of pins of each ring, equally spaced.
