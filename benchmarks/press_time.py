@@ -6,7 +6,7 @@ A study is pressed on a virtual rig that is not faster than real time: two posit
 repeats. The first press of the block, which begins without any known height, is not counted. The time of the motion is
 computed from every move that the stage was asked for: a stroke from rest to rest with the speed and the acceleration of
 the virtual machine. The rest of the time is spent waiting for answers, for forces and for a frame. The table shows
-where. Claim: a press takes at most 1.5 times the time of its motion.
+where. Claim: a press takes at most twice the time of its motion, also on a busy machine.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.virtual_rig.devices import open_rig
 from tacbench_cad.virtual_rig.machine import Stroke, along_path
 
-LIMIT = 1.5
+LIMIT = 2.0
 #: The highest speeds and the accelerations of the virtual machines, in mm and s.
 MACHINES = {
     "virtual-grbl": ((50.0, 50.0, 15.0), (200.0, 200.0, 100.0)),
