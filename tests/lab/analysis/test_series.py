@@ -28,8 +28,10 @@ from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.compare import compare, read_side
+from tacbench_cad.lab.analysis.figures import styled
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
 from tacbench_cad.lab.analysis.report.classification import Classification
+from tacbench_cad.lab.analysis.variance.figures import motion_figure
 from tacbench_cad.lab.analysis.variance.registration import register
 from tacbench_cad.lab.analysis.variance.streaming import Pass, stream
 from tacbench_cad.lab.analysis.variance.table import variance_table
@@ -204,8 +206,12 @@ def test_memory_does_not_grow_with_the_length_of_the_series(tmp_path: Path) -> N
 
 def test_the_table_of_a_series_shows_the_variance_along_the_slide(study: Collection, tmp_path: Path) -> None:
     result = variance_table(study)
-    files = {path.name for path in write_all(result, tmp_path)}
-    assert {"motion.csv", "variance_motion.png", "variance_motion.pdf"} <= files
+    assert tmp_path / "motion.csv" in VarianceView.of(result).write(tmp_path)
+    with styled():
+        panels = motion_figure(result).axes
+    assert len(panels) == 2 * 2  # two printers and two forces
+    assert [line.get_label() for line in panels[0].get_lines()] == ["1", "2", "noise alone"]
+    np.testing.assert_allclose(panels[0].get_lines()[0].get_xdata(), [0.0, 0.5, 1.0, 1.5])
     with (tmp_path / "motion.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     assert len(rows) == 2 * 4 * STEPS
@@ -225,7 +231,7 @@ def test_the_table_of_a_series_shows_the_variance_along_the_slide(study: Collect
     assert cell.floor == variance_table(study.viewed("pixels", False)).cell(1, "ender-3_pla-plus", "texture-2").floor
 
 
-def test_forces_are_analysed_like_a_frame_with_a_number_for_each_time(slides: Path, tmp_path: Path) -> None:
+def test_forces_are_analysed_like_a_frame_with_a_number_for_each_time(slides: Path) -> None:
     collection = Collection.open([slides]).viewed("forces", True)
     result = variance_table(collection, preprocess_of(collection, "forces"))
     assert result.collection.units == "N"
@@ -242,7 +248,9 @@ def test_forces_are_analysed_like_a_frame_with_a_number_for_each_time(slides: Pa
     assert cell.floor_from == "repeats (upper bound)"  # the stationary frames have no forces
     steps = result.steps[3, ("ender-3_pla-plus", "texture-1")]
     np.testing.assert_allclose(steps, np.mean(expected, axis=0), rtol=1e-6)
-    assert "variance_motion.png" in {path.name for path in write_all(result, tmp_path)}
+    with styled():
+        lines = motion_figure(result).axes[1].get_lines()
+    np.testing.assert_allclose(lines[0].get_ydata(), steps)
 
 
 def test_markers_are_followed_in_each_frame_of_a_series(tmp_path: Path) -> None:
