@@ -56,7 +56,8 @@ class WaveEstimate:
         wave: The wave of the formula, in mm over the block frame.
         wavelength_mm: Its length.
         direction_deg: The angle of its direction from the x axis, from -90 (excluded) to 90 degrees.
-        amplitude_ratio: The printed amplitude divided by the amplitude of the formula.
+        amplitude_ratio: The printed amplitude divided by the amplitude of the formula. For a wave that cannot be told
+            from noise, only its component in phase with the formula counts.
         ratio_low: The lower end of its interval of 95 %.
         ratio_high: The upper end of its interval of 95 %.
         standard_error: The standard error of the ratio.

@@ -33,6 +33,8 @@ from tacbench_cad.util.types import Floats
 #: The number of points of the first steps, and of the steps that compare poses.
 FIRST_POINTS = 4_000
 COMPARED_POINTS = 20_000
+#: The distance from the block from which points count as a sign of the table, as a fraction of the longer side.
+_TABLE_FROM = 0.03
 #: The largest number of products in the sums of the last step, which limits the number of points.
 _MAX_PRODUCTS = 5e9
 _MAX_POINTS = 2_000_000
@@ -81,9 +83,16 @@ def cost(points: Floats, block: Block, state: State, limit_mm: float) -> Floats:
 
 
 def faces_seen(points: Floats, block: Block, state: State, limit_mm: float) -> frozenset[int]:
-    """Return the faces to which at least 1 % of the points belong."""
-    assigned = assign(state.pose.to_block(points), block, state.relief, limit_mm, edge_width(state))
-    kinds, counts = np.unique(assigned.face[assigned.clear], return_counts=True)
+    """Return the faces to which at least 1 % of the points belong.
+
+    The lower ends of walls and outliers beside them are no table, so points of the table count from some distance on.
+    """
+    nominal = state.pose.to_block(points)
+    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state))
+    middle = np.array(block.size_mm) / 2.0
+    beside = np.max(np.abs(nominal[:, :2] - middle) - middle, axis=1) > _TABLE_FROM * max(block.size_mm)
+    counted = assigned.clear & ((assigned.face != TABLE) | beside)
+    kinds, counts = np.unique(assigned.face[counted], return_counts=True)
     return frozenset(int(kind) for kind, number in zip(kinds, counts, strict=True) if number >= 0.01 * len(points))
 
 
@@ -99,9 +108,7 @@ def simple(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float
 def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, Unknowns]:
     """Return the state with the scale, the skew and the waves fitted, and the parameters of the fit."""
     state, faces = simple(points, block, state, fit, limit_mm)
-    full = _without_offset(points, block, state, unknowns(fit, state.relief, faces, waves=True), limit_mm)
-    if "wall_offset_mm" not in full.names:
-        state = replace(state, wall_offset_mm=0.0)
+    full = unknowns(fit, state.relief, faces, waves=True)
     for turn in range(10):
         before = state
         state = iterate(points, block, state, full, limit_mm, 3 if turn < 2 else 1)
@@ -109,21 +116,6 @@ def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: floa
         if settled(before, state):
             break
     return state, full
-
-
-def _without_offset(points: Floats, block: Block, state: State, unknown: Unknowns, limit_mm: float) -> Unknowns:
-    """Return the parameters without the offset of the walls if the walls have to give a shift or a scale instead.
-
-    The offset can be told from a shift where the texture gives the shift, or where opposite walls and a known scale do.
-    """
-    if "wall_offset_mm" not in unknown.names:
-        return unknown
-    fewer = replace(unknown, names=unknown.names[:-1])
-    given = [
-        solve(normal_equations(points, block, state, names, limit_mm), names, block).determined[: len(fewer.names)]
-        for names in (unknown, fewer)
-    ]
-    return unknown if np.all(given[0] >= given[1]) else fewer
 
 
 def settled(before: State, after: State) -> bool:

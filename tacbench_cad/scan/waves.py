@@ -12,6 +12,9 @@ from tacbench_cad.scan.relief import Relief
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
+#: The length of a vector of two normal components, in standard deviations, that noise alone exceeds in 5 % of cases.
+_LENGTH_OF_NOISE = 2.448
+
 
 def wave_estimates(relief: Relief, unknown: Unknowns, standard_error: Floats) -> tuple[WaveEstimate, ...]:
     """Return the estimate of each wave that has an amplitude.
@@ -30,8 +33,8 @@ def wave_estimates(relief: Relief, unknown: Unknowns, standard_error: Floats) ->
     for j, i in enumerate(relief.fitted):
         wave = relief.surface.waves[i]
         cosine, sine = 1.0 + relief.changes[i, 0], relief.changes[i, 1]
-        ratio, phase = math.hypot(cosine, sine), math.degrees(math.atan2(sine, cosine))
-        spread = float(error[j])
+        phase, spread = math.degrees(math.atan2(sine, cosine)), float(error[j])
+        ratio = _length(cosine, sine, spread) if error[count + j] else cosine
         # The phase of a wave that is hardly there is not known at all.
         turn = math.degrees(float(error[count + j]) / ratio) if ratio > 0.0 else math.inf
         half = min(HALF_WIDTH * turn, 180.0)
@@ -53,3 +56,14 @@ def wave_estimates(relief: Relief, unknown: Unknowns, standard_error: Floats) ->
             )
         )
     return tuple(result)
+
+
+def _length(cosine: float, sine: float, spread: float) -> float:
+    """Return the length of a vector from its measured components, without the length that the noise alone gives.
+
+    A wave that cannot be told from noise at 95 % has the length of its component in phase with the formula.
+    """
+    square = cosine**2 + sine**2
+    if square < _LENGTH_OF_NOISE**2 * spread**2:
+        return max(0.0, cosine)
+    return math.sqrt(square - spread**2) if math.isfinite(spread) else math.sqrt(square)

@@ -112,3 +112,12 @@ def test_a_key_decides_the_half_turn_and_an_outline_may_be_round() -> None:
     fit, truth = scanned(disc, points=10_000, walls=())
     assert pose_errors(fit.pose, truth.pose, disc)[0] < 0.05
     assert not fit.on_walls.any()
+
+
+def test_a_lost_wave_has_an_interval_that_contains_0() -> None:
+    block = Block.of(3)
+    fit, _ = scanned(block, transfer_x=lambda length: 0.0 if length < 1.6 else 1.0)
+    lost = [wave for wave in fit.waves if wave.direction_deg == 0.0 and wave.wavelength_mm < 1.6 and wave.determined]
+    assert len(lost) == 11
+    assert sum(wave.ratio_low > 0.0 for wave in lost) <= 2
+    assert all(wave.ratio_low > 0.9 for wave in fit.waves if wave.wavelength_mm > 2.0)
