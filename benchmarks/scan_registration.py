@@ -295,7 +295,7 @@ def by_trimesh(cloud: Cloud, block: Block) -> Pose:
 
     mesh = block_part(block).mesh[0]
     body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    matrix, _ = mesh_other(body, cloud.points_mm[:20_000], samples=5000, reflection=False, seed=0)
+    matrix, _ = mesh_other(body, cloud.points_mm[:1000], samples=1000, reflection=False, seed=0)
     return pose_of(np.linalg.inv(matrix))
 
 
