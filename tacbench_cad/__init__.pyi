@@ -2,6 +2,7 @@
 from . import bd as bd
 from . import cq as cq
 from . import lab as lab
+from . import scan as scan
 from .checks.check import check as check
 from .checks.report import Check as Check
 from .checks.report import Report as Report
@@ -44,6 +45,8 @@ from .slicing.printers import printers as printers
 from .slicing.surface import Frame as Frame
 from .slicing.writing import write_plates as write_plates
 from .spec.block import Block as Block
+from .spec.compensation import corrected_for as corrected_for
+from .spec.compensation import effect_of as effect_of
 from .spec.operations import added as added
 from .spec.operations import masked as masked
 from .spec.operations import repeated as repeated
@@ -54,6 +57,9 @@ from .spec.outlines import Disc as Disc
 from .spec.outlines import Polygon as Polygon
 from .spec.outlines import RegularPolygon as RegularPolygon
 from .spec.outlines import Ring as Ring
+from .spec.printermodel import PrinterModel as PrinterModel
+from .spec.printermodel import read_printer_model as read_printer_model
+from .spec.printermodel import write_printer_model as write_printer_model
 from .spec.protocol import FORCES_N as FORCES_N
 from .spec.protocol import PressGrid as PressGrid
 from .spec.protocol import contact_radius_mm as contact_radius_mm
