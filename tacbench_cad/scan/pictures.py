@@ -152,7 +152,7 @@ def comparison_picture(views: Views, path: Path) -> None:
         low, high = float(inside.min()), float(inside.max())
         errors = [views.error_mm(view) for view in views.views]
         reach = 1000.0 * reach_mm(np.concatenate([error.ravel() for error in errors]))
-        width, tall = 0.25, 0.27
+        width, tall = 0.25, 0.255
         i, j = views.cut()
         for column in range(count):
             left = 0.05 + 0.305 * column

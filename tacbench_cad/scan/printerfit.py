@@ -35,7 +35,9 @@ _ALONG_DEG = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Parameter:
+class FittedParameter:
+    """A parameter of the fit, with the fields of :class:`~tacbench_cad.scan.estimates.Estimate` that a model needs."""
+
     name: str
     value: float | None
     standard_error: float | None
@@ -43,7 +45,9 @@ class _Parameter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Wave:
+class PrintedWave:
+    """A printed wave, with the fields of :class:`~tacbench_cad.scan.estimates.WaveEstimate` that a model needs."""
+
     wavelength_mm: float
     direction_deg: float
     amplitude_mm: float
@@ -53,7 +57,9 @@ class _Wave:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Geometry:
+class Geometry:
+    """The base and the mean height of the formula's block, in mm."""
+
     base_mm: float
     datum_mm: float
 
@@ -76,14 +82,14 @@ class PrintScan:
     """
 
     block: str
-    parameters: tuple[_Parameter, ...]
-    waves: tuple[_Wave, ...] = ()
+    parameters: tuple[FittedParameter, ...]
+    waves: tuple[PrintedWave, ...] = ()
     simulated: bool = False
     printer: str | None = None
     filament: str | None = None
     copy: int | str | None = None
     nozzle_mm: float | None = None
-    geometry: _Geometry | None = None
+    geometry: Geometry | None = None
     path: str = field(default="", metadata={"key": None})
 
     @property
@@ -112,7 +118,7 @@ class PrintScan:
         height = (datum + base[0] - self.geometry.base_mm) / datum
         return (scale * height, math.hypot(error * height, scale * base[1] / datum))
 
-    def printed_waves(self) -> list[tuple[_Wave, complex, float]]:
+    def printed_waves(self) -> list[tuple[PrintedWave, complex, float]]:
         """Return each measured wave with its complex factor (amplitude and phase) and the factor's standard error."""
         scale, scale_error = self.relief_scale
         result = []
@@ -145,12 +151,12 @@ def print_scan(document: Mapping[str, Any], path: str) -> PrintScan:
         InputError: A number is missing.
     """
     known = {key: document[key] for key in _KEYS if key in document}
-    for key, names in (("parameters", _names(_Parameter)), ("waves", _names(_Wave))):
+    for key, names in (("parameters", _names(FittedParameter)), ("waves", _names(PrintedWave))):
         rows = known.get(key)
         if isinstance(rows, list):
             known[key] = [_only(row, names) for row in rows]
     if "geometry" in known:
-        known["geometry"] = _only(known["geometry"], _names(_Geometry))
+        known["geometry"] = _only(known["geometry"], _names(Geometry))
     scan = from_plain(PrintScan, known, f"{path}: ")
     return replace(scan, path=path)
 
@@ -181,12 +187,12 @@ def scan_of_fit(
     return PrintScan(
         block=block.name,
         parameters=tuple(
-            _Parameter(**{name: getattr(each, name) for name in _names(_Parameter)})
+            FittedParameter(**{name: getattr(each, name) for name in _names(FittedParameter)})
             for each in fit.parameters
             if each.determined
         ),
         waves=tuple(
-            _Wave(
+            PrintedWave(
                 wavelength_mm=each.wavelength_mm,
                 direction_deg=each.direction_deg,
                 amplitude_mm=abs(each.wave.amplitude),
@@ -202,7 +208,7 @@ def scan_of_fit(
         filament=filament,
         copy=copy,
         nozzle_mm=nozzle_mm,
-        geometry=_Geometry(base_mm=block.base_mm, datum_mm=block.datum_mm),
+        geometry=Geometry(base_mm=block.base_mm, datum_mm=block.datum_mm),
         path=path,
     )
 

@@ -223,7 +223,7 @@ def normal_equations(
 
 
 def free_waves(relief: Relief, unknown: Unknowns) -> Ints:
-    """Return the columns of :meth:`Relief.columns` that are unknown."""
+    """Return the columns of :meth:`~tacbench_cad.scan.relief.Relief.columns` that are unknown."""
     if not unknown.waves:
         return np.zeros(0, dtype=np.int64)
     count = len(relief.fitted)
