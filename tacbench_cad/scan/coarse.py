@@ -23,13 +23,13 @@ from tacbench_cad.util.types import Bools, Floats
 #: The number of points of the search.
 SEARCH_POINTS = 20_000
 #: The number of pixels of the height map along the longer side of the block.
-_PIXELS = 40
+_PIXELS = 52
 #: The step of the angles, in degrees.
 _ANGLE_STEP = 4.0
 #: The number of poses that each vertical gives at most.
 _POSES = 24
 #: A pose is kept if its score is at least this fraction of the best.
-_SCORE_KEPT = 0.5
+_SCORE_KEPT = 0.4
 _NEIGHBOURS = 12
 
 

@@ -48,7 +48,7 @@ class Assigned:
 
     Args:
         face: The face of each point, shape (n,).
-        error_mm: The height above the formula, or the distance from the wall or the table, shape (n,).
+        error_mm: The height above the formula, or the distance from the printed wall or the table, shape (n,).
         normal: The derivative of the error by the point, shape (n, 3). Its length is 1 except on the top.
         clear: Whether the point is farther than the edge width from every edge of its face, shape (n,).
         slope2: The squared slope of the top, and 0 on other faces, shape (n,).
@@ -68,7 +68,9 @@ class Assigned:
         return np.asarray(self.error_mm / np.sqrt(1.0 + self.slope2))
 
 
-def assign(points: Floats, block: Block, relief: Relief, limit_mm: float, edge_mm: float) -> Assigned:
+def assign(
+    points: Floats, block: Block, relief: Relief, limit_mm: float, edge_mm: float, wall_offset_mm: float = 0.0
+) -> Assigned:
     """Find the nearest face of each point.
 
     Args:
@@ -77,6 +79,7 @@ def assign(points: Floats, block: Block, relief: Relief, limit_mm: float, edge_m
         relief: The heights of its top.
         limit_mm: The largest distance from a face. Points farther away belong to nothing.
         edge_mm: The distance from edges within which a point may belong to two faces.
+        wall_offset_mm: How far the walls of the print lie outside of the block.
     """
     x, y, z = points.T
     height, gx, gy = relief(x, y)
@@ -99,17 +102,18 @@ def assign(points: Floats, block: Block, relief: Relief, limit_mm: float, edge_m
         face[take], error[take], clear[take] = kind, signed[take], away[take]
         return take
 
-    take = claim(TOP, above, np.abs(above) / np.sqrt(1.0 + slope2), outside <= edge_mm, outside < -edge_mm)
+    inward = min(wall_offset_mm, 0.0)
+    take = claim(TOP, above, np.abs(above) / np.sqrt(1.0 + slope2), outside <= edge_mm, outside < inward - edge_mm)
     normal[take] = np.column_stack([-gx[take], -gy[take], np.ones(np.count_nonzero(take))])
     for index, wall in enumerate(walls_of(block)):
         (nx, ny), (low, high) = wall.normal, wall.between
-        signed = nx * x + ny * y - wall.offset
+        signed = nx * x + ny * y - wall.offset - wall_offset_mm
         along = -ny * x + nx * y
         near = (np.abs(signed) < limit_mm) & (along > low - edge_mm) & (along < high + edge_mm) & (z > -edge_mm)
         # Whether a point is below the rim must not depend on its noise along the normal, so the rim is computed from
         # its place along the wall. A steep flank of the top may stand at the rim itself.
         rim = np.full(len(x), -np.inf)
-        depths = np.array([0.0, 0.5, 1.0]) * edge_mm
+        depths = np.array([0.0, 0.5, 1.0]) * edge_mm - inward
         feet = [
             wall.offset * np.array([nx, ny]) + along[near, None] * np.array([-ny, nx]) - d * np.array([nx, ny])
             for d in depths

@@ -35,6 +35,8 @@ FIRST_POINTS = 4_000
 COMPARED_POINTS = 20_000
 #: The distance from the block from which points count as a sign of the table, as a fraction of the longer side.
 _TABLE_FROM = 0.03
+#: The smallest reach of the first steps, in mm. The walls of a print may lie this far outside of the block.
+_MIN_REACH = 0.2
 #: The largest number of products in the sums of the last step, which limits the number of points.
 _MAX_PRODUCTS = 5e9
 _MAX_POINTS = 2_000_000
@@ -61,13 +63,13 @@ class Rough:
     def of(cls, block: Block) -> Rough:
         """Return the steps for a block. Many poses can share them."""
         plain = Relief.of(block)
-        limits = tuple(factor * plain.rms_mm for factor in (1.0, 0.6, 0.35))
+        limits = tuple(max(factor * plain.rms_mm, _MIN_REACH) for factor in (1.0, 0.6, 0.35))
         return cls(block, limits, tuple(plain.changed(plain.changes, 0.5 * limit) for limit in limits))
 
     def __call__(self, points: Floats, pose: Pose) -> State:
         """Return the state after these steps."""
         faces = frozenset((TABLE, TOP, *(WALL + i for i in range(len(walls_of(self.block))))))
-        unknown = unknowns("pose", self.reliefs[0], (), waves=False)
+        unknown = unknowns("pose", self.reliefs[0], faces - {TABLE}, waves=False)
         state = State(pose, self.reliefs[0], faces=faces)
         for limit, relief, steps in zip(self.limits, self.reliefs, (5, 4, 4), strict=True):
             state = replace(state, relief=relief, depth_mm=limit / TUKEY, lateral_mm=limit / TUKEY)
@@ -77,7 +79,8 @@ class Rough:
 
 def cost(points: Floats, block: Block, state: State, limit_mm: float) -> Floats:
     """Return the squared distance of each point from its face, at most the squared limit, in mm^2; shape (n,)."""
-    assigned = assign(state.pose.to_block(points), block, state.relief, limit_mm, edge_width(state))
+    nominal = state.pose.to_block(points)
+    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offset_mm)
     distance = errors(assigned, state) / np.sqrt(1.0 + assigned.slope2)
     return np.asarray(np.minimum(np.nan_to_num(distance**2, nan=limit_mm**2), limit_mm**2))
 
@@ -88,7 +91,7 @@ def faces_seen(points: Floats, block: Block, state: State, limit_mm: float) -> f
     The lower ends of walls and outliers beside them are no table, so points of the table count from some distance on.
     """
     nominal = state.pose.to_block(points)
-    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state))
+    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offset_mm)
     middle = np.array(block.size_mm) / 2.0
     beside = np.max(np.abs(nominal[:, :2] - middle) - middle, axis=1) > _TABLE_FROM * max(block.size_mm)
     counted = assigned.clear & ((assigned.face != TABLE) | beside)

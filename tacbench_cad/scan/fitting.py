@@ -47,7 +47,7 @@ _ENOUGH = 0.85
 #: The number of candidates that are compared by their distances, after a comparison of heights.
 _MAX_LOCATED = 5
 #: The smallest fraction of the points in the box of the block that must lie on its faces.
-_MIN_EXPLAINED = 0.6
+_MIN_EXPLAINED = 0.8
 #: The largest fraction of the variance of the relief that may remain at the points of the top.
 _MAX_LEFT = 0.25
 #: The allowed range of scales.
@@ -261,13 +261,15 @@ def _decide(
     some = thinned(points, _DECIDING_POINTS)
     results: list[tuple[State, Unknowns]] = []
     most = 1.5 * located[0].cost + (0.02 * _limit(block)) ** 2
+    limit = _limit(block)
     for entry in [entry for entry in located if entry.cost <= most or entry is located[0]][:_MAX_COMPARED]:
-        limit = _limit(block)
         state, unknown = fine.refined(some, block, entry.state, fit, limit)
         state = _centred(some, block, state, unknown, limit)
         if not any(_close(state.pose, other.pose, block, 0.02) for other, _ in results):
             results.append((state, unknown))
-    noise = min(max(state.depth_mm, state.lateral_mm, 1e-4) for state, _ in results)
+    # The noise is that of the pose that explains most. Another pose may follow a few points without any noise.
+    leader = min((state for state, _ in results), key=lambda state: float(np.sum(cost(some, block, state, limit))))
+    noise = max(leader.depth_mm, leader.lateral_mm, 1e-4)
     cut = TUKEY * noise
     loss = [float(np.sum(cost(some, block, state, cut))) / (2.0 * noise**2) for state, _ in results]
     equal = [entry for entry, value in zip(results, loss, strict=True) if value < min(loss) + _EQUAL]
@@ -301,7 +303,7 @@ def _require_block(cloud: Cloud, block: Block, points: Floats, final: fine.Final
     some = thinned(points, COMPARED_POINTS)
     state = final.state
     nominal = state.pose.to_block(some)
-    assigned = assign(nominal, block, state.relief, limit, edge_width(state))
+    assigned = assign(nominal, block, state.relief, limit, edge_width(state), state.wall_offset_mm)
     top = assigned.face == TOP
     low, high = np.zeros(3) - limit, np.array([*block.size_mm, block.height_mm]) + limit
     box = np.all((nominal > low) & (nominal < high), axis=1)
@@ -345,11 +347,11 @@ def _result(
     reach = 3.0 * limit
     for part in chunks(count):
         nominal = state.pose.to_block(points[part])
-        fitted = assign(nominal, block, state.relief, reach, edge_width(state))
+        fitted = assign(nominal, block, state.relief, reach, edge_width(state), state.wall_offset_mm)
         rest = errors(fitted, state)
         used[part] = np.nan_to_num(rest**2, nan=math.inf) < TUKEY**2 * variance(fitted, state)
         face[part] = fitted.face
-        distance[part] = fitted.error_mm
+        distance[part] = fitted.error_mm + state.wall_offset_mm * (fitted.face >= WALL)
         top = fitted.face == TOP
         distance[part][top] = foot_distance(nominal[top], plain)
     on_top, on_walls = face == TOP, face >= WALL

@@ -161,9 +161,8 @@ def jacobian(nominal: Floats, assigned: Assigned, state: State, block: Block, na
 
 
 def errors(assigned: Assigned, state: State) -> Floats:
-    """Return the errors of points with the base and the wall offset of the print subtracted."""
-    result = assigned.error_mm - state.base_mm * (assigned.face == TOP)
-    return np.asarray(result - state.wall_offset_mm * (assigned.face >= WALL))
+    """Return the errors of points with the base of the print subtracted."""
+    return np.asarray(assigned.error_mm - state.base_mm * (assigned.face == TOP))
 
 
 def variance(assigned: Assigned, state: State) -> Floats:
@@ -191,7 +190,7 @@ def normal_equations(
     total = Normal(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
     for part in chunks(len(points)):
         nominal = state.pose.to_block(points[part])
-        assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state))
+        assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offset_mm)
         error, expected = errors(assigned, state), variance(assigned, state)
         usable = assigned.clear & np.isin(assigned.face, list(state.faces))
         usable &= error**2 < TUKEY**2 * expected
@@ -338,7 +337,7 @@ def with_noise(points: Floats, block: Block, state: State, limit_mm: float, *, b
     The noise along x and y is seen where the top is steep: the variance of the error grows with the squared slope.
     """
     nominal = state.pose.to_block(points)
-    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state))
+    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offset_mm)
     error = errors(assigned, state)
     top = (assigned.face == TOP) & assigned.clear
     if np.count_nonzero(top) < 100:

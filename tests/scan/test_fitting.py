@@ -74,6 +74,27 @@ def test_half_a_top_without_walls_lists_the_poses_that_it_cannot_tell_apart() ->
     assert any(angle < 0.1 and np.abs(place).max() < 0.02 for angle, place in far)
 
 
+@pytest.mark.parametrize(
+    ("texture", "walls", "offset", "part", "seed"),
+    [(5, ("x+", "y-"), 0.141, 0.97, 10), (5, ("y-", "y+"), 0.111, 1.0, 46), (3, WALLS, 0.104, 0.7, 44)],
+)
+def test_walls_far_outside_do_not_turn_a_small_block(
+    texture: int, walls: tuple[str, ...], offset: float, part: float, seed: int
+) -> None:
+    block = Block.of(texture, "released", scale=0.5)
+    fit, truth = scanned(block, walls=walls, wall_offset_mm=offset, top_fraction=part, seed=seed, points=6_000)
+    angle, place = pose_errors(fit.pose, truth.pose, block)
+    assert angle < 0.1
+    assert abs(place[0]) < 0.01
+    assert fit.half_turn == "decided"
+    assert not fit.alternatives
+    wall = fit.parameter("wall_offset_mm")
+    if wall.determined:
+        assert abs(wall.value - offset) < 4.0 * wall.standard_error
+        assert abs(place[1]) < 0.01
+    assert fit.deviation_mm[fit.on_walls & fit.used].mean() == pytest.approx(wall.value, abs=0.005)
+
+
 def test_skew_is_found() -> None:
     block = Block.of(2)
     pose = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch(SCALE, (0.003, 0.0, 0.0)))
@@ -94,8 +115,8 @@ def test_a_scan_needs_points() -> None:
 
 
 def test_the_block_is_found_among_others() -> None:
-    blocks = [Block.of(1), Block.of(5), Block.of(5, scale=0.5)]
-    truth = ScanTruth(points=6_000, pose=SHRUNK, walls=("x-",), seed=4).with_random_pose()
+    blocks = [Block.of(1), Block.of(5)]
+    truth = ScanTruth(points=3_000, pose=SHRUNK, walls=("x-",), seed=4).with_random_pose()
     match = identify(simulate_scan(blocks[1], truth), blocks)
     assert match.block is blocks[1]
     assert match.index == 1
