@@ -36,6 +36,7 @@ OUTSIDE = {
     "https://github.com/gnea/grbl/wiki",
     "https://github.com/pradyunsg/furo",
     "https://pradyunsg.me",
+    "https://www.iso.org/standard/74591.html",
     "https://www.sphinx-doc.org/",
 }
 #: The attributes with addresses that a browser fetches.
