@@ -416,6 +416,7 @@ def main() -> None:
         show_coverage(outcomes)
     if options.foreign:
         results = numbered(foreign_run, options.foreign * (len(FOREIGN) + 1), "foreign objects", options)
+        saved["foreign"] = results
         print(f"refused: {sum(bool(error) for _, error in results)} of {len(results)}")
         for number, (kind, error) in enumerate(results):
             if not error:
