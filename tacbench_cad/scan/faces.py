@@ -69,7 +69,12 @@ class Assigned:
 
 
 def assign(
-    points: Floats, block: Block, relief: Relief, limit_mm: float, edge_mm: float, wall_offset_mm: float = 0.0
+    points: Floats,
+    block: Block,
+    relief: Relief,
+    limit_mm: float,
+    edge_mm: float,
+    wall_offsets_mm: tuple[float, float] = (0.0, 0.0),
 ) -> Assigned:
     """Find the nearest face of each point.
 
@@ -79,7 +84,7 @@ def assign(
         relief: The heights of its top.
         limit_mm: The largest distance from a face. Points farther away belong to nothing.
         edge_mm: The distance from edges within which a point may belong to two faces.
-        wall_offset_mm: How far the walls of the print lie outside of the block.
+        wall_offsets_mm: How far the walls of the print lie outside of the block along x and along y.
     """
     x, y, z = points.T
     height, gx, gy = relief(x, y)
@@ -102,12 +107,12 @@ def assign(
         face[take], error[take], clear[take] = kind, signed[take], away[take]
         return take
 
-    inward = min(wall_offset_mm, 0.0)
+    inward = min(*wall_offsets_mm, 0.0)
     take = claim(TOP, above, np.abs(above) / np.sqrt(1.0 + slope2), outside <= edge_mm, outside < inward - edge_mm)
     normal[take] = np.column_stack([-gx[take], -gy[take], np.ones(np.count_nonzero(take))])
     for index, wall in enumerate(walls_of(block)):
         (nx, ny), (low, high) = wall.normal, wall.between
-        signed = nx * x + ny * y - wall.offset - wall_offset_mm
+        signed = nx * x + ny * y - wall.offset - nx * nx * wall_offsets_mm[0] - ny * ny * wall_offsets_mm[1]
         along = -ny * x + nx * y
         near = (np.abs(signed) < limit_mm) & (along > low - edge_mm) & (along < high + edge_mm) & (z > -edge_mm)
         # Whether a point is below the rim must not depend on its noise along the normal, so the rim is computed from

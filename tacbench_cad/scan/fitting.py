@@ -303,7 +303,7 @@ def _require_block(cloud: Cloud, block: Block, points: Floats, final: fine.Final
     some = thinned(points, COMPARED_POINTS)
     state = final.state
     nominal = state.pose.to_block(some)
-    assigned = assign(nominal, block, state.relief, limit, edge_width(state), state.wall_offset_mm)
+    assigned = assign(nominal, block, state.relief, limit, edge_width(state), state.wall_offsets_mm)
     top = assigned.face == TOP
     low, high = np.zeros(3) - limit, np.array([*block.size_mm, block.height_mm]) + limit
     box = np.all((nominal > low) & (nominal < high), axis=1)
@@ -347,11 +347,12 @@ def _result(
     reach = 3.0 * limit
     for part in chunks(count):
         nominal = state.pose.to_block(points[part])
-        fitted = assign(nominal, block, state.relief, reach, edge_width(state), state.wall_offset_mm)
+        fitted = assign(nominal, block, state.relief, reach, edge_width(state), state.wall_offsets_mm)
         rest = errors(fitted, state)
         used[part] = np.nan_to_num(rest**2, nan=math.inf) < TUKEY**2 * variance(fitted, state)
         face[part] = fitted.face
-        distance[part] = fitted.error_mm + state.wall_offset_mm * (fitted.face >= WALL)
+        outward = fitted.normal[:, :2] ** 2 @ state.wall_offsets_mm
+        distance[part] = fitted.error_mm + outward * (fitted.face >= WALL)
         top = fitted.face == TOP
         distance[part][top] = foot_distance(nominal[top], plain)
     on_top, on_walls = face == TOP, face >= WALL

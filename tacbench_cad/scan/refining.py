@@ -46,7 +46,7 @@ class State:
         pose: The pose.
         relief: The formula with the printed changes of its waves.
         base_mm: What the print is thicker than the block, in mm.
-        wall_offset_mm: How far the walls of the print lie outside of the block.
+        wall_offset_mm: How far the walls of the print lie outside of the block as stretched.
         depth_mm: The standard deviation of the noise along the depth.
         lateral_mm: The standard deviation of the noise along x and y.
         faces: The faces that the scan shows. Points near other faces do not count.
@@ -59,6 +59,12 @@ class State:
     depth_mm: float = 0.02
     lateral_mm: float = 0.02
     faces: frozenset[int] = frozenset((TOP,))
+
+    @property
+    def wall_offsets_mm(self) -> tuple[float, float]:
+        """The offset of the walls along x and along y in the frame of the block, where the stretch is undone."""
+        x, y, _ = np.diag(self.pose.stretch)
+        return self.wall_offset_mm / float(x), self.wall_offset_mm / float(y)
 
 
 @dataclass(frozen=True)
@@ -190,7 +196,7 @@ def normal_equations(
     total = Normal(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
     for part in chunks(len(points)):
         nominal = state.pose.to_block(points[part])
-        assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offset_mm)
+        assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offsets_mm)
         error, expected = errors(assigned, state), variance(assigned, state)
         usable = assigned.clear & np.isin(assigned.face, list(state.faces))
         usable &= error**2 < TUKEY**2 * expected
@@ -337,7 +343,7 @@ def with_noise(points: Floats, block: Block, state: State, limit_mm: float, *, b
     The noise along x and y is seen where the top is steep: the variance of the error grows with the squared slope.
     """
     nominal = state.pose.to_block(points)
-    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offset_mm)
+    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offsets_mm)
     error = errors(assigned, state)
     top = (assigned.face == TOP) & assigned.clear
     if np.count_nonzero(top) < 100:
