@@ -11,9 +11,11 @@ from click.exceptions import Exit
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
 from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.spec.scanrecord import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
 
 if TYPE_CHECKING:
+    from tacbench_cad.lab.runs.reading import Run
     from tacbench_cad.scan.comparison import Views
     from tacbench_cad.scan.reading import ScanFile
     from tacbench_cad.scan.result import PrintOrigin, ScanResult
@@ -141,7 +143,7 @@ def command(
         _show(result, views)
         note(f"wrote {', '.join(path.name for path in paths)} to {folder}")
         if run is not None:
-            note(f"wrote {run / 'scan.json'}")
+            note(f"wrote {run.folder / SCAN_FILE}")
         print_lines(str(result.verdict))
         print_next("printer-model", folder, "-o", "my-printer.toml")
     if not result.verdict.ok:
@@ -150,8 +152,8 @@ def command(
 
 def _blocks(
     word: str | None, preset: str, scale: float, key_mm: float | None
-) -> tuple[list[Block], PrintOrigin, Path | None]:
-    """Return the possible blocks, what is known about the print, and the run folder if the user named one."""
+) -> tuple[list[Block], PrintOrigin, Run | None]:
+    """Return the possible blocks, what is known about the print, and the run if the user named its folder."""
     from tacbench_cad.making.labelled import blocks_named
     from tacbench_cad.scan.result import PrintOrigin
 
@@ -165,7 +167,7 @@ def _blocks(
         record = opened.print_record.values
         nozzle = record.get("nozzle_mm")
         origin = PrintOrigin(printer=printed.printer, filament=printed.filament, copy=printed.copy, nozzle_mm=nozzle)
-        return [printed.block], origin, opened.folder
+        return [printed.block], origin, opened
     blocks = blocks_named(word, preset, scale, key_mm)
     return blocks, PrintOrigin(copy=blocks[0].copy if len(blocks) == 1 else None), None
 
@@ -176,7 +178,7 @@ def _result(
     limits: tuple[str, ...] | None,
     compare: Path | None,
     origin: PrintOrigin,
-    run: Path | None,
+    run: Run | None,
     values: dict[str, Any],
 ) -> tuple[ScanResult, Views | None]:
     from dataclasses import replace
@@ -186,7 +188,8 @@ def _result(
     from tacbench_cad.slicing.gcode import read_gcode
 
     given = {name: values[name] for name in ("printer", "filament", "copy") if values[name] is not None}
-    layer = values["layer_mm"] or (_layer_of(run) if run is not None else None) or LAYER_MM
+    recorded = None if run is None else run.print_record.values.get("layer_height_mm")
+    layer = values["layer_mm"] or recorded or LAYER_MM
     require_between("layer", layer, 0.001, 10.0, " mm")
     chosen = Options(fit=values["fit"], layer_mm=layer, limits=limits_of(limits or ()), origin=replace(origin, **given))
     sliced = None if compare is None else read_gcode(compare)
@@ -219,13 +222,6 @@ def _result(
         return result, _views(result, sliced)
 
 
-def _layer_of(run: Path) -> float | None:
-    from tacbench_cad.spec.printrecord import read_record
-
-    value: float | None = read_record(run / "print.toml", within=run).values.get("layer_height_mm")
-    return value
-
-
 def _views(result: ScanResult, sliced: Any) -> Views:
     from tacbench_cad.scan.comparison import View, Views
     from tacbench_cad.slicing.compare import compare
@@ -244,14 +240,14 @@ def _views(result: ScanResult, sliced: Any) -> Views:
     )
 
 
-def _write(result: ScanResult, views: Views | None, folder: Path, run: Path | None, no_picture: bool) -> list[Path]:
+def _write(result: ScanResult, views: Views | None, folder: Path, run: Run | None, no_picture: bool) -> list[Path]:
     from tacbench_cad.scan.pictures import comparison_picture, deviation_picture, waves_picture
     from tacbench_cad.scan.writing import write_result
     from tacbench_cad.util.files import write_json
 
     paths = write_result(result, folder)
     if run is not None:
-        write_json(run / "scan.json", result.as_dict())
+        write_json(run.folder / SCAN_FILE, result.as_dict())
     if no_picture:
         return paths
     drawings = {"deviation.png": partial(deviation_picture, result)}

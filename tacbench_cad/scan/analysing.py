@@ -16,7 +16,6 @@ from tacbench_cad.scan.limits import Limits
 from tacbench_cad.scan.result import Noise, PrintOrigin, ScanResult
 from tacbench_cad.scan.roughness import roughness
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.topgrid import without_edge
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.packages import why_missing
 from tacbench_cad.util.types import Floats
@@ -68,8 +67,12 @@ def analyse(
     if chosen.repeat is not None and chosen.flat is not None:
         raise InputError("flat", chosen.flat.source, "cannot be combined with a repeated scan; leave out one of them")
     progress("finding the block", 0.0)
-    block = blocks[0] if len(blocks) == 1 else identify(cloud, blocks).block
-    fit = fit_scan(cloud, block, chosen.fit, progress=progress)
+    match = identify(cloud, blocks) if len(blocks) != 1 else None
+    block = match.block if match is not None else blocks[0]
+    if match is not None and match.fit.fit == chosen.fit:
+        fit = match.fit
+    else:
+        fit = fit_scan(cloud, block, chosen.fit, progress=progress)
     progress("computing the deviation", 0.0)
     top = top_map(cloud, block, fit, layer_mm=chosen.layer_mm)
     noise = _noise(cloud, block, top, chosen, progress)
@@ -111,12 +114,11 @@ def _roughness(top: TopMap) -> tuple[dict[str, dict[str, object]], tuple[str, ..
     reason = why_missing("surfalize")
     if reason:
         return {}, (f"No roughness by ISO 25178: {reason}.",)
-    inside = without_edge(top.block, top.x_mm, top.y_mm)
     steps = (float(top.x_mm[1] - top.x_mm[0]), float(top.y_mm[1] - top.y_mm[0]))
     surfaces: dict[str, dict[str, object]] = {}
     for name, heights in (("texture", top.printed_mm), ("residual", top.height_error_mm)):
         try:
-            values = roughness(HeightGrid(heights_mm=_cropped(np.where(inside, heights, np.nan)).T, step_mm=steps))
+            values = roughness(HeightGrid(heights_mm=_cropped(np.where(top.inside, heights, np.nan)).T, step_mm=steps))
         except InputError as error:
             return surfaces, (f"No roughness by ISO 25178: {error}.",)
         surfaces[name] = asdict(values)

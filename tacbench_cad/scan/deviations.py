@@ -92,14 +92,19 @@ class TopMap:
         return float(math.sqrt(self.block.size_mm[0] / len(self.x_mm) * self.block.size_mm[1] / len(self.y_mm)))
 
     @cached_property
+    def inside(self) -> Bools:
+        """Whether a cell is not near the edge, shape (n, m)."""
+        return without_edge(self.block, self.x_mm, self.y_mm)
+
+    @cached_property
     def compared(self) -> Bools:
         """Whether a cell is compared: it is not near the edge, and has points. Shape (n, m)."""
-        return without_edge(self.block, self.x_mm, self.y_mm) & (self.counts > 0)
+        return self.inside & (self.counts > 0)
 
     @property
     def seen_fraction(self) -> float:
         """The fraction of the top, without its edge, that has points."""
-        return float(self.compared.sum() / without_edge(self.block, self.x_mm, self.y_mm).sum())
+        return float(self.compared.sum() / self.inside.sum())
 
     @cached_property
     def formula_mm(self) -> Floats:
@@ -134,8 +139,7 @@ class TopMap:
 
     @property
     def _surfaces(self) -> tuple[Floats, Floats, Bools, Floats, Floats, float]:
-        inside = without_edge(self.block, self.x_mm, self.y_mm)
-        return self.formula_mm, self.printed_mm, inside, self.x_mm, self.y_mm, self.layer_mm
+        return self.formula_mm, self.printed_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm
 
     @cached_property
     def pin_shifts_px(self) -> Floats:

@@ -75,12 +75,14 @@ class Match:
         rms_mm: The root mean square of the distances of the points from its faces, with distances cut at a quarter of
             the relief's root mean square.
         others_mm: The same for every candidate, infinite for those that were excluded by the correlation of heights.
+        fit: The fit of the scan to the block, with the scale.
     """
 
     block: Block
     index: int
     rms_mm: float
     others_mm: tuple[float, ...]
+    fit: ScanFit
 
 
 def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progress | None = None) -> ScanFit:
@@ -149,11 +151,12 @@ def identify(cloud: Cloud, candidates: Sequence[Block]) -> Match:
     for index in order[:3]:
         if math.isfinite(costs[index]):
             try:
-                fit_scan(cloud, candidates[index], "scale")
+                fit = fit_scan(cloud, candidates[index], "scale")
             except InputError as error:
                 reason = reason or error
                 continue
-            return Match(block=candidates[index], index=int(index), rms_mm=costs[index], others_mm=tuple(costs))
+            block, rms_mm = candidates[index], costs[index]
+            return Match(block=block, index=int(index), rms_mm=rms_mm, others_mm=tuple(costs), fit=fit)
     raise reason or _refused(cloud, candidates[int(order[0])], "no pose explains its relief")
 
 
@@ -260,8 +263,8 @@ def _decide(
     """
     some = thinned(points, _DECIDING_POINTS)
     results: list[tuple[State, Unknowns]] = []
-    most = 1.5 * located[0].cost + (0.02 * _limit(block)) ** 2
     limit = _limit(block)
+    most = 1.5 * located[0].cost + (0.02 * limit) ** 2
     for entry in [entry for entry in located if entry.cost <= most or entry is located[0]][:_MAX_COMPARED]:
         state, unknown = fine.refined(some, block, entry.state, fit, limit)
         state = _centred(some, block, state, unknown, limit)

@@ -17,15 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.scan.estimates import ScanFit
+from tacbench_cad.scan.estimates import HALF_WIDTH, ScanFit
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
 from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_document
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
-#: Half of the width of an interval of 95 %, in standard errors.
-_HALF_WIDTH = 1.959963984540054
 #: Waves whose factor has a larger standard error say nothing about the transfer function.
 MAX_ERROR = 0.2
 #: Wavelengths of the same direction that differ by less than this fraction give one point of the transfer function.
@@ -338,7 +336,7 @@ def _measured(values: Sequence[tuple[float, float]]) -> Measured | None:
     x, variance = table[:, 0], np.maximum(table[:, 1], 1e-9) ** 2
     count = len(x)
     if count == 1:
-        half = _HALF_WIDTH * math.sqrt(float(variance[0]))
+        half = HALF_WIDTH * math.sqrt(float(variance[0]))
         return Measured(value=float(x[0]), low=float(x[0]) - half, high=float(x[0]) + half)
     from scipy.stats import t
 

@@ -66,13 +66,13 @@ def hole_mm3(block: Block, centre: tuple[float, float], radius: float) -> float:
     return float((wr * r) @ z.sum(axis=1)) * 2.0 * np.pi / 2000
 
 
-def kernel_volume_mm3(shape: TopoDS_Shape, error: float = 1e-4) -> float:
+def kernel_volume_mm3(shape: TopoDS_Shape) -> float:
     """Return the kernel's volume by its adaptive integration, in mm^3.
 
     The kernel's default integration has an error of 2e-4 for the steep square waves of texture 4.
     """
     properties = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, properties, error, True, False)
+    BRepGProp.VolumeProperties_s(shape, properties, 1e-5, False, True)
     return float(properties.Mass())
 
 

@@ -298,13 +298,15 @@ class UniversalRobot(Closing):
             self._arm.stopL(STOP_M_S2)
 
     def _pose(self) -> list[float]:
-        if self._closed or not self._state.isConnected():
-            raise DeviceLostError(f"{self._name}: is not connected; look at the network and the robot")
+        self._require_connected()
         return [float(value) for value in self._state.getActualTCPPose()]
 
-    def _require_ready(self) -> None:
+    def _require_connected(self) -> None:
         if self._closed or not self._state.isConnected():
             raise DeviceLostError(f"{self._name}: is not connected; look at the network and the robot")
+
+    def _require_ready(self) -> None:
+        self._require_connected()
         if self._state.isEmergencyStopped():
             raise AlarmError(f"{self._name}: its emergency stop is pressed; release it and start the robot again")
         if self._state.isProtectiveStopped():

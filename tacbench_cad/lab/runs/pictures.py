@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
+import os
 import struct
 import zlib
 from collections.abc import Sequence
@@ -52,6 +53,14 @@ class FrameFile:
     def of(cls, data: bytes, suffix: str) -> FrameFile:
         """Make a file from its bytes."""
         return cls(data=data, suffix=suffix, sha256=sha256(data))
+
+    def write(self, path: Path, *, durable: bool) -> None:
+        """Write the file, and with ``durable`` force it to the disk."""
+        with path.open("wb") as stream:
+            stream.write(self.data)
+            if durable:
+                stream.flush()
+                os.fsync(stream.fileno())
 
 
 def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:

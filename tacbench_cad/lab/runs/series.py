@@ -128,11 +128,7 @@ def write_series(
     rows = []
     for index, (each, file) in enumerate(zip(moving, files, strict=True), start=1):
         name = schema.moving_name(index, len(moving), file.suffix)
-        with (here / name).open("wb") as stream:
-            stream.write(file.data)
-            if durable:
-                stream.flush()
-                os.fsync(stream.fileno())
+        file.write(here / name, durable=durable)
         (x, y, z), (rx, ry, rz) = each.pose_mm, each.rotation_deg
         rows.append(
             MovingRow(

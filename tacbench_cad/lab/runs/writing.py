@@ -7,7 +7,6 @@ series of a press is written before the frame of the press.
 
 from __future__ import annotations
 
-import os
 import platform
 import shutil
 import sys
@@ -371,12 +370,9 @@ class RunWriter:
                 path.parent.mkdir()
                 if self._durable:
                     sync_folder(self.folder)
-            with path.open("wb") as stream:
-                stream.write(file.data)
-                if self._durable:
-                    stream.flush()
-                    os.fsync(stream.fileno())
-                    sync_folder(path.parent)
+            file.write(path, durable=self._durable)
+            if self._durable:
+                sync_folder(path.parent)
 
     def _append(self, table: GrowingTable[T], row: T) -> None:
         with timed(self.seconds, "sync"):

@@ -10,12 +10,11 @@ import pytest
 pytest.importorskip("cadquery")
 
 import cadquery as cq
+from helpers.solid_reference import kernel_volume_mm3
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
-from OCP.BRepGProp import BRepGProp
 from OCP.BRepTools import BRepTools
 from OCP.GeomAbs import GeomAbs_SurfaceType
-from OCP.GProp import GProp_GProps
 
 from tacbench_cad.checks.solidcheck import solid_checks
 from tacbench_cad.geometry import kernel
@@ -77,12 +76,6 @@ def largest_error_mm(result: TexturedSolid) -> float:
     return worst
 
 
-def volume_mm3(shape: Any) -> float:
-    properties = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, properties, 1e-5, False, True)
-    return float(properties.Mass())
-
-
 CASES: dict[str, tuple[cq.Workplane, str, Any, dict[str, Any]]] = {
     "plate with holes": (PLATE, ">Z", 2, {}),
     "sunk": (PLATE, "<Z", 2, {"sunk": True}),
@@ -118,7 +111,7 @@ def test_one_valid_solid_near_the_formula(name: str) -> None:
     assert result.is_proved == (name not in ("fade around holes", "coarse fade in an ellipse"))
     assert largest_error_mm(result) <= result.error_mm + 1e-9
     if "ellipse" not in name:  # the kernel's volume of a wall below a free curve is less accurate
-        assert volume_mm3(result.solid) == pytest.approx(result.volume_mm3, rel=1e-5)
+        assert kernel_volume_mm3(result.solid) == pytest.approx(result.volume_mm3, rel=1e-5)
     added = result.volume_mm3 - kernel.volume_mm3(part.val().wrapped)
     assert (added < 0.0) == settings.get("sunk", False)
 
@@ -161,7 +154,7 @@ def test_a_spline_is_interpolated_and_its_own_error_is_added() -> None:
     result = textured(cq.Workplane().box(20, 20, 5), ">Z", bumps, mm_per_unit=(1.0, 1.0), tolerance_mm=0.01)
     assert all(check.ok for check in solid_checks(result.solid))
     assert not result.is_proved and result.error_mm > 0.001
-    assert volume_mm3(result.solid) == pytest.approx(result.volume_mm3, rel=1e-5)
+    assert kernel_volume_mm3(result.solid) == pytest.approx(result.volume_mm3, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +184,7 @@ def test_a_hole_can_be_cut_through_a_textured_cylinder() -> None:
     drum = cq.Workplane(cq.Solid(textured(DRUM, "%Cylinder", 2, depth_mm=0.5).solid))
     pierced = drum.cut(cq.Workplane("XZ").center(0, 7).circle(1).extrude(30))
     assert all(check.ok for check in solid_checks(pierced.val().wrapped))
-    removed = volume_mm3(drum.val().wrapped) - volume_mm3(pierced.val().wrapped)
+    removed = kernel_volume_mm3(drum.val().wrapped) - kernel_volume_mm3(pierced.val().wrapped)
     assert np.pi * 10.2 < removed < np.pi * 10.7
 
 

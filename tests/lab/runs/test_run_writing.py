@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.rig.errors import SensorError
-from tacbench_cad.lab.runs import table, writing
+from tacbench_cad.lab.runs import table
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import COLUMNS
@@ -324,7 +324,7 @@ def test_a_full_disk_during_the_writing_of_an_image_is_reported(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with RunWriter.open(tmp_path / "run", info) as writer:
-        monkeypatch.setattr(writing.os, "fsync", full)
+        monkeypatch.setattr(os, "fsync", full)
         with pytest.raises(InputError, match="is full"):
             writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(4))
         monkeypatch.undo()
