@@ -9,7 +9,7 @@ from tacbench_cad.cli.common import print_lines, print_table
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.spec.compensation import Effect
+    from tacbench_cad.spec.compensation import Effect, Errors
 
 #: The number of waves that the table shows. The JSON document has all of them.
 MAX_WAVES = 12
@@ -19,29 +19,26 @@ def show_effects(effects: Sequence[Effect]) -> None:
     """Print the expected prints of plain and corrected files, and the waves with the largest errors."""
     rows = []
     for effect in effects:
-        plain = (effect.plain_rms_mm, effect.plain_normal_rms_mm)
-        corrected = (effect.corrected_rms_mm, effect.corrected_normal_rms_mm)
-        for what, size, relief, deviations in (
-            ("formula", effect.size_mm, effect.relief_mm, (None, None)),
-            ("print of the plain file", effect.plain_size_mm, effect.plain_relief_mm, plain),
-            ("print of this file", effect.corrected_size_mm, effect.corrected_relief_mm, corrected),
+        for what, size, relief, errors in (
+            ("formula", effect.size_mm, effect.relief_mm, None),
+            ("print of the plain file", effect.plain_size_mm, effect.plain_relief_mm, effect.plain),
+            ("print of this file", effect.corrected_size_mm, effect.corrected_relief_mm, effect.corrected),
         ):
             name = effect.texture if what == "formula" else ""
-            rms = ("" if each is None else f"{1000.0 * each:.1f}" for each in deviations)
+            each = (errors.rms_mm, errors.printable_rms_mm, errors.normal_rms_mm) if errors else ()
+            rms = [f"{1000.0 * error:.1f}" for error in each] or [""] * 3
             rows.append((name, what, *(f"{side:.3f}" for side in size), f"{relief:.3f}", *rms))
     heads = (
         *("texture", "", ">x (mm)", ">y (mm)", ">height (mm)", ">relief (mm)"),
-        *(">vertical error, rms (µm)", ">along the normal (µm)"),
+        *(">vertical error", ">of printable waves", ">along the normal"),
     )
-    print_table(f"expected prints, by the model {effects[0].model}", heads, rows)
+    title = f"expected prints, by the model {effects[0].model}; errors are root mean squares in µm"
+    print_table(title, heads, rows)
     for effect in effects:
         if not effect.waves:
             print_lines(f"{effect.texture} is not a sum of waves: only its sides and its height are corrected")
-        if not effect.helps:
-            print_lines(
-                f"{effect.texture}: the correction does not help, because most of the deviation comes from waves that "
-                "are narrower than the nozzle; print the plain file"
-            )
+        if effect.plain and effect.corrected and effect.free and not effect.helps:
+            print_lines(_advice(effect, effect.plain, effect.corrected, effect.free))
     waves = [(effect.texture, wave) for effect in effects for wave in effect.waves]
     waves.sort(key=lambda row: -abs(row[1].plain_mm - row[1].amplitude_mm))
     if waves:
@@ -64,3 +61,18 @@ def show_effects(effects: Sequence[Effect]) -> None:
         )
     if len(waves) > MAX_WAVES:
         print_lines(f"{counted(len(waves) - MAX_WAVES, 'more wave')} (see --json)")
+
+
+def _advice(effect: Effect, plain: Errors, corrected: Errors, free: Errors) -> str:
+    """Say what to do if the correction is not expected to help."""
+    vertical = corrected.rms_mm >= plain.rms_mm
+    before, after, with_free = (
+        f"{1000.0 * (errors.rms_mm if vertical else errors.normal_rms_mm):.1f}" for errors in (plain, corrected, free)
+    )
+    change = f"the {'vertical error' if vertical else 'error along the normal'} is {after} instead of {before} µm"
+    if effect.relief_rule == "formula" and effect.free_helps:
+        return (
+            f"{effect.texture}: with the relief of the formula, {change}. With a free relief it is {with_free} µm "
+            "(tacbench printer-model --relief free)"
+        )
+    return f"{effect.texture}: the correction does not help: {change}; print the plain file"

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
 from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from tacbench_cad.spec.printermodel import ReliefRule
 
 
 @options.command("printer-model")
@@ -25,6 +29,14 @@ from tacbench_cad.util.text import counted
     options.PRINTER,
 )
 @options.option("--nozzle", options.MM, "Diameter of the nozzle. Default: from the scans.", options.PRINTER)
+@options.option(
+    "--relief",
+    options.choice("formula", "free"),
+    "Relief of corrected prints: that of the formula, or free, so that each wave is only corrected for its own error.",
+    options.OUTPUT,
+    default="formula",
+    dest="relief_rule",
+)
 @options.option("--name", options.text("NAME"), "Name of the model. Default: printer and filament.", options.OUTPUT)
 @options.flag("--no-picture", "Write no picture.", options.OUTPUT)
 @options.out("FILE.toml", "File of the model. The picture gets the same name and the ending .png.", required=True)
@@ -35,6 +47,7 @@ def command(
     filament: str | None,
     nozzle: float | None,
     name: str | None,
+    relief_rule: ReliefRule,
     no_picture: bool,
     out: Path,
     json: bool,
@@ -55,6 +68,7 @@ def command(
     Examples:
       tacbench printer-model scans -o my-printer.toml
       tacbench printer-model a/scan.json b/scan.json --nozzle 0.6 -o ender.toml
+      tacbench printer-model scans --relief free -o my-printer-free.toml
     """
     from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.scan.printerfit import facts, find_scans, printer_model, read_print_scan
@@ -67,6 +81,7 @@ def command(
         filament=None if filament is None else own_name("filament", filament),
         nozzle_mm=nozzle,
         name=name,
+        relief_rule=relief_rule,
     )
     write_printer_model(model, out)
     if json:

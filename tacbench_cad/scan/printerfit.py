@@ -19,7 +19,7 @@ import numpy as np
 
 from tacbench_cad.scan.estimates import HALF_WIDTH, ScanFit
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
+from tacbench_cad.spec.printermodel import Measured, PrinterModel, ReliefRule, TransferPoint
 from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_document
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
@@ -244,6 +244,7 @@ def printer_model(
     filament: str | None = None,
     nozzle_mm: float | None = None,
     name: str | None = None,
+    relief_rule: ReliefRule = "formula",
 ) -> PrinterModel:
     """Compute the model of a printer from scans of plain prints.
 
@@ -253,6 +254,7 @@ def printer_model(
         filament: The filament, if the scans do not name it.
         nozzle_mm: The diameter of the nozzle, if the scans do not say it.
         name: The name of the model; None for printer and filament.
+        relief_rule: The rule for the relief of corrected prints.
 
     Raises:
         InputError: There is no scan, the scans are of several printers or filaments or of corrected prints, or the
@@ -297,6 +299,7 @@ def printer_model(
         repeatability_mm=_repeatability(groups),
         transfer_x=_transfer(groups, 0.0, scales[0]),
         transfer_y=_transfer(groups, 90.0, scales[1]),
+        relief_rule=relief_rule,
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tacbench_cad.spec.block import Block, extremes_on
 from tacbench_cad.spec.extremes import Extremes
-from tacbench_cad.spec.printermodel import PrinterModel
+from tacbench_cad.spec.printermodel import PrinterModel, ReliefRule
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
@@ -160,20 +160,26 @@ class Print:
             return replace(own, low=own.low * by, high=own.high * by)
         return extremes_on(self.surface, self.size_mm, (self.file.design or self.file).key_mm)
 
-    def deviation_mm(self, block: Block) -> Floats:
+    def deviation_mm(self, block: Block, *, printable: bool = False) -> Floats:
         """Return the height of the print above the formula on a grid of points, after the best fit of a plane.
 
         The centres of both are on each other, as after an alignment of a scan.
 
         Args:
             block: The block that the print is expected to equal.
+            printable: Whether only the waves of the formula that the nozzle can print are compared with their prints.
 
         Returns:
             The deviations, shape (nx, ny).
         """
+        printed, design = self.surface, block.surface
+        if printable:
+            assert isinstance(design, WaveSum)
+            wide = is_printable(design, self.model).astype(np.float64)
+            printed, design = _multiplied(printed, wide), _multiplied(design, wide)
         x, y = (np.linspace(0.0, side, _POINTS) for side in block.size_mm)
         shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(self.size_mm, block.size_mm, strict=True))
-        z = self.surface.grid(x + shift_x, y + shift_y) - block.surface.grid(x, y)
+        z = printed.grid(x + shift_x, y + shift_y) - design.grid(x, y)
         z -= z.mean()
         for axis, line in enumerate((x, y)):
             line = line - line.mean()
@@ -202,22 +208,26 @@ def transfers(surface: WaveSum, model: PrinterModel) -> Floats:
     return np.array(factors, dtype=np.float64)
 
 
+def is_printable(surface: WaveSum, model: PrinterModel) -> Bools:
+    """Return for each wave of a printed surface in mm whether its ridges are as wide as the nozzle, shape (n,)."""
+    return np.asarray(np.hypot(surface.table[:, 1], surface.table[:, 2]) <= math.pi / model.nozzle_mm)
+
+
 def is_correctable(surface: WaveSum, model: PrinterModel) -> Bools:
     """Return for each wave of a printed surface in mm whether its amplitude can be corrected, shape (n,).
 
     It cannot if the ridges of the wave are narrower than the nozzle, or if the printer loses the wave.
     """
-    turns = np.hypot(surface.table[:, 1], surface.table[:, 2])
-    wide = (turns > 0.0) & (turns <= math.pi / model.nozzle_mm)
-    return np.asarray(wide & (transfers(surface, model) >= MIN_TRANSFER))
+    constant = ~np.any(surface.table[:, 1:3], axis=1)
+    return np.asarray(is_printable(surface, model) & ~constant & (transfers(surface, model) >= MIN_TRANSFER))
 
 
 def _factors(block: Block, model: PrinterModel) -> Floats:
     """Return the factor by which the file multiplies the amplitude of each wave.
 
     Each factor is the inverse of the transfer function, within the limits. The waves that cannot be corrected leave a
-    difference between the relief of the print and that of the formula. It is removed by the smallest change of the
-    other waves, in the sense of least squares.
+    difference between the relief of the print and that of the formula. Unless the relief is free, the difference is
+    removed by the smallest change of the other waves, in the sense of least squares.
     """
     design = block.surface
     assert isinstance(design, WaveSum)
@@ -227,7 +237,7 @@ def _factors(block: Block, model: PrinterModel) -> Floats:
     low, high = np.ones(len(free)), np.ones(len(free))
     low[free], high[free] = 1.0 / MAX_FACTOR, MAX_FACTOR
     factors = np.clip(1.0 / np.where(free, transfer, 1.0), low, high)
-    for _ in range(_STEPS):
+    for _ in range(_STEPS if model.relief_rule == "formula" else 0):
         extremes = extremes_on(_multiplied(design, factors * transfer), block.size_mm, block.key_mm)
         missing = block.relief_mm - (extremes.high - extremes.low)
         # How much the relief grows with the amplitude of each wave, while the extremes stay where they are.
@@ -269,6 +279,25 @@ class PredictedWave:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Errors:
+    """The predicted errors of a print: root mean squares over the top after the best alignment with the formula.
+
+    Args:
+        rms_mm: The vertical error.
+        printable_rms_mm: The vertical error of the waves that the nozzle can print.
+        normal_rms_mm: The error along the normal of the formula, as scans measure it. Steep walls count less.
+    """
+
+    rms_mm: float
+    printable_rms_mm: float
+    normal_rms_mm: float
+
+    def is_below(self, other: Errors) -> bool:
+        """Return whether the vertical error and the error along the normal are smaller than those of another print."""
+        return self.rms_mm < other.rms_mm and self.normal_rms_mm < other.normal_rms_mm
+
+
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """The expected effect of a correction.
 
@@ -276,6 +305,7 @@ class Effect:
         block: The name of the corrected block.
         texture: The name of the texture.
         model: The name of the printer model.
+        relief_rule: Its rule for the relief of corrected prints.
         size_mm: The sides and the height of the formula's block.
         plain_size_mm: The sides and the height of a print of the plain file.
         corrected_size_mm: The sides and the height of a print of the corrected file.
@@ -283,18 +313,16 @@ class Effect:
         relief_mm: The relief of the formula.
         plain_relief_mm: The relief of a print of the plain file.
         corrected_relief_mm: The relief of a print of the corrected file.
-        plain_rms_mm: The predicted root mean square deviation of such a print from the formula; None if the texture is
-            not a sum of waves.
-        corrected_rms_mm: The same for the corrected file.
-        plain_normal_rms_mm: The same deviation of a print of the plain file along the normal of the formula, as scans
-            measure it. Steep walls count less.
-        corrected_normal_rms_mm: The same for the corrected file.
+        plain: The predicted errors of a print of the plain file; None if the texture is not a sum of waves.
+        corrected: The same for the corrected file.
+        free: The same for a file that is corrected with a free relief.
         waves: The waves, by decreasing amplitude; empty if the texture is not a sum of waves.
     """
 
     block: str
     texture: str
     model: str
+    relief_rule: ReliefRule
     size_mm: tuple[float, float, float]
     plain_size_mm: tuple[float, float, float]
     corrected_size_mm: tuple[float, float, float]
@@ -302,20 +330,20 @@ class Effect:
     relief_mm: float
     plain_relief_mm: float
     corrected_relief_mm: float
-    plain_rms_mm: float | None
-    corrected_rms_mm: float | None
-    plain_normal_rms_mm: float | None
-    corrected_normal_rms_mm: float | None
+    plain: Errors | None
+    corrected: Errors | None
+    free: Errors | None
     waves: tuple[PredictedWave, ...]
 
     @property
     def helps(self) -> bool:
-        """Whether the correction is expected to reduce both deviations."""
-        pairs = (
-            (self.plain_rms_mm, self.corrected_rms_mm),
-            (self.plain_normal_rms_mm, self.corrected_normal_rms_mm),
-        )
-        return all(before is None or after is None or after < before for before, after in pairs)
+        """Whether the correction is expected to reduce the vertical error and the error along the normal."""
+        return self.plain is None or self.corrected is None or self.corrected.is_below(self.plain)
+
+    @property
+    def free_helps(self) -> bool:
+        """Whether a correction with a free relief is expected to reduce both errors."""
+        return self.plain is None or self.free is None or self.free.is_below(self.plain)
 
 
 def effect_of(block: Block) -> Effect:
@@ -330,16 +358,15 @@ def effect_of(block: Block) -> Effect:
     plain = Print(file=replace(block, correction=None), model=model)
     corrected = Print(file=in_file(block), model=model)
     waves: tuple[PredictedWave, ...] = ()
-    rms: list[float | None] = [None] * 4
+    errors: list[Errors | None] = [None] * 3
     design, file = block.surface, corrected.file.surface
     if isinstance(design, WaveSum) and isinstance(file, WaveSum):
-        vertical = [each.deviation_mm(block) for each in (plain, corrected)]
         x, y = (np.linspace(0.0, side, _POINTS) for side in block.size_mm)
         steep2 = 1.0 + design.grid(x, y, (1, 0)) ** 2 + design.grid(x, y, (0, 1)) ** 2
-        rms = [float(np.sqrt(np.mean(z**2))) for z in vertical]
-        rms += [float(np.sqrt(np.mean(z**2 / steep2))) for z in vertical]
-        free = is_correctable(design, model)
-        rows = zip(design.waves, file.waves, plain.surface.waves, corrected.surface.waves, free.tolist(), strict=True)
+        free = Print(file=in_file(replace(block, correction=replace(model, relief_rule="free"))), model=model)
+        errors = [_errors(each, block, steep2) for each in (plain, corrected, free)]
+        can = is_correctable(design, model).tolist()
+        rows = zip(design.waves, file.waves, plain.surface.waves, corrected.surface.waves, can, strict=True)
         waves = tuple(
             PredictedWave(
                 wavelength_mm=2.0 * math.pi / math.hypot(wave.f, wave.g),
@@ -348,15 +375,16 @@ def effect_of(block: Block) -> Effect:
                 plain_mm=abs(before.amplitude),
                 file_mm=abs(changed.amplitude),
                 corrected_mm=abs(after.amplitude),
-                note=_note(abs(changed.amplitude / wave.amplitude), wave.f, wave.g, model, can),
+                note=_note(abs(changed.amplitude / wave.amplitude), wave.f, wave.g, model, correctable),
             )
-            for wave, changed, before, after, can in rows
+            for wave, changed, before, after, correctable in rows
             if wave.amplitude and (wave.f or wave.g)
         )
     return Effect(
         block=block.name,
         texture=block.texture.name,
         model=model.name,
+        relief_rule=model.relief_rule,
         size_mm=(*block.size_mm, block.height_mm),
         plain_size_mm=(*plain.size_mm, plain.height_mm),
         corrected_size_mm=(*corrected.size_mm, corrected.height_mm),
@@ -364,12 +392,17 @@ def effect_of(block: Block) -> Effect:
         relief_mm=block.relief_mm,
         plain_relief_mm=plain.relief_mm,
         corrected_relief_mm=corrected.relief_mm,
-        plain_rms_mm=rms[0],
-        corrected_rms_mm=rms[1],
-        plain_normal_rms_mm=rms[2],
-        corrected_normal_rms_mm=rms[3],
+        plain=errors[0],
+        corrected=errors[1],
+        free=errors[2],
         waves=tuple(sorted(waves, key=lambda wave: -wave.amplitude_mm)),
     )
+
+
+def _errors(printed: Print, block: Block, steep2: Floats) -> Errors:
+    z, printable = printed.deviation_mm(block), printed.deviation_mm(block, printable=True)
+    vertical, wide, normal = (float(np.sqrt(np.mean(square))) for square in (z**2, printable**2, z**2 / steep2))
+    return Errors(rms_mm=vertical, printable_rms_mm=wide, normal_rms_mm=normal)
 
 
 def _note(factor: float, f: float, g: float, model: PrinterModel, correctable: bool) -> str:

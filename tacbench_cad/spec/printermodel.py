@@ -25,6 +25,8 @@ from tacbench_cad.util.text import toml_of
 FORMAT = "tacbench printer model 1"
 #: The allowed scales of a print. Larger errors are mistakes of units or of the slicer.
 _SCALE = Bounds(0.8, 1.2)
+#: The rules for the relief of corrected prints: equal to that of the formula, or free.
+ReliefRule = Literal["formula", "free"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +104,9 @@ class PrinterModel(Checked):
         repeatability_mm: The standard deviation between prints of the height at a point.
         transfer_x: The transfer function of waves along x, by increasing wavelength.
         transfer_y: The transfer function of waves along y.
+        relief_rule: How files are corrected. With ``formula``, the relief of the print is equal to that of the formula:
+            waves that can be corrected also make up for those that cannot. With ``free``, each wave is only corrected
+            for its own error.
 
     Raises:
         InputError: A field has a value that is not allowed.
@@ -122,6 +127,7 @@ class PrinterModel(Checked):
     repeatability_mm: Measured | None = None
     transfer_x: Transfer = ()
     transfer_y: Transfer = ()
+    relief_rule: ReliefRule = "formula"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -38,3 +38,13 @@ def test_scans_of_two_printers_are_refused(tmp_path: Path, capsys: Capture) -> N
     assert main(["printer-model", str(first), str(second), "-o", str(tmp_path / "a.toml")]) == 2
     assert "printer = 'form-3': but 'ender-3' in" in capsys.readouterr().err
     assert not (tmp_path / "a.toml").exists()
+
+
+def test_the_relief_of_corrected_prints_is_a_choice(tmp_path: Path, capsys: Capture) -> None:
+    scan = write_scan(tmp_path / "a", scan_document(Block.of(4), PRINTER))
+    for rule in ("formula", "free"):
+        out = tmp_path / f"{rule}.toml"
+        assert main(["printer-model", str(scan), "--relief", rule, "-o", str(out), "--no-picture"]) == 0
+        assert read_printer_model(out).relief_rule == rule
+    assert main(["printer-model", str(scan), "--relief", "none", "-o", str(tmp_path / "b.toml")]) == 2
+    assert "allowed: formula, free" in capsys.readouterr().err

@@ -77,20 +77,44 @@ def test_the_effect_has_the_amplitudes_and_the_deviation_before_and_after() -> N
     first = effect.waves[0]
     assert first.plain_mm == pytest.approx(first.amplitude_mm * PRINTER.transfer(first.wavelength_mm * 0.996, 0.0))
     assert first.plain_mm < first.amplitude_mm < first.corrected_mm + 0.01 < first.file_mm + 0.01
-    assert effect.plain_rms_mm is not None and effect.corrected_rms_mm is not None
-    assert effect.corrected_rms_mm < effect.plain_rms_mm / 3.0
-    assert effect.corrected_normal_rms_mm is not None and effect.corrected_normal_rms_mm < effect.corrected_rms_mm
+    plain, corrected, free = effect.plain, effect.corrected, effect.free
+    assert plain is not None and corrected is not None and free is not None
+    assert corrected.rms_mm < plain.rms_mm / 3.0 and corrected.normal_rms_mm < corrected.rms_mm
+    assert free.rms_mm < corrected.rms_mm and free.printable_rms_mm < corrected.printable_rms_mm / 10.0
     assert effect.size_mm == pytest.approx(effect.corrected_size_mm) and effect.helps
     with pytest.raises(InputError, match="is not corrected"):
         effect_of(Block.of("5"))
 
 
+#: A printer that loses most of the waves below its nozzle.
+LOW = replace(PRINTER, transfer_x=points((0.3, 0.1), (0.8, 0.7), (8.0, 1.0)), transfer_y=points((0.3, 0.1), (8.0, 1.0)))
+
+
 def test_a_texture_of_waves_below_the_nozzle_is_said_not_to_profit() -> None:
-    low = replace(
-        PRINTER, transfer_x=points((0.3, 0.1), (0.8, 0.7), (8.0, 1.0)), transfer_y=points((0.3, 0.1), (8.0, 1.0))
-    )
-    assert not effect_of(corrected_for(Block.of("6"), low)).helps
-    assert effect_of(corrected_for(Block.of("1"), low)).helps
+    assert not effect_of(corrected_for(Block.of("6"), LOW)).helps
+    assert effect_of(corrected_for(Block.of("1"), LOW)).helps
+
+
+def test_with_a_free_relief_each_wave_is_only_corrected_for_its_own_error() -> None:
+    block = Block.of("4", key_mm=3.0)
+    file = in_file(corrected_for(block, replace(LOW, relief_rule="free")))
+    design = block.surface
+    assert isinstance(design, WaveSum) and isinstance(file.surface, WaveSum)
+    inverse = np.clip(1.0 / transfers(design, LOW), 1.0 / MAX_FACTOR, MAX_FACTOR)
+    expected = np.where(is_correctable(design, LOW), inverse, 1.0)
+    assert file.surface.table[:, 0] / design.table[:, 0] == pytest.approx(expected)
+    printed = Print(file=file, model=LOW)
+    assert printed.height_mm == pytest.approx(block.height_mm, abs=1e-6)
+    assert printed.relief_mm < block.relief_mm - 0.1
+
+
+def test_the_effect_says_whether_a_free_relief_helps() -> None:
+    fine = points((0.8, 0.8), (4.0, 0.95), (8.0, 1.0))
+    model = replace(PRINTER, transfer_x=fine, transfer_y=())
+    effect = effect_of(corrected_for(Block.of("6"), model))
+    free = effect_of(corrected_for(Block.of("6"), replace(model, relief_rule="free")))
+    assert (effect.helps, effect.free_helps, free.helps) == (False, True, True)
+    assert effect.free == free.corrected == free.free and effect.plain == free.plain
 
 
 def test_an_oblique_wave_gets_the_mean_of_both_directions() -> None:
@@ -107,7 +131,7 @@ def test_a_spline_gets_its_sides_and_its_height_only() -> None:
     effect = effect_of(corrected_for(block, PRINTER))
     assert effect.corrected_size_mm == pytest.approx((*block.size_mm, block.height_mm))
     assert effect.corrected_relief_mm == pytest.approx(block.relief_mm)
-    assert effect.waves == () and effect.corrected_rms_mm is None
+    assert effect.waves == () and effect.corrected is None and effect.helps
 
 
 def test_names_and_labels_say_that_a_block_is_corrected() -> None:

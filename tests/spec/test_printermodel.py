@@ -38,6 +38,12 @@ def test_a_model_is_the_same_after_writing_and_reading(tmp_path: Path) -> None:
     path = tmp_path / "my-printer.toml"
     write_printer_model(MODEL, path)
     assert read_printer_model(path) == MODEL
+    assert read_printer_model(path).relief_rule == "formula"
+    path.write_text(path.read_text().replace('relief_rule = "formula"\n', ""))
+    assert read_printer_model(path) == MODEL  # the rule of files without this key
+    write_printer_model(replace(MODEL, relief_rule="free"), path)
+    assert read_printer_model(path) == replace(MODEL, relief_rule="free") != MODEL
+    assert replace(MODEL, relief_rule="free").fingerprint != MODEL.fingerprint
     assert path.read_text().startswith('format = "tacbench printer model 1"\nname = "ender-3_pla-plus"\n')
 
 
@@ -64,6 +70,7 @@ def test_an_axis_without_measured_waves_has_the_factor_1_and_an_oblique_wave_the
         ("wavelength_mm = 4.0", "wavelength_mm = 0.5", "must increase"),
         ("value = 1.002, low = 1.0, high = 1.004", "value = 25.4, low = 25.0, high = 26.0", "from 0.8 to 1.2"),
         ("ender-3_pla-plus", "my printer", "letters, digits"),
+        ('relief_rule = "formula"', 'relief_rule = "fre"', "relief_rule = 'fre'"),
     ],
 )
 def test_errors_name_the_file_and_the_field(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -412,6 +412,7 @@ def _common(info: RunInfo) -> dict[str, object]:
     if block is not None:
         common |= {"block size": [round(side, 9) for side in block.size_mm]}
         common |= {"preset": block.preset_word, "scale": block.scale}
+        common |= {"relief rule of the corrected files": block.correction and block.correction.relief_rule}
     return {
         "protocol": "none" if protocol is None else "planned",
         **common,

@@ -141,3 +141,8 @@ def test_corrected_and_plain_prints_do_not_mix(tmp_path: Path) -> None:
     write("remade", replace(PRINTER, prints=2), 2)
     with pytest.raises(InputError, match="printer model of the corrected files"):
         Collection.open([tmp_path / "corrected", tmp_path / "remade"])
+    # The same printer, and another printer, with the other rule for the relief.
+    for printer in ("ender-3", "bambu-p1p"):
+        write(f"free-{printer}", replace(PRINTER, relief_rule="free"), 3, printer)
+        with pytest.raises(InputError, match=r"relief rule of the corrected files = 'free': in .*, but 'formula' in"):
+            Collection.open([tmp_path / "corrected", tmp_path / f"free-{printer}"])
