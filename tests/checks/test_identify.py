@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.shapes import box_mesh, changed, mesh_part, published, write_soup
 
 from tacbench_cad.checks import candidates
@@ -61,7 +62,10 @@ def three_later_textures() -> Iterator[None]:
         yield
 
 
-@pytest.mark.parametrize(("name", "preset"), [("dunes", "paper"), ("diamond", "released"), ("coral", "released")])
+@pytest.mark.parametrize(
+    ("name", "preset"),
+    mostly_long([("dunes", "paper"), ("diamond", "released"), ("coral", "released")], ("diamond", "released")),
+)
 def test_later_textures_are_identified(name: str, preset: str, tmp_path: Path) -> None:
     mesh = block_part(Block.of(name, preset)).mesh[0]
     report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
@@ -278,7 +282,8 @@ def test_the_published_files_match_to_single_precision(number: int, given: str, 
     assert report.deviation_mm < 2e-6
 
 
-@pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6))])
+@pytest.mark.long  # the quick run shows that the winding is the only fault of the files as they are
+@pytest.mark.parametrize("number", range(1, 7))
 def test_the_published_files_have_no_fault_except_the_winding_of_their_walls(number: int, tmp_path: Path) -> None:
     repaired = write_soup(tmp_path / "repaired.stl", published(number, flipped_walls=False))
     assert examine(repaired, full=False).ok

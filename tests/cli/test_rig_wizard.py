@@ -92,11 +92,12 @@ def test_five_wrong_answers_end_it_with_exit_code_2(
     ("machine", "firmware", "limits", "top_mm"),
     [
         ("ender-3", {"kind": "marlin", "start_mm": (80.0, 80.0, 60.0)}, "0 200, 0 200, 0 100", 40.0),
-        (
+        pytest.param(
             "cnc-3018",
             {"kind": "grbl", "origin": "switch", "start_mm": (-100.0, -100.0, -40.0), "settings": {1: 255.0}},
             "-199 -1, -199 -1, -99 -1",
             -60.0,
+            marks=pytest.mark.long,
         ),
     ],
 )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import pytest
+from helpers.cases import mostly_long
 
 pytest.importorskip("matplotlib")
 from PIL import Image
@@ -23,15 +25,23 @@ def test_the_picture_is_written_to_the_given_path(tmp_path: Path, capsys: Captur
         assert picture.format == "PNG" and min(picture.size) > 300
 
 
-@pytest.mark.parametrize("options", [[], ["--press"], ["--drawing"]], ids=["surface", "press", "drawing"])
-@pytest.mark.parametrize(("suffix", "head"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
-def test_the_ending_chooses_the_format(options: list[str], suffix: str, head: bytes, tmp_path: Path) -> None:
+FORMATS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+#: The options, and the endings of quick cases.
+KINDS = {"": (".png",), "--press": tuple(FORMATS), "--drawing": (".pdf",)}
+
+
+@pytest.mark.parametrize(
+    ("option", "suffix"),
+    mostly_long(product(KINDS, FORMATS), *((kind, suffix) for kind in KINDS for suffix in KINDS[kind])),
+)
+def test_the_ending_chooses_the_format(option: str, suffix: str, tmp_path: Path) -> None:
     """Each kind of picture in each format has the same bytes on every run, and no date."""
+    options = [option] if option else []
     paths = [tmp_path / f"{run}{suffix}" for run in "ab"]
     for path in paths:
         assert main(["show", "1", *options, "-o", str(path)]) == 0
     content = paths[0].read_bytes()
-    assert content.startswith(head) and content == paths[1].read_bytes()
+    assert content.startswith(FORMATS[suffix]) and content == paths[1].read_bytes()
     assert b"CreationDate" not in content and b"<dc:date>" not in content and b"atplotlib v" not in content
 
 

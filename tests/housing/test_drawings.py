@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 pytest.importorskip("matplotlib", reason="drawings need the extra plot")
 pytest.importorskip("build123d", reason="fixtures need the extra cad")
@@ -48,7 +49,7 @@ def drawing_of(name: str) -> Drawing:
     return DRAWINGS[name]()
 
 
-@pytest.mark.parametrize("name", DRAWINGS)
+@pytest.mark.parametrize("name", mostly_long(DRAWINGS, "holder, keyed", "tray", "jig, turned, all holes", "coupon"))
 def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
     """Circles are approximated by chords; everything else is flat and as exact as a float32."""
     drawing = drawing_of(name)

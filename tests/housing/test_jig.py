@@ -38,7 +38,9 @@ def test_a_grid_of_another_size_is_refused() -> None:
         pytest.param(JIG, marks=pytest.mark.long),
         ALL_HOLES,
         Jig(holder=Holder(block=Block.of(1, scale=0.8, key_mm=2.0)), fit="loose"),
-        Jig(holder=Holder(block=Block.of(1, scale=1.5), slots=2, fit="press", rim_mm=0.0)),
+        pytest.param(
+            Jig(holder=Holder(block=Block.of(1, scale=1.5), slots=2, fit="press", rim_mm=0.0)), marks=pytest.mark.long
+        ),
         Jig(holder=Holder(block=Block.of(1, "released"), preset="released")),
     ],
     ids=lambda jig: getattr(jig, "name", None),

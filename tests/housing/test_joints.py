@@ -5,6 +5,7 @@ from __future__ import annotations
 import build123d as bd
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 from housing.bd import HolderPart, JigPart, assembled
 from housing.holder import Holder
@@ -34,8 +35,10 @@ def box_of_slot(holder: Holder, slot: int) -> tuple[float, ...]:
     return (*corners.min(axis=0), z, *corners.max(axis=0), z + holder.block.height_mm)
 
 
-@pytest.mark.parametrize("align", [None, MIDDLE])
-@pytest.mark.parametrize("rotation", [(0, 0, 0), (20, 30, 40)])
+@pytest.mark.parametrize(
+    ("align", "rotation"),
+    mostly_long([(a, r) for a in (None, MIDDLE) for r in ((0, 0, 0), (20, 30, 40))], (MIDDLE, (20, 30, 40))),
+)
 def test_a_block_is_moved_into_its_slot_from_any_placement(align: object, rotation: tuple[float, ...]) -> None:
     holder = HolderPart(TRAY)
     for slot in (0, 1):
@@ -53,7 +56,10 @@ def test_the_joint_is_the_block_frame() -> None:
     assert tuple(block.joints["underside"].location.orientation) == pytest.approx((0.0, 0.0, 90.0))
 
 
-@pytest.mark.parametrize(("align", "rotation"), [(None, (0, 0, 0)), (MIDDLE, (0, 0, 0)), (MIDDLE, (0, 10, 90))])
+@pytest.mark.parametrize(
+    ("align", "rotation"),
+    mostly_long([(None, (0, 0, 0)), (MIDDLE, (0, 0, 0)), (MIDDLE, (0, 10, 90))], (MIDDLE, (0, 10, 90))),
+)
 def test_the_jig_follows_a_moved_holder(align: object, rotation: tuple[float, ...]) -> None:
     holder = bd.Pos(5, 6, 7) * HolderPart(TRAY, rotation=rotation, align=align)
     seated = JigPart(JIG, rotation=(180, 0, 0), align=bd.Align.MAX)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from scipy.ndimage import binary_erosion
 
 from tacbench_cad.geometry.block_part import block_part
@@ -62,8 +63,8 @@ def test_a_box_from_above_fills_its_rectangle() -> None:
     assert abs((rows[0] + rows[-1]) / 2 - 109.5) <= 1.0
 
 
-@pytest.mark.parametrize("elevation", [0.0, 20.0, 38.0, 65.0])
-@pytest.mark.parametrize("azimuth", [-62.0, 30.0, 200.0])
+@pytest.mark.parametrize("elevation", mostly_long([0.0, 20.0, 38.0, 65.0], 0.0, 38.0))
+@pytest.mark.parametrize("azimuth", mostly_long([-62.0, 30.0, 200.0], -62.0, 200.0))
 def test_a_box_covers_its_silhouette(azimuth: float, elevation: float) -> None:
     """The covered area is the sum of the visible faces, each multiplied by the cosine of its tilt."""
     x, y, z = 20.0, 12.0, 7.0
@@ -129,7 +130,10 @@ OWN = Texture(name="hexagonal", surface=plane_waves((0.5, 1.0, 0.0), (0.5, 0.5, 
 
 @pytest.mark.parametrize(
     "block",
-    [*(Block.of(number) for number in range(1, 7)), Block.of(2, key_mm=3.0), Block.of(1, scale=0.5), Block.of(OWN)],
+    mostly_long(
+        [*(Block.of(number) for number in range(1, 7)), Block.of(2, key_mm=3.0), Block.of(1, scale=0.5), Block.of(OWN)],
+        *(Block.of(4), Block.of(2, key_mm=3.0), Block.of(1, scale=0.5), Block.of(OWN)),
+    ),
     ids=lambda block: block.name,
 )
 def test_a_texture_with_a_tolerance_is_shaded_like_its_formula(block: Block) -> None:
@@ -213,7 +217,7 @@ def test_a_sheet_can_be_a_vector_file_that_contains_the_picture(suffix: str, hea
         pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))], tmp_path / "sheet.jpg")
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 17, *(pytest.param(count, marks=pytest.mark.long) for count in (8, 40))])
+@pytest.mark.parametrize("count", mostly_long([1, 2, 4, 8, 17, 40], 1, 2, 4))
 def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
     """Every part is drawn and no part covers another: the drawn area grows with the number of parts."""
     pictures.preview_sheet([("", box(3.0, 4.0, 2.0))] * count, tmp_path / "bare.png")
@@ -318,8 +322,12 @@ def test_the_parts_of_an_assembly_have_their_colours(tmp_path: Path) -> None:
 @pytest.mark.parametrize("press", [False, True])
 @pytest.mark.parametrize(
     "block",
-    [Block.of(4), Block.of(2, "released"), Block.of(3, scale=2.0, key_mm=6.0), Block.of(1, size_mm=(60.0, 26.0))],
-    ids=["paper", "released", "keyed", "wide"],
+    [
+        pytest.param(Block.of(4), id="paper", marks=pytest.mark.long),
+        pytest.param(Block.of(2, "released"), id="released", marks=pytest.mark.long),
+        pytest.param(Block.of(3, scale=2.0, key_mm=6.0), id="keyed"),
+        pytest.param(Block.of(1, size_mm=(60.0, 26.0)), id="wide"),
+    ],
 )
 def test_texture_picture(tmp_path: Path, block: Block, press: bool) -> None:
     path = tmp_path / "texture.png"

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.tops import deviations, faults, top_triangles
 
 from tacbench_cad.geometry.block_part import block_part
@@ -57,7 +58,7 @@ def pyramids() -> Surface:
     )
 
 
-@pytest.mark.parametrize("key", [None, 4.3])
+@pytest.mark.parametrize("key", mostly_long([None, 4.3], 4.3))
 @pytest.mark.parametrize(
     ("surface", "limit"), [(weave(), 4800), (stripes(), 1500), (bumps(), 4500), (pyramids(), 4500)]
 )

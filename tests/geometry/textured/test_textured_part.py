@@ -29,8 +29,8 @@ def part(shape: cq.Workplane, face: str, texture: Any = 2, **settings: Any) -> P
     ("shape", "face", "settings"),
     [
         (PLATE, ">Z", {"sunk": True}),
-        (cq.Workplane().box(24, 18, 4), ">Z", {"fade_mm": 2.0}),
-        (DRUM, "%Cylinder", {}),
+        pytest.param(cq.Workplane().box(24, 18, 4), ">Z", {"fade_mm": 2.0}, marks=pytest.mark.long),
+        pytest.param(DRUM, "%Cylinder", {}, marks=pytest.mark.long),
         (DRUM, "%Cylinder", {"sunk": True, "fade_mm": 1.5, "depth_mm": 0.5}),
     ],
 )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.cases import mostly_long
 from helpers.rigs import small_protocol
 
 from tacbench_cad.lab.acquire.person import Typing
@@ -142,7 +143,7 @@ def test_an_alarm_on_grbl_lifts_the_sensor(tmp_path: Path, monkeypatch: pytest.M
     assert trial.left_at_mm >= CLEARANCE_MM - 0.1, (error, trial.messages)
 
 
-@pytest.mark.parametrize("origin", ["pulloff", "switch"])
+@pytest.mark.parametrize("origin", mostly_long(["pulloff", "switch"], "switch"))
 def test_both_builds_of_grbl_are_pressed_with_and_checked(
     origin: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -104,10 +104,12 @@ def test_a_run_that_is_killed_twice_is_complete_in_the_end(tmp_path: Path) -> No
     kill_repeatedly(tmp_path, 2, 1, 0.3)
 
 
+@pytest.mark.long
 def test_a_run_with_slides_that_is_killed_three_times_is_complete_in_the_end(tmp_path: Path) -> None:
     kill_repeatedly(tmp_path, 3, 21, 0.6, "slides")
 
 
+@pytest.mark.long
 def test_a_run_on_an_arm_that_stays_tilted_when_it_is_killed_is_complete_in_the_end(tmp_path: Path) -> None:
     kill_and_resume(tmp_path, 1, 31, "rolls", 1.5)
 

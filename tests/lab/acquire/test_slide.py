@@ -278,7 +278,10 @@ def test_a_recorder_stops_the_stage_again_until_its_body_ends(monkeypatch: pytes
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows")
-@pytest.mark.parametrize(("driver", "pose_from"), [("virtual-grbl", "reports"), ("virtual-marlin", "time")])
+@pytest.mark.parametrize(
+    ("driver", "pose_from"),
+    [("virtual-grbl", "reports"), pytest.param("virtual-marlin", "time", marks=pytest.mark.long)],
+)
 def test_a_slide_on_virtual_firmware_with_the_simulated_sensor(tmp_path: Path, driver: str, pose_from: str) -> None:
     chosen = virtual_study(texture="4", driver=driver, speed=50.0)
     # The slide is slow, so that a busy computer has enough frames of a rig that is 50 times faster than a real one.

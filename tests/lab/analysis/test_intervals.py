@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.variance.intervals import (
@@ -105,7 +106,7 @@ FIELDS = {
 }
 
 
-@pytest.mark.parametrize(("kind", "prints"), [("smooth", 6), ("coarse", 3)])
+@pytest.mark.parametrize(("kind", "prints"), mostly_long([("smooth", 6), ("coarse", 3)], ("coarse", 3)))
 def test_intervals_cover_in_a_hundred_studies(kind: str, prints: int) -> None:
     # With a coverage of 95 %, fewer than 88 of 100 intervals contain the true value in 3 of 1,000 cases.
     assert coverage(prints, FIELDS[kind], 100, seed=prints)[0].min() >= 0.88
@@ -222,7 +223,7 @@ def test_components_are_pooled_over_cells_of_different_prints() -> None:
     assert together.estimate == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("kind", ["smooth", "coarse"])
+@pytest.mark.parametrize("kind", mostly_long(["smooth", "coarse"], "smooth"))
 def test_intervals_of_pooled_components_cover(kind: str) -> None:
     random, covered = np.random.default_rng(17), np.zeros(2)
     for _ in range(60):

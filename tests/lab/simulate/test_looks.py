@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.frame_measure import block_ratio, find_pins, grey_of
 from helpers.real_frames import SENSORS, goals, simulated_statistics
 from scipy.spatial import cKDTree
@@ -258,7 +259,7 @@ def _study() -> Study:
     return Study(blocks=blocks, protocol=protocol, grid_spacing="own")
 
 
-@pytest.fixture(scope="module", params=REAL)
+@pytest.fixture(scope="module", params=mostly_long(REAL, REAL[0]))
 def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("looks") / "runs"
     simulate_study(_study(), out, SimulationOptions(look=request.param), jobs=1)

@@ -20,6 +20,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.runs.checking import check_run
@@ -264,7 +265,7 @@ def test_an_unknown_study_is_refused(word: str, message: str) -> None:
 
 def test_the_command_simulates_a_study_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "study.toml").write_text(STUDY_FILE.replace("[18.0, 23.0]", "[18.0]"))
-    assert main(["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "2", "--json"]) == 0
+    assert main(["simulate", "--study", str(tmp_path / "study.toml"), "--jobs", "1", "--json"]) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert document["images"] == document["images_made"] == 4 * (6 + 5)
@@ -354,7 +355,7 @@ def _turning(motion: str, angle_deg: float) -> Study:
     return replace(study, blocks=(replace(study.blocks[1], levels=(2,)),), protocol=protocol)
 
 
-@pytest.mark.parametrize("motion", ["roll", "tilt"])
+@pytest.mark.parametrize("motion", mostly_long(["roll", "tilt"], "tilt"))
 def test_a_study_with_turns_has_angles_and_forces_in_its_series(tmp_path: Path, motion: str) -> None:
     study = _turning(motion, 8.0)
     (block,) = simulate_study(study, tmp_path)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.lookalikes import LOOKS, Shot, draw, gel
 from scipy.spatial import cKDTree
 
@@ -36,7 +37,7 @@ def detection_rates(shots: list[Shot], finder: MarkerFinder) -> tuple[float, flo
     return len(errors) / visible, false / visible, float(np.sqrt(np.mean(np.square(errors))))
 
 
-@pytest.mark.parametrize("name", LOOKS)
+@pytest.mark.parametrize("name", mostly_long(LOOKS, "A", "D"))
 def test_markers_of_every_public_look_are_found(name: str) -> None:
     finder = MarkerFinder.learn([draw(LOOKS[name], 100).image])
     recall, false, error = detection_rates(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.simulated_markers import detection_rates, simulated_frames
 
 from tacbench_cad.lab.vision.markers import MarkerFinder
@@ -16,7 +17,7 @@ LIMITS = {"tactip-bristol": (0.99, 0.005), "tactip-sussex": (0.95, 0.05), "clean
 
 @pytest.mark.parametrize(
     ("look", "presses"),
-    [*((look, 6) for look in LIMITS), *(pytest.param(look, 60, marks=pytest.mark.long) for look in LIMITS)],
+    mostly_long([(look, presses) for presses in (6, 60) for look in LIMITS], ("tactip-sussex", 6)),
 )
 def test_markers_of_the_looks_are_found_and_followed(look: str, presses: int) -> None:
     frames = list(simulated_frames(look, presses, seed=3))

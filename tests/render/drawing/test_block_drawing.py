@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 pytest.importorskip("matplotlib", reason="drawings need the extra plot")
 
@@ -32,6 +33,7 @@ BLOCKS = {
     "released, joined samples that draw another shape": Block.of(4, "released", key_mm=3.0, label=True),
     "its own grid": Block.of(2, sampling=SampleGrid(nx=40, ny=31), key_mm=5.0),
 }
+QUICK = ("default", "along one axis", "keyed and labelled", "narrow", "its own grid")
 
 
 @cache
@@ -40,7 +42,7 @@ def drawing_of(name: str) -> Drawing:
     return block_drawing(BLOCKS[name], press=name not in ("small", "narrow"))
 
 
-@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.parametrize("name", mostly_long(BLOCKS, *QUICK))
 def test_every_number_is_the_distance_on_the_mesh(name: str) -> None:
     block = BLOCKS[name]
     exact = isinstance(block.sampling, SampleGrid)
@@ -65,7 +67,7 @@ def test_the_check_finds_a_wrong_number() -> None:
     assert len(faults(replace(drawing, front=replace(drawing.front, outlines=other.front.outlines)), 0.01)) >= 1
 
 
-@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.parametrize("name", mostly_long(BLOCKS, *QUICK))
 def test_texts_do_not_overlap_other_texts_or_lines(name: str) -> None:
     assert clashes(drawing_of(name)) == []
 
