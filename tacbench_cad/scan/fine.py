@@ -108,13 +108,19 @@ def simple(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float
     return iterate(points, block, state, unknowns(fit, state.relief, faces, waves=False), limit_mm, 4), faces
 
 
-def refined(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, Unknowns]:
-    """Return the state with the scale, the skew and the waves fitted, and the parameters of the fit."""
+def refined(
+    points: Floats, block: Block, state: State, fit: Fit, limit_mm: float, shortest_mm: float
+) -> tuple[State, Unknowns]:
+    """Return the state with the scale, the skew and the waves fitted, and the parameters of the fit.
+
+    Waves shorter than ``shortest_mm`` stay as they are in the formula.
+    """
     state, faces = simple(points, block, state, fit, limit_mm)
+    state = replace(state, relief=replace(state.relief, shortest_mm=shortest_mm))
     full = unknowns(fit, state.relief, faces, waves=True)
     for turn in range(10):
         before = state
-        state = iterate(points, block, state, full, limit_mm, 3 if turn < 2 else 1)
+        state = iterate(points, block, state, full, limit_mm, 3 if turn < 2 else 2)
         state = with_noise(points, block, state, limit_mm, blur=True)
         if settled(before, state):
             break
@@ -144,7 +150,7 @@ def finish(points: Floats, block: Block, state: State, unknown: Unknowns, limit_
     some = thinned(points, int(max(COMPARED_POINTS, min(_MAX_REPEATED, _MAX_PRODUCTS / 4.0 / columns**2))))
     for _ in range(4):
         before = state
-        state = iterate(some, block, state, unknown, limit_mm, 1)
+        state = iterate(some, block, state, unknown, limit_mm, 2)
         state = with_noise(some, block, state, limit_mm, blur=blur)
         if settled(before, state):
             break

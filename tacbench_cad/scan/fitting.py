@@ -50,6 +50,11 @@ _MAX_LOCATED = 5
 _MIN_EXPLAINED = 0.8
 #: The largest fraction of the variance of the relief that may remain at the points of the top.
 _MAX_LEFT = 0.25
+#: The shortest wave that a height map shows, in pixels. Two pixels are the least (Nyquist).
+_PIXELS_IN_WAVE = 2.5
+#: If more than the first fraction of the points is not explained, the mirror images of the scan are tried. The scan is
+#: refused if one of them explains more by the second fraction.
+_UNEXPLAINED, _MIRROR_GAIN = 0.03, 0.02
 #: The allowed range of scales.
 _SCALES = (0.9, 1.1)
 
@@ -110,11 +115,13 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     if not located:
         raise _refused(cloud, block, "no pose explains its relief")
     tell("compare the poses", 0.3)
-    best, rivals = _decide(points, block, fit, located)
+    shortest = _PIXELS_IN_WAVE * max(cloud.grid.step_mm) if cloud.grid else 0.0
+    best, rivals = _decide(points, block, fit, located, shortest)
+    _refuse_mirrored(cloud, block, best[0])
     tell("fit", 0.6)
     limit = _limit(block)
     some = thinned(points, COMPARED_POINTS)
-    state, unknown = fine.refined(some, block, best[0], fit, limit)
+    state, unknown = fine.refined(some, block, best[0], fit, limit, shortest)
     state = _centred(some, block, state, unknown, limit)
     final = fine.finish(points, block, state, unknown, limit, blur=cloud.grid is None)
     _require_block(cloud, block, points, final, limit)
@@ -254,7 +261,7 @@ def _limit(block: Block) -> float:
 
 
 def _decide(
-    points: Floats, block: Block, fit: Fit, located: list[_Located]
+    points: Floats, block: Block, fit: Fit, located: list[_Located], shortest_mm: float
 ) -> tuple[tuple[State, Unknowns], tuple[Pose, ...]]:
     """Return the best state, and the poses that explain the scan equally well.
 
@@ -266,7 +273,7 @@ def _decide(
     limit = _limit(block)
     most = 1.5 * located[0].cost + (0.02 * limit) ** 2
     for entry in [entry for entry in located if entry.cost <= most or entry is located[0]][:_MAX_COMPARED]:
-        state, unknown = fine.refined(some, block, entry.state, fit, limit)
+        state, unknown = fine.refined(some, block, entry.state, fit, limit, shortest_mm)
         state = _centred(some, block, state, unknown, limit)
         if not any(_close(state.pose, other.pose, block, 0.02) for other, _ in results):
             results.append((state, unknown))
@@ -295,6 +302,38 @@ def _centred(points: Floats, block: Block, state: State, unknown: Unknowns, limi
             low, high = np.quantile(nominal[top, axis], (0.005, 0.995))
             shift[axis] -= (low + high) / 2.0 - block.size_mm[axis] / 2.0
     return replace(state, pose=replace(state.pose, shift_mm=shift))
+
+
+def _refuse_mirrored(cloud: Cloud, block: Block, state: State) -> None:
+    """Refuse a scan whose mirror image fits much better. Most textures also fit their mirror image, with an overhang.
+
+    Raises:
+        InputError: An axis of the scan is reversed.
+    """
+    some = thinned(cloud.points_mm, _DECIDING_POINTS)
+    limit = _limit(block)
+    cut = TUKEY * max(state.depth_mm, state.lateral_mm)
+
+    def explained(points: Floats, state: State) -> float:
+        return float(np.mean(cost(points, block, state, cut) < 0.99 * cut**2))
+
+    now = explained(some, state)
+    if now > 1.0 - _UNEXPLAINED:
+        return
+    upright = cloud.grid is not None
+    mirrors = {"y": "its rows are in reversed order"} if upright else {"y": "one of its axes is reversed"}
+    mirrors |= {"z": "its heights have the wrong sign"} if upright else {}
+    for axis, why in mirrors.items():
+        mirrored = some * (1.0, -1.0, 1.0) if axis == "y" else some * (1.0, 1.0, -1.0)
+        for entry in _locate(look(mirrored), Search(block), upright=upright)[:2]:
+            turned, _ = fine.simple(mirrored, block, entry.state, "scale", limit)
+            if explained(mirrored, turned) > now + _MIRROR_GAIN:
+                raise InputError(
+                    cloud.source,
+                    None,
+                    f"shows the mirror image of {block.name}: {why}. Its mirror image fits better "
+                    f"({explained(mirrored, turned):.0%} of the points instead of {now:.0%}). Export the scan again",
+                )
 
 
 def _require_block(cloud: Cloud, block: Block, points: Floats, final: fine.Final, limit: float) -> None:

@@ -9,7 +9,7 @@ fine waves does not pull the pose. Standard errors come from the residuals thems
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -386,29 +386,22 @@ def _noise(scatter: Floats, error: Floats) -> tuple[float, float]:
     return max(depth, smallest), max(lateral, 0.0)
 
 
-def iterate(
-    points: Floats,
-    block: Block,
-    state: State,
-    unknown: Unknowns,
-    limit_mm: float,
-    steps: int,
-    *,
-    renew_noise: Callable[[State], State] | None = None,
-) -> State:
-    """Repeat Gauss-Newton steps until the points move by less than a nanometre."""
+def iterate(points: Floats, block: Block, state: State, unknown: Unknowns, limit_mm: float, steps: int) -> State:
+    """Repeat Gauss-Newton steps until the points move by less than a nanometre.
+
+    On steep flanks, steps can go too far and come back for ever. A step that reverses the step before is halved.
+    """
+    unit = lengths(unknown.names, block)
+    before = np.zeros(len(unit))
     for _ in range(steps):
         normal = normal_equations(points, block, state, unknown, limit_mm)
         if normal.count < 10:
             return state
         step = solve(normal, unknown, block).step
-        size = np.abs(step[: len(unknown.names)] * lengths(unknown.names, block))
-        most = 0.2 * block.size_mm[0]
-        if size.max() > most:
-            step = step * (most / size.max())
-        state = moved(state, step, unknown, block)
-        if renew_noise is not None:
-            state = renew_noise(state)
-        if size.max() < 1e-6:
+        move = step[: len(unit)] * unit
+        factor = 0.5 if move @ before < -0.25 * (before @ before) else 1.0
+        factor = min(factor, 0.2 * block.size_mm[0] / max(np.abs(move).max(), 1e-12))
+        state, before = moved(state, factor * step, unknown, block), factor * move
+        if np.abs(move).max() < 1e-6:
             break
     return state

@@ -4,20 +4,48 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Sines, Wave, WaveSum
-from tacbench_cad.util.types import Floats
+from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.util.types import Floats, Ints
 
 #: The number of values in a table for each period of the shortest wave, and at most.
 _STEPS_IN_WAVE = 40
 _MAX_TABLE = 200_000
 #: How far tables reach beyond the block, as a fraction of its side.
 _BEYOND = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Basis:
+    """The sines and cosines of the waves along one axis at equally spaced places, from which all tables are summed.
+
+    Args:
+        start: The first place.
+        step: The distance of neighbouring places.
+        waves: The indices of the waves, shape (m,).
+        frequency: Their angular frequencies k, shape (m,).
+        sine: ``sin(k t + phase)`` at the places t, shape (n, m).
+        cosine: ``cos(k t + phase)``, shape (n, m).
+    """
+
+    start: float
+    step: float
+    waves: Ints
+    frequency: Floats
+    sine: Floats
+    cosine: Floats
+
+    @classmethod
+    def of(cls, waves: Ints, frequency: Floats, phase: Floats, low: float, high: float) -> _Basis:
+        highest = float(np.max(np.abs(frequency), initial=2.0 * math.pi / (high - low)))
+        step = max(2.0 * math.pi / highest / _STEPS_IN_WAVE, (high - low) / _MAX_TABLE)
+        angle = np.arange(low, high + 2.0 * step, step)[:, None] * frequency + phase
+        return cls(low, step, waves, frequency, np.sin(angle), np.cos(angle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +70,29 @@ class _Table:
     scatter: Floats
 
     @classmethod
-    def of(cls, sines: Sines, sharp: Sines, blur: float, low: float, high: float) -> _Table:
-        highest = float(np.max(np.abs(sines.frequency), initial=2.0 * math.pi / (high - low)))
-        step = max(2.0 * math.pi / highest / _STEPS_IN_WAVE, (high - low) / _MAX_TABLE)
-        places = np.arange(low, high + 2.0 * step, step)
-        slope = sines(places, 1)
+    def of(cls, basis: _Basis, factors: Floats, kept: Floats, blur_mm: float) -> _Table:
+        """Sum a table.
+
+        Args:
+            basis: The waves.
+            factors: The factors of the sine and of the cosine of every wave of the block, shape (waves, 2).
+            kept: The fraction of every wave that the blur leaves, shape (waves,).
+            blur_mm: The standard deviation of the noise along x and y.
+        """
+        step, kept = basis.step, kept[basis.waves]
+        a, b = factors[basis.waves].T
+        shown = kept * a, kept * b
+        value = basis.sine @ shown[0] + basis.cosine @ shown[1]
+        slope = basis.cosine @ (basis.frequency * shown[0]) - basis.sine @ (basis.frequency * shown[1])
         scatter = slope**2
-        if blur > 2.0 * step:
+        if blur_mm > 2.0 * step:
             from scipy.ndimage import gaussian_filter1d
 
-            exact = sharp(places)
-            mean = gaussian_filter1d(exact, blur / step, mode="nearest")
-            scatter = np.maximum(gaussian_filter1d(exact**2, blur / step, mode="nearest") - mean**2, 0.0) / blur**2
-        return cls(low, step, sines(places), slope * step, scatter)
+            exact = basis.sine @ a + basis.cosine @ b
+            mean = gaussian_filter1d(exact, blur_mm / step, mode="nearest")
+            square = gaussian_filter1d(exact**2, blur_mm / step, mode="nearest")
+            scatter = np.maximum(square - mean**2, 0.0) / blur_mm**2
+        return cls(basis.start, step, value, slope * step, scatter)
 
     def scattered(self, t: Floats) -> Floats:
         """Return the scatter at places, from the nearest value."""
@@ -85,6 +123,9 @@ class Relief:
         datum_mm: The height of the formula's zero above the underside.
         size_mm: The sides of the block.
         changes: The numbers a and b of each wave, shape (waves, 2).
+        shortest_mm: The shortest wavelength that a fit may change. On pixels, waves shorter than two of them look like
+            longer ones.
+        bases: The sines of the waves along x and along y, if every wave runs along one of the axes; None otherwise.
         blur_mm: The standard deviation of the noise along x and y.
     """
 
@@ -92,13 +133,25 @@ class Relief:
     datum_mm: float
     size_mm: tuple[float, float]
     changes: Floats
+    bases: tuple[_Basis, _Basis] | None
     blur_mm: float = 0.0
+    shortest_mm: float = 0.0
 
     @classmethod
+    @lru_cache(maxsize=16)
     def of(cls, block: Block) -> Relief:
         """Return the relief of a block as designed."""
-        count = len(block.surface.waves) if isinstance(block.surface, WaveSum) else 0
-        return cls(block.surface, block.datum_mm, block.size_mm, np.zeros((count, 2)))
+        surface, bases = block.surface, None
+        count = len(surface.waves) if isinstance(surface, WaveSum) else 0
+        if isinstance(surface, WaveSum) and surface.is_separable:
+            _, f, g, phase = surface.table.T
+            along_x, along_y = np.flatnonzero(g == 0.0), np.flatnonzero(g != 0.0)
+            x, y = block.size_mm
+            bases = (
+                _Basis.of(along_x, f[along_x], phase[along_x], -_BEYOND * x, (1.0 + _BEYOND) * x),
+                _Basis.of(along_y, g[along_y], phase[along_y], -_BEYOND * y, (1.0 + _BEYOND) * y),
+            )
+        return cls(surface, block.datum_mm, block.size_mm, np.zeros((count, 2)), bases)
 
     def changed(self, changes: Floats, blur_mm: float) -> Relief:
         """Return the relief with other changes and another blur."""
@@ -112,29 +165,24 @@ class Relief:
         frequency = np.hypot(*self.surface.table[:, 1:3].T)
         return np.asarray(np.exp(-0.5 * (frequency * self.blur_mm) ** 2))
 
-    def _with(self, kept: Floats) -> Surface:
+    @cached_property
+    def _shown(self) -> Surface:
         if not isinstance(self.surface, WaveSum) or not (self.blur_mm or self.changes.any()):
             return self.surface
         shown = []
-        for wave, (a, b), fraction in zip(self.surface.waves, self.changes, kept, strict=True):
+        for wave, (a, b), fraction in zip(self.surface.waves, self.changes, self.kept, strict=True):
             amplitude, phase = wave.amplitude * math.hypot(1.0 + a, b) * fraction, wave.phase + math.atan2(b, 1.0 + a)
             shown.append(Wave(amplitude=amplitude, f=wave.f, g=wave.g, phase=phase))
         return WaveSum(tuple(shown))
 
     @cached_property
-    def _shown(self) -> Surface:
-        return self._with(self.kept)
-
-    @cached_property
     def _tables(self) -> tuple[_Table, _Table] | None:
-        if not (isinstance(self._shown, WaveSum) and self._shown.is_separable):
+        if self.bases is None:
             return None
-        (x, y), far = self.size_mm, _BEYOND
-        shown, sharp = self._shown, self._with(np.ones(len(self.changes)))
-        return (
-            _Table.of(shown.along_u, sharp.along_u, self.blur_mm, -far * x, (1 + far) * x),
-            _Table.of(shown.along_v, sharp.along_v, self.blur_mm, -far * y, (1 + far) * y),
-        )
+        assert isinstance(self.surface, WaveSum)
+        factors = self.surface.table[:, :1] * np.add(self.changes, (1.0, 0.0))
+        first, second = (_Table.of(basis, factors, self.kept, self.blur_mm) for basis in self.bases)
+        return first, second
 
     def __call__(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the height above the underside and its slopes along x and y at points, each of shape (n,)."""
@@ -156,11 +204,19 @@ class Relief:
         return self._tables[0].scattered(x) + self._tables[1].scattered(y)
 
     @cached_property
-    def fitted(self) -> tuple[int, ...]:
+    def moving(self) -> tuple[int, ...]:
         """The indices of the waves that have an amplitude and a direction."""
         if not isinstance(self.surface, WaveSum):
             return ()
         return tuple(i for i, w in enumerate(self.surface.waves) if w.amplitude != 0.0 and (w.f, w.g) != (0.0, 0.0))
+
+    @cached_property
+    def fitted(self) -> tuple[int, ...]:
+        """The indices of the moving waves that a fit may change."""
+        if not self.shortest_mm:
+            return self.moving
+        length = 2.0 * math.pi / np.hypot(*self.surface.table[list(self.moving), 1:3].T)  # type: ignore[attr-defined]
+        return tuple(i for i, mm in zip(self.moving, length, strict=True) if mm >= self.shortest_mm)
 
     def columns(self, x: Floats, y: Floats) -> Floats:
         """Return the derivatives of the height by the numbers a and then b of each fitted wave, shape (n, 2 m)."""

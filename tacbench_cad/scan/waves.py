@@ -27,16 +27,18 @@ def wave_estimates(relief: Relief, unknown: Unknowns, standard_error: Floats) ->
     if not isinstance(relief.surface, WaveSum) or not unknown.waves:
         return ()
     count = len(relief.fitted)
-    error = np.zeros(2 * count)
-    error[free_waves(relief, unknown)] = standard_error
+    known = np.zeros(2 * count)
+    known[free_waves(relief, unknown)] = standard_error
+    errors = {i: (float(known[j]), float(known[count + j])) for j, i in enumerate(relief.fitted)}
     result = []
-    for j, i in enumerate(relief.fitted):
+    for i in relief.moving:
         wave = relief.surface.waves[i]
+        spread, turn_spread = errors.get(i, (math.inf, math.inf))
         cosine, sine = 1.0 + relief.changes[i, 0], relief.changes[i, 1]
-        phase, spread = math.degrees(math.atan2(sine, cosine)), float(error[j])
-        ratio = _length(cosine, sine, spread) if error[count + j] else cosine
+        phase = math.degrees(math.atan2(sine, cosine))
+        ratio = _length(cosine, sine, spread) if turn_spread else cosine
         # The phase of a wave that is hardly there is not known at all.
-        turn = math.degrees(float(error[count + j]) / ratio) if ratio > 0.0 else math.inf
+        turn = math.degrees(turn_spread / ratio) if ratio > 0.0 else math.inf
         half = min(HALF_WIDTH * turn, 180.0)
         result.append(
             WaveEstimate(
@@ -52,7 +54,7 @@ def wave_estimates(relief: Relief, unknown: Unknowns, standard_error: Floats) ->
                 phase_high_deg=phase + half,
                 is_scale_reference=i == unknown.scale_reference,
                 is_shift_reference=i in unknown.shift_references,
-                determined=bool(np.isfinite(error[[j, count + j]]).all()),
+                determined=math.isfinite(spread + turn_spread),
             )
         )
     return tuple(result)
