@@ -95,7 +95,7 @@ def read_scan(
             scan = _mesh(path, suffix, unit, size_mm)
         elif suffix in (".las", ".laz"):
             scan = _points(path, _las(path), unit, size_mm)
-        elif suffix in CLOUDS or (suffix in (".csv", ".txt") and _is_table_of_points(path)):
+        elif suffix in (".xyz", ".pts") or (suffix in (".asc", ".csv", ".txt") and _is_table_of_points(path)):
             scan = _points(path, _table(path), unit, size_mm)
         else:
             scan = _height_map(path, unit, mm_per_pixel, size_mm)
@@ -207,8 +207,13 @@ def _is_table_of_points(path: Path) -> bool:
 
 
 def _table(path: Path) -> Floats:
-    """Return the first three columns of a table. Lines above the first line of numbers are left out."""
+    """Return the first three columns of a table. Lines above the first line of numbers are left out.
+
+    If a semicolon or a tab separates the columns, a comma is a decimal comma.
+    """
     data = read_bytes(path, "scan", "any")
+    if any(mark in data[:2000] for mark in (b";", b"\t")):
+        data = data.replace(b",", b".")
     skipped, separator = 0, None
     for raw in io.BytesIO(data):
         line = raw.decode("utf-8", "replace").lstrip("\ufeff")

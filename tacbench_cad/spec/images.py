@@ -20,7 +20,7 @@ from tacbench_cad.util.types import Floats
 #: The endings of pictures.
 PICTURES = (".png", ".tif", ".tiff")
 #: The endings of tables of numbers.
-TABLES = (".csv", ".txt")
+TABLES = (".csv", ".txt", ".asc")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ def read_heights(path: Path) -> HeightFile:
     """Read a height map.
 
     - PNG and TIFF, 8 or 16 bit; a colour picture becomes grey. This needs the package Pillow.
-    - NPY, an array of numbers; CSV or TXT, a table of numbers. Their values are heights in mm.
+    - NPY, an array of numbers; CSV, TXT or ASC, a table of numbers. Their values are heights in mm.
     - Any other file is read by the package surfalize, which knows the formats of many instruments.
 
     Args:

@@ -7,12 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from tacbench_cad.scan.cloud import Cloud
+from tacbench_cad.scan.cloud import Cloud, HeightGrid
 from tacbench_cad.scan.estimates import ScanFit
 from tacbench_cad.scan.fitting import fit_scan, identify
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.scan.refining import centre_of
-from tacbench_cad.scan.simulating import WALLS, ScanTruth, simulate_foreign, simulate_scan, stretch
+from tacbench_cad.scan.simulating import (
+    WALLS,
+    ScanTruth,
+    simulate_foreign,
+    simulate_height_map,
+    simulate_scan,
+    stretch,
+)
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -142,3 +149,42 @@ def test_a_lost_wave_has_an_interval_that_contains_0() -> None:
     assert len(lost) == 11
     assert sum(wave.ratio_low > 0.0 for wave in lost) <= 2
     assert all(wave.ratio_low > 0.9 for wave in fit.waves if wave.wavelength_mm > 2.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [("cloud", "one of its axes is reversed"), ("rows", "rows are in reversed order"), ("heights", "the wrong sign")],
+)
+def test_a_mirror_image_is_named_and_refused(kind: str, why: str) -> None:
+    block, truth = Block.of(2), ScanTruth(points=12_000, seed=2, noise_mm=0.02)
+    if kind == "cloud":
+        scan = simulate_scan(block, truth.with_random_pose())
+        scan = Cloud(points_mm=scan.points_mm * (1.0, -1.0, 1.0), source="mirrored.ply")
+    else:
+        grid = simulate_height_map(block, truth, step_mm=0.2).grid
+        assert grid is not None
+        heights = grid.heights_mm[::-1] if kind == "rows" else -grid.heights_mm
+        grid = HeightGrid(heights_mm=heights, step_mm=grid.step_mm)
+        scan = Cloud(points_mm=grid.points_mm(), source="mirrored.tif", grid=grid)
+    with pytest.raises(InputError, match=f"shows the mirror image of texture-2_paper_x1: .*{why}"):
+        fit_scan(scan, block)
+
+
+def test_waves_below_two_pixels_are_undetermined_and_do_not_move_the_pose() -> None:
+    block = Block.of(4, "released")
+    scan = simulate_height_map(block, ScanTruth(noise_mm=0.02, seed=4), step_mm=0.15)
+    fit = fit_scan(scan, block)
+    assert np.abs(np.diag(fit.pose.stretch)[:2] - 1.0).max() < 2e-5
+    assert np.mean(fit.used) > 0.999
+    short = [wave for wave in fit.waves if wave.wavelength_mm < 0.375]
+    assert short
+    assert not any(wave.determined for wave in short)
+    assert all(wave.amplitude_ratio == 1.0 for wave in short)
+
+
+def test_steps_that_swing_between_two_scales_end() -> None:
+    block = Block.of(6, "released", scale=2.0)
+    fit, _ = scanned(block, points=3_000, seed=431, walls=())
+    estimate = fit.parameter("scale_x")
+    assert abs(estimate.value - SCALE[0]) < 4.0 * estimate.standard_error
+    assert fit.noise_mm == pytest.approx(0.02, rel=0.05)

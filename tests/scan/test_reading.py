@@ -142,3 +142,20 @@ def test_what_is_no_scan_is_refused(tmp_path: Path) -> None:
         read_scan(tmp_path / "e.png", unit="mm", mm_per_pixel=0.1)
     with pytest.raises(InputError, match=r"does not exist|cannot be read"):
         read_scan(tmp_path / "missing.xyz", unit="mm")
+
+
+def test_a_table_with_decimal_commas(tmp_path: Path) -> None:
+    points = np.random.default_rng(5).uniform(-2.0, 2.0, (600, 3)).round(4)
+    lines = [";".join(f"{value:.4f}".replace(".", ",") for value in point) for point in points]
+    (tmp_path / "scan.xyz").write_text("x;y;z\n" + "\n".join(lines) + "\n")
+    scan = read_scan(tmp_path / "scan.xyz", unit="mm")
+    np.testing.assert_allclose(scan.cloud.points_mm, points)
+
+
+def test_a_matrix_of_heights_with_the_suffix_of_points_is_a_height_map(tmp_path: Path) -> None:
+    heights = np.random.default_rng(6).uniform(0.0, 1.0, (30, 40))
+    np.savetxt(tmp_path / "map.asc", heights)
+    scan = read_scan(tmp_path / "map.asc", unit="mm", mm_per_pixel=0.1)
+    assert scan.kind == "height map"
+    assert scan.cloud.grid is not None
+    np.testing.assert_allclose(scan.cloud.grid.heights_mm[::-1], heights)
