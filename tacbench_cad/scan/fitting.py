@@ -52,8 +52,8 @@ _MIN_EXPLAINED = 0.8
 _MAX_LEFT = 0.25
 #: The shortest wave that a height map shows, in pixels. Two pixels are the least (Nyquist).
 _PIXELS_IN_WAVE = 2.5
-#: If more than the first fraction of the points is not explained, the mirror images of the scan are tried. The scan is
-#: refused if one of them explains more by the second fraction.
+#: If at least half of the points are explained, but more than the first fraction is not, the mirror images of the scan
+#: are tried. The scan is refused if one of them explains more by the second fraction.
 _UNEXPLAINED, _MIRROR_GAIN = 0.03, 0.02
 #: The allowed range of scales.
 _SCALES = (0.9, 1.1)
@@ -117,7 +117,7 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     tell("compare the poses", 0.3)
     shortest = _PIXELS_IN_WAVE * max(cloud.grid.step_mm) if cloud.grid else 0.0
     best, rivals = _decide(points, block, fit, located, shortest)
-    _refuse_mirrored(cloud, block, best[0])
+    _refuse_mirrored(cloud, block, located, TUKEY * max(best[0].depth_mm, best[0].lateral_mm))
     tell("fit", 0.6)
     limit = _limit(block)
     some = thinned(points, COMPARED_POINTS)
@@ -304,36 +304,41 @@ def _centred(points: Floats, block: Block, state: State, unknown: Unknowns, limi
     return replace(state, pose=replace(state.pose, shift_mm=shift))
 
 
-def _refuse_mirrored(cloud: Cloud, block: Block, state: State) -> None:
-    """Refuse a scan whose mirror image fits much better. Most textures also fit their mirror image, with an overhang.
+def _refuse_mirrored(cloud: Cloud, block: Block, located: list[_Located], cut_mm: float) -> None:
+    """Refuse a scan whose mirror image fits much better.
+
+    The mirror image of a block mostly fits as well, but with an overhang. If a texture is constant along a side, its
+    mirror image is the block itself.
 
     Raises:
         InputError: An axis of the scan is reversed.
     """
-    some = thinned(cloud.points_mm, _DECIDING_POINTS)
-    limit = _limit(block)
-    cut = TUKEY * max(state.depth_mm, state.lateral_mm)
-
-    def explained(points: Floats, state: State) -> float:
-        return float(np.mean(cost(points, block, state, cut) < 0.99 * cut**2))
-
-    now = explained(some, state)
-    if now > 1.0 - _UNEXPLAINED:
+    if not all(block.surface.highest_frequency):
         return
+    some = thinned(cloud.points_mm, _DECIDING_POINTS)
     upright = cloud.grid is not None
-    mirrors = {"y": "its rows are in reversed order"} if upright else {"y": "one of its axes is reversed"}
-    mirrors |= {"z": "its heights have the wrong sign"} if upright else {}
-    for axis, why in mirrors.items():
-        mirrored = some * (1.0, -1.0, 1.0) if axis == "y" else some * (1.0, 1.0, -1.0)
-        for entry in _locate(look(mirrored), Search(block), upright=upright)[:2]:
-            turned, _ = fine.simple(mirrored, block, entry.state, "scale", limit)
-            if explained(mirrored, turned) > now + _MIRROR_GAIN:
-                raise InputError(
-                    cloud.source,
-                    None,
-                    f"shows the mirror image of {block.name}: {why}. Its mirror image fits better "
-                    f"({explained(mirrored, turned):.0%} of the points instead of {now:.0%}). Export the scan again",
-                )
+
+    def explained(points: Floats, poses: list[_Located]) -> float:
+        states = [fine.simple(points, block, entry.state, "scale", _limit(block))[0] for entry in poses[:2]]
+        squares = [cost(points, block, state, cut_mm) for state in states]
+        return max((float(np.mean(values < 0.99 * cut_mm**2)) for values in squares), default=0.0)
+
+    now = explained(some, located)
+    if not 0.5 < now < 1.0 - _UNEXPLAINED:
+        return
+    mirrors = {"its rows are in reversed order" if upright else "one of its axes is reversed": (1.0, -1.0, 1.0)}
+    if upright:
+        mirrors["its heights have the wrong sign"] = (1.0, 1.0, -1.0)
+    for why, signs in mirrors.items():
+        mirrored = some * signs
+        better = explained(mirrored, _locate(look(mirrored), Search(block), upright=upright))
+        if better > max(now + _MIRROR_GAIN, _MIN_EXPLAINED):
+            raise InputError(
+                cloud.source,
+                None,
+                f"shows the mirror image of {block.name}: {why}. Its mirror image fits better ({better:.0%} of the "
+                f"points instead of {now:.0%}). Export the scan again",
+            )
 
 
 def _require_block(cloud: Cloud, block: Block, points: Floats, final: fine.Final, limit: float) -> None:
