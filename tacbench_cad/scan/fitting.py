@@ -117,7 +117,7 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     tell("compare the poses", 0.3)
     shortest = _PIXELS_IN_WAVE * max(cloud.grid.step_mm) if cloud.grid else 0.0
     best, rivals = _decide(points, block, fit, located, shortest)
-    _refuse_mirrored(cloud, block, located, TUKEY * max(best[0].depth_mm, best[0].lateral_mm))
+    _refuse_mirrored(cloud, block, located)
     tell("fit", 0.6)
     limit = _limit(block)
     some = thinned(points, COMPARED_POINTS)
@@ -304,7 +304,7 @@ def _centred(points: Floats, block: Block, state: State, unknown: Unknowns, limi
     return replace(state, pose=replace(state.pose, shift_mm=shift))
 
 
-def _refuse_mirrored(cloud: Cloud, block: Block, located: list[_Located], cut_mm: float) -> None:
+def _refuse_mirrored(cloud: Cloud, block: Block, located: list[_Located]) -> None:
     """Refuse a scan whose mirror image fits much better.
 
     The mirror image of a block mostly fits as well, but with an overhang. If a texture is constant along a side, its
@@ -315,23 +315,17 @@ def _refuse_mirrored(cloud: Cloud, block: Block, located: list[_Located], cut_mm
     """
     if not all(block.surface.highest_frequency):
         return
-    some = thinned(cloud.points_mm, _DECIDING_POINTS)
     upright = cloud.grid is not None
-
-    def explained(points: Floats, poses: list[_Located]) -> float:
-        states = [fine.simple(points, block, entry.state, "scale", _limit(block))[0] for entry in poses[:2]]
-        squares = [cost(points, block, state, cut_mm) for state in states]
-        return max((float(np.mean(values < 0.99 * cut_mm**2)) for values in squares), default=0.0)
-
-    now = explained(some, located)
+    now = max(entry.explained for entry in located)
     if not 0.5 < now < 1.0 - _UNEXPLAINED:
         return
     mirrors = {"its rows are in reversed order" if upright else "one of its axes is reversed": (1.0, -1.0, 1.0)}
     if upright:
         mirrors["its heights have the wrong sign"] = (1.0, 1.0, -1.0)
     for why, signs in mirrors.items():
-        mirrored = some * signs
-        better = explained(mirrored, _locate(look(mirrored), Search(block), upright=upright))
+        mirrored = look(thinned(cloud.points_mm, SEARCH_POINTS) * signs)
+        others = _locate(mirrored, Search(block), upright=upright)
+        better = max((entry.explained for entry in others), default=0.0)
         if better > max(now + _MIRROR_GAIN, _MIN_EXPLAINED):
             raise InputError(
                 cloud.source,
