@@ -361,12 +361,16 @@ def _require_block(cloud: Cloud, block: Block, points: Floats, final: fine.Final
     if not np.all((scales > _SCALES[0]) & (scales < _SCALES[1])):
         shown = ", ".join(f"{scale:.3g}" for scale in scales)
         raise _refused(cloud, block, f"it would have to be printed at a scale of {shown}")
-    table = state.relief.changes
     if len(state.relief.fitted) and final.unknown.waves:
-        weight = np.abs(state.relief.surface.table[:, 0])  # type: ignore[attr-defined]
-        ratio = np.hypot(1.0 + table[:, 0], table[:, 1])
-        if not 0.5 < float(np.sum(weight * ratio) / np.sum(weight)) < 1.5:
-            raise _refused(cloud, block, "the amplitudes of its waves differ from the formula")
+        amplitude, f, g, _ = state.relief.surface.table.T  # type: ignore[attr-defined]
+        weight = np.abs(amplitude) * ((f != 0.0) | (g != 0.0))
+        # A print keeps the strong waves of every direction, and it keeps them in phase with the formula.
+        ratio = 1.0 + state.relief.changes[:, 0]
+        direction = np.round(np.degrees(np.arctan2(g, f)) % 180.0)
+        for same in (direction == each for each in np.unique(direction)):
+            share = float(np.sum(weight[same]))
+            if share > 0.25 * weight.sum() and not 0.5 < float(weight[same] @ ratio[same]) / share < 1.5:
+                raise _refused(cloud, block, "the amplitudes of its waves differ from the formula")
 
 
 def _half_turn(pose: Pose, others: tuple[Pose, ...]) -> Literal["decided", "undecidable"]:
