@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from tacbench_cad.util.packages import require
 SUFFIXES = (".npy", ".npz", ".h5", ".hdf5")
 #: The largest allowed size of a frame, in MB; the same as for the file of an image.
 MAX_FRAME_MB = door.MAX_MB["image"]
+#: What the reading of a damaged zip file raises.
+_ZIP_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +151,7 @@ class _Member:
             while self._next < index:
                 self._read(length)
             data = self._read(length)
-        except (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
+        except _ZIP_ERRORS as error:
             self._stream = None
             raise CheckFailedError(f"cannot be read: {error}") from None
         return np.frombuffer(data, dtype=self.dtype).reshape(shape)
@@ -173,7 +176,7 @@ def _of_zip(path: Path, name: str) -> Frames:
                     members[entry.removesuffix(".npy")] = _Member(archive, entry)
                 except CheckFailedError as error:
                     raise InputError("array", str(path), f"{entry} {error}") from None
-    except (OSError, EOFError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+    except _ZIP_ERRORS as error:
         raise InputError("file", str(path), f"is not a complete .npz file: {error}") from None
     numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
     chosen = members[_chosen(path, numbers, name)]

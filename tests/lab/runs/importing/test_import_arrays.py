@@ -81,7 +81,11 @@ def test_damaged_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
     (tmp_path / "d.npz").write_bytes(b"PK\x03\x04 torn")
     np.save(tmp_path / "e.npy", np.arange(5))
     (tmp_path / "f.h5").write_bytes(b"\x89HDF\r\n\x1a\n torn")
-    names = ("a.npy", "b.npz", "c.npz", "d.npz", "e.npy")
+    np.savez_compressed(tmp_path / "g.npz", X=frames())
+    content = bytearray((tmp_path / "g.npz").read_bytes())
+    content[content.index(b"X.npy") + 25] = 0xFF  # the first byte of the compressed array
+    (tmp_path / "g.npz").write_bytes(content)
+    names = ("a.npy", "b.npz", "c.npz", "d.npz", "e.npy", "g.npz")
     report = import_samples([tmp_path / name for name in names], tmp_path / "out")
     messages = (
         "a.csv = .*rows, but a.npy has 13|has 12 rows, but a.npy has 13 frames",
@@ -89,6 +93,7 @@ def test_damaged_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
         "--columns array=NAME",
         "not a complete .npz",
         "first axis must count",
+        "not a complete .npz file: Error -3",
     )
     assert not report.runs and len(report.left_out) == len(messages)
     import re
