@@ -168,7 +168,7 @@ def height_map(seen: Seen, vertical: Floats, block: Block, size: int) -> HeightM
     cell, z = cell[order], z[order]
     start = np.flatnonzero(np.diff(cell, prepend=-1))
     count = np.diff(np.append(start, len(cell)))
-    enough = count >= max(1, int(0.25 * np.median(count)))
+    enough = count >= max(1, int(0.5 * np.median(count)))
     middle_z = z[start + count // 2]
     heights, mask = np.zeros(size * size), np.zeros(size * size, dtype=bool)
     mask[cell[start[enough]]] = True

@@ -198,5 +198,5 @@ def test_a_texture_without_the_waves_of_one_direction_is_refused(texture: str, o
 
 
 def test_a_cylinder_is_not_a_square_wave_with_other_phases() -> None:
-    with pytest.raises(InputError, match="the amplitudes of its waves differ"):
+    with pytest.raises(InputError, match="does not show texture-6_released_x1"):
         fit_scan(simulate_foreign("cylinder", seed=11), Block.of(6, "released"))
