@@ -21,7 +21,7 @@ _BEYOND = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class _Basis:
+class Basis:
     """The sines and cosines of the waves along one axis at equally spaced places, from which all tables are summed.
 
     Args:
@@ -41,7 +41,7 @@ class _Basis:
     cosine: Floats
 
     @classmethod
-    def of(cls, waves: Ints, frequency: Floats, phase: Floats, low: float, high: float) -> _Basis:
+    def of(cls, waves: Ints, frequency: Floats, phase: Floats, low: float, high: float) -> Basis:
         highest = float(np.max(np.abs(frequency), initial=2.0 * math.pi / (high - low)))
         step = max(2.0 * math.pi / highest / _STEPS_IN_WAVE, (high - low) / _MAX_TABLE)
         angle = np.arange(low, high + 2.0 * step, step)[:, None] * frequency + phase
@@ -70,7 +70,7 @@ class _Table:
     scatter: Floats
 
     @classmethod
-    def of(cls, basis: _Basis, factors: Floats, kept: Floats, blur_mm: float) -> _Table:
+    def of(cls, basis: Basis, factors: Floats, kept: Floats, blur_mm: float) -> _Table:
         """Sum a table.
 
         Args:
@@ -133,7 +133,7 @@ class Relief:
     datum_mm: float
     size_mm: tuple[float, float]
     changes: Floats
-    bases: tuple[_Basis, _Basis] | None
+    bases: tuple[Basis, Basis] | None
     blur_mm: float = 0.0
     shortest_mm: float = 0.0
 
@@ -148,8 +148,8 @@ class Relief:
             along_x, along_y = np.flatnonzero(g == 0.0), np.flatnonzero(g != 0.0)
             x, y = block.size_mm
             bases = (
-                _Basis.of(along_x, f[along_x], phase[along_x], -_BEYOND * x, (1.0 + _BEYOND) * x),
-                _Basis.of(along_y, g[along_y], phase[along_y], -_BEYOND * y, (1.0 + _BEYOND) * y),
+                Basis.of(along_x, f[along_x], phase[along_x], -_BEYOND * x, (1.0 + _BEYOND) * x),
+                Basis.of(along_y, g[along_y], phase[along_y], -_BEYOND * y, (1.0 + _BEYOND) * y),
             )
         return cls(surface, block.datum_mm, block.size_mm, np.zeros((count, 2)), bases)
 
