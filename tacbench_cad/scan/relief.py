@@ -42,6 +42,7 @@ class Basis:
 
     @classmethod
     def of(cls, waves: Ints, frequency: Floats, phase: Floats, low: float, high: float) -> Basis:
+        """Return the basis between two places, from the indices, frequencies and phases of the waves, shape (m,)."""
         highest = float(np.max(np.abs(frequency), initial=2.0 * math.pi / (high - low)))
         step = max(2.0 * math.pi / highest / _STEPS_IN_WAVE, (high - low) / _MAX_TABLE)
         angle = np.arange(low, high + 2.0 * step, step)[:, None] * frequency + phase
