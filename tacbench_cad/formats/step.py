@@ -17,10 +17,10 @@ from tacbench_cad import __version__
 from tacbench_cad.formats.step_text import compact
 from tacbench_cad.geometry.kernel import location
 from tacbench_cad.geometry.part import Part, rgb_of
-from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor, open_input
-from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError, one_line
+from tacbench_cad.util.door import open_input
+from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
-from tacbench_cad.util.processes import LostProcessError, isolated
+from tacbench_cad.util.processes import read_isolated
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -278,27 +278,8 @@ def _set_header(writer: object, name: str, title: str) -> None:
 
 
 def with_kernel(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function that reads an untrusted STEP file in a child process. A damaged file can crash the kernel.
-
-    Args:
-        path: The file, for error messages.
-        function: A function that reads the file. It must be defined at the top level of a module.
-        arguments: The arguments of the function.
-
-    Raises:
-        InputError: The file crashes the kernel, or the kernel takes too long to read it.
-    """
-    megabytes = path.stat().st_size / 1e6 if path.is_file() else 0.0
-    seconds = limits_factor() * (MAX_SECONDS + MAX_SECONDS_PER_MB * megabytes)
-    try:
-        return isolated(function, *arguments, seconds=seconds)
-    except LostProcessError as error:
-        slow = (
-            f"takes the CAD kernel longer than {seconds:.0f} s; set the environment variable {LIMITS_VARIABLE}=2 to "
-            "double this limit"
-        )
-        what = "crashes the CAD kernel, because it is damaged or malicious; export it again from your CAD program"
-        raise InputError("file", str(path), slow if error.seconds else what) from None
+    """Call a function that reads an untrusted STEP file in a child process; same errors as :func:`.read_isolated`."""
+    return read_isolated(path, "the CAD kernel", (MAX_SECONDS, MAX_SECONDS_PER_MB), function, *arguments)
 
 
 @contextlib.contextmanager

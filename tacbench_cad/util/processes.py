@@ -24,11 +24,12 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
-from tacbench_cad.util.door import limits_factor
-from tacbench_cad.util.errors import CheckFailedError, TacbenchError, one_line
+from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor
+from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError, one_line
 
 #: The memory limit of a child of :func:`isolated`, in MB. The user's factor for all limits multiplies it.
 MAX_ISOLATED_MB = 8000
@@ -472,6 +473,34 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | Non
         _kept = None
         workers.close()
         raise
+
+
+def read_isolated(
+    path: Path, library: str, limits_s: tuple[float, float], function: Callable[..., Any], *arguments: Any
+) -> Any:
+    """Call a function that reads an untrusted file in a child process. A damaged file can crash or block its library.
+
+    Args:
+        path: The file, for its size and for error messages.
+        library: The name of the library, for error messages: ``the CAD kernel``.
+        limits_s: The time limit in s, and the additional time for each MB of the file.
+        function: Same as for :meth:`Workers.submit`.
+        arguments: Same as for :meth:`Workers.submit`.
+
+    Raises:
+        InputError: The file crashes the library, or the library takes too long to read it.
+    """
+    megabytes = path.stat().st_size / 1e6 if path.is_file() else 0.0
+    seconds = limits_factor() * (limits_s[0] + limits_s[1] * megabytes)
+    try:
+        return isolated(function, *arguments, seconds=seconds)
+    except LostProcessError as error:
+        slow = (
+            f"takes {library} longer than {seconds:.0f} s; export it again, or set the environment variable "
+            f"{LIMITS_VARIABLE}=2 to double this limit"
+        )
+        what = f"crashes {library}, because it is damaged or malicious; export it again"
+        raise InputError("file", str(path), what if error.seconds is None else slow) from None
 
 
 def why_not_importable(modules: tuple[str, ...]) -> str | None:

@@ -19,11 +19,14 @@ from tacbench_cad.lab.runs.npyfile import array_head, mapped
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.processes import read_isolated
 
 #: The suffixes of files with arrays.
 SUFFIXES = (".npy", ".npz", ".h5", ".hdf5")
 #: The largest allowed size of a frame, in MB; the same as for the file of an image.
 MAX_FRAME_MB = door.MAX_MB["image"]
+#: The time limit in s for reading from an HDF5 file, and the additional time for each MB of the file.
+HDF5_LIMITS_S = (12.0, 0.01)
 #: What the reading of a damaged zip file raises.
 _ZIP_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
@@ -198,39 +201,65 @@ def _whole(member: _Member) -> NDArray[Any]:
 
 def _of_hdf5(path: Path, name: str) -> Frames:
     require("the import of HDF5 files", "h5py")
+    door.open_input(path, kind="array").close()
+    chosen, shape, columns = _with_hdf5(path, _hdf5_content, path, name)
+    _require_frames(path, shape)
+    failed: list[InputError] = []  # a damaged file is read no further, because each frame could take the time limit
+
+    def frame(index: int) -> NDArray[Any]:
+        if failed:
+            raise failed[0]
+        try:
+            return np.asarray(_with_hdf5(path, _hdf5_frame, path, chosen, index))
+        except InputError as error:
+            failed.append(error)
+            raise
+
+    return Frames(shape=shape, frame=frame, columns=columns)
+
+
+def _with_hdf5(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Read in a child process, because a damaged file can block the library while it holds Python's global lock."""
+    return read_isolated(path, "the HDF5 library", HDF5_LIMITS_S, function, *arguments)
+
+
+def _hdf5_content(path: Path, name: str) -> tuple[str, tuple[int, ...], dict[str, list[str]]]:
+    """Return the name and the shape of the array of frames, and the columns beside it."""
     import h5py
 
-    door.open_input(path, kind="array").close()
     try:
-        file = h5py.File(path, "r")
-        sets: dict[str, Any] = {}
-        # visititems does not follow links out of the file.
-        file.visititems(lambda word, item: sets.update({word: item}) if isinstance(item, h5py.Dataset) else None)
-        for word, item in sets.items():
-            if item.external or item.is_virtual:
-                raise InputError("array", str(path), f"{word} is stored in other files; copy it into this file")
-        shapes = {word: item.shape for word, item in sets.items() if item.shape and item.dtype.kind in "biuf"}
-        if not shapes and any(item.dtype.hasobject for item in sets.values()):
-            raise InputError("array", str(path), "has objects or texts, but no array of numbers")
-        frames = sets[_chosen(path, shapes, name.strip("/"))]
-        columns = {
-            word: _texts(item.asstr()[:] if h5py.check_string_dtype(item.dtype) else item[:])
-            for word, item in sets.items()
-            if item.shape == frames.shape[:1] and (item.dtype.kind in "biuf" or h5py.check_string_dtype(item.dtype))
-        }
+        with h5py.File(path, "r") as file:
+            sets: dict[str, Any] = {}
+            # visititems does not follow links out of the file.
+            file.visititems(lambda word, item: sets.update({word: item}) if isinstance(item, h5py.Dataset) else None)
+            for word, item in sets.items():
+                if item.external or item.is_virtual:
+                    raise InputError("array", str(path), f"{word} is stored in other files; copy it into this file")
+            shapes = {word: item.shape for word, item in sets.items() if item.shape and item.dtype.kind in "biuf"}
+            if not shapes and any(item.dtype.hasobject for item in sets.values()):
+                raise InputError("array", str(path), "has objects or texts, but no array of numbers")
+            chosen = _chosen(path, shapes, name.strip("/"))
+            columns = {
+                word: _texts(item.asstr()[:] if h5py.check_string_dtype(item.dtype) else item[:])
+                for word, item in sets.items()
+                if item.shape == shapes[chosen][:1]
+                and (item.dtype.kind in "biuf" or h5py.check_string_dtype(item.dtype))
+            }
     except InputError:
         raise
     except Exception as error:  # h5py can raise almost any exception for a damaged file
         raise InputError("file", str(path), f"is not a complete HDF5 file: {str(error)[:120]}") from None
-    _require_frames(path, frames.shape)
+    return chosen, shapes[chosen], columns
 
-    def frame(index: int) -> NDArray[Any]:
-        try:
-            return np.asarray(frames[index])
-        except Exception as error:
-            raise CheckFailedError(f"cannot be read: {str(error)[:120]}") from None
 
-    return Frames(shape=frames.shape, frame=frame, columns=columns)
+def _hdf5_frame(path: Path, name: str, index: int) -> NDArray[Any]:
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return np.asarray(file[name][index])
+    except Exception as error:
+        raise CheckFailedError(f"cannot be read: {str(error)[:120]}") from None
 
 
 def _texts(values: NDArray[Any]) -> list[str]:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab import ImportOptions, Run, import_samples
+from tacbench_cad.lab.runs.importing import arrays
+from tacbench_cad.util.errors import InputError
 
 
 def frames(count: int = 12) -> np.ndarray:
@@ -115,6 +117,19 @@ def test_hdf5_with_external_links_is_left_out(tmp_path: Path) -> None:
         file["other"] = h5py.ExternalLink("other.h5", "/X")
     (left_out,) = import_samples([tmp_path / "X.h5"], tmp_path / "out").left_out
     assert "is stored in other files" in left_out.reason
+
+
+def test_an_hdf5_file_that_takes_too_long_is_read_no_further(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_hdf5(tmp_path / "X.h5", X=frames())
+    source = arrays.opened(tmp_path / "X.h5")
+    assert np.array_equal(source.frame(3), frames()[3])
+    with monkeypatch.context() as patch:
+        patch.setattr(arrays, "HDF5_LIMITS_S", (0.0, 0.0))
+        for read in (lambda: source.frame(4), lambda: arrays.opened(tmp_path / "X.h5")):
+            with pytest.raises(InputError, match=r"X\.h5.*takes the HDF5 library longer than 0 s; .*TACBENCH_LIMITS=2"):
+                read()
+    with pytest.raises(InputError, match="takes the HDF5 library longer"):
+        source.frame(3)
 
 
 @pytest.fixture
