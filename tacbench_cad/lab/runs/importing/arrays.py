@@ -229,9 +229,11 @@ def _hdf5_content(path: Path, name: str) -> tuple[str, tuple[int, ...], dict[str
 
     try:
         with h5py.File(path, "r") as file:
-            sets: dict[str, Any] = {}
-            # visititems does not follow links out of the file.
-            file.visititems(lambda word, item: sets.update({word: item}) if isinstance(item, h5py.Dataset) else None)
+            items: dict[str | bytes, Any] = {}  # a name is bytes if it is not UTF-8
+            file.visititems(lambda word, item: items.update({word: item}))  # it does not follow links out of the file
+            sets = {
+                word: item for word, item in items.items() if isinstance(word, str) and isinstance(item, h5py.Dataset)
+            }
             for word, item in sets.items():
                 if item.external or item.is_virtual:
                     raise InputError("array", str(path), f"{word} is stored in other files; copy it into this file")

@@ -32,6 +32,7 @@ def write_hdf5(path: Path, **arrays: Any) -> None:
     with h5py.File(path, "w") as file:
         for name, array in arrays.items():
             file.create_dataset(f"data/{name}", data=array)
+        file.create_dataset(b"\xff", data=np.zeros(12))  # a name that is not UTF-8 is left out
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".hdf5"])
