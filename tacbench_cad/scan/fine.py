@@ -69,12 +69,15 @@ class Rough:
     def __call__(self, points: Floats, pose: Pose) -> State:
         """Return the state after these steps."""
         faces = frozenset((TABLE, TOP, *(WALL + i for i in range(len(walls_of(self.block))))))
-        unknown = unknowns("pose", self.reliefs[0], faces - {TABLE}, waves=False)
+        free = unknowns("pose", self.reliefs[0], faces - {TABLE}, waves=False)
+        # Within a large distance, flanks of the texture look like walls and would move all walls.
+        held = Unknowns(tuple(name for name in free.names if name != "wall_offset_mm"))
         state = State(pose, self.reliefs[0], faces=faces)
-        for limit, relief, steps in zip(self.limits, self.reliefs, (5, 4, 4), strict=True):
+        stages = ((held, 5), (held, 4), (free, 4))
+        for limit, relief, (unknown, steps) in zip(self.limits, self.reliefs, stages, strict=True):
             state = replace(state, relief=relief, depth_mm=limit / TUKEY, lateral_mm=limit / TUKEY)
             state = iterate(points, self.block, state, unknown, limit, steps)
-        return state
+        return replace(state, wall_offset_mm=float(np.clip(state.wall_offset_mm, -_MIN_REACH, _MIN_REACH)))
 
 
 def cost(points: Floats, block: Block, state: State, limit_mm: float) -> Floats:
@@ -102,7 +105,7 @@ def faces_seen(points: Floats, block: Block, state: State, limit_mm: float) -> f
 def simple(points: Floats, block: Block, state: State, fit: Fit, limit_mm: float) -> tuple[State, frozenset[int]]:
     """Return the state with the scale and the skew fitted but not the waves, and the faces that the scan shows."""
     noise = limit_mm / TUKEY
-    state = State(state.pose, Relief.of(block), depth_mm=noise, lateral_mm=noise, faces=state.faces)
+    state = replace(state, relief=Relief.of(block), base_mm=0.0, depth_mm=noise, lateral_mm=noise)
     faces = faces_seen(points, block, state, limit_mm)
     state = replace(state, faces=faces)
     return iterate(points, block, state, unknowns(fit, state.relief, faces, waves=False), limit_mm, 4), faces

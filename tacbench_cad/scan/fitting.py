@@ -206,11 +206,14 @@ def _locate(seen: Seen, search: Search, *, upright: bool, most: int = 6) -> list
             for _, pose in search.poses(seen, sign * vertical):
                 state = steps(few, pose)
                 squares = cost(few, block, state, cut)
-                for aligned in _aligned(few, block, state):
-                    other = cost(few, block, replace(state, pose=aligned), cut)
-                    if float(np.sum(other)) < float(np.sum(squares)):
-                        state = steps(few, aligned)
-                        squares = cost(few, block, state, cut)
+                # A wrong place along a side may have been taken for an offset of the walls, so this starts at zero.
+                moves = [replace(state, pose=aligned, wall_offset_mm=0.0) for aligned in _aligned(few, block, state)]
+                if moves:
+                    best = min(moves, key=lambda move: float(np.sum(cost(few, block, move, cut))))
+                    other = steps(few, best.pose)
+                    less = cost(few, block, other, cut)
+                    if float(np.sum(less)) < float(np.sum(squares)):
+                        state, squares = other, less
                 result.append(_Located(state, float(np.mean(squares)), float(np.mean(squares < 0.99 * cut**2))))
         if result and max(entry.explained for entry in result) > _ENOUGH:
             break
@@ -238,8 +241,10 @@ def _aligned(points: Floats, block: Block, state: State) -> Iterator[Pose]:
             continue
         places = list(np.quantile(nominal[top, axis], (0.003, 0.997)))
         if below.any():
-            counts, edges = np.histogram(nominal[below, axis], np.arange(-1.0, 2.0, 0.01) * block.size_mm[axis])
-            places += list(edges[np.argsort(counts)[-2:]] + 0.005 * block.size_mm[axis])
+            along, bin_mm = nominal[below, axis], 0.01 * block.size_mm[axis]
+            counts, edges = np.histogram(along, np.arange(-100.0, 200.0) * bin_mm)
+            middles = edges[np.argsort(counts)[-2:]] + 0.5 * bin_mm
+            places += [float(np.median(along[np.abs(along - middle) < bin_mm])) for middle in middles]
         for place in places:
             for end in (0.0, block.size_mm[axis]):
                 shift = state.pose.shift_mm.copy()
@@ -288,7 +293,10 @@ def _decide(
 
 
 def _centred(points: Floats, block: Block, state: State, unknown: Unknowns, limit: float) -> State:
-    """Put the points of the top in the middle of the block along a side if nothing else says where they are."""
+    """Put the points of the top in the middle of the block along a side if nothing else says where they are.
+
+    If only one wall says it, nothing tells a shift from an offset of the walls, and the offset is taken as zero.
+    """
     normal = normal_equations(points[:: max(1, len(points) // 4000)], block, state, unknown, limit)
     known = dict(zip(unknown.names, solve(normal, unknown, block).determined, strict=False))
     shift = state.pose.shift_mm.copy()
@@ -296,12 +304,17 @@ def _centred(points: Floats, block: Block, state: State, unknown: Unknowns, limi
     assigned = assign(nominal, block, state.relief, limit, 0.25 * max(block.size_mm))
     top = assigned.face == TOP
     walls = [wall for index, wall in enumerate(walls_of(block)) if WALL + index in state.faces]
+    offset = state.wall_offset_mm if known.get("wall_offset_mm") else 0.0
     for axis in range(2):
-        held = known[f"shift_{'xy'[axis]}_mm"] or any(wall.normal[axis] for wall in walls)
-        if not held and top.any():
+        if known[f"shift_{'xy'[axis]}_mm"]:
+            continue
+        beside = [wall.normal[axis] for wall in walls if wall.normal[axis]]
+        if beside:
+            shift[axis] -= (state.wall_offset_mm - offset) * beside[0]
+        elif top.any():
             low, high = np.quantile(nominal[top, axis], (0.005, 0.995))
             shift[axis] -= (low + high) / 2.0 - block.size_mm[axis] / 2.0
-    return replace(state, pose=replace(state.pose, shift_mm=shift))
+    return replace(state, pose=replace(state.pose, shift_mm=shift), wall_offset_mm=offset)
 
 
 def _refuse_mirrored(cloud: Cloud, block: Block, located: list[_Located]) -> None:

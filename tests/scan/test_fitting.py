@@ -73,6 +73,22 @@ def test_a_texture_along_x_says_nothing_along_y_without_a_wall() -> None:
     assert abs(pose_errors(seen.pose, truth.pose, block)[1][1]) < 0.005
 
 
+@pytest.mark.parametrize(
+    ("texture", "walls", "offset", "seed"), [("5", ("y-", "y+"), 0.03, 4), ("1", ("y+",), -0.05, 7)]
+)
+def test_walls_at_the_ends_place_a_block_whose_texture_is_constant_between_them(
+    texture: str, walls: tuple[str, ...], offset: float, seed: int
+) -> None:
+    block = Block.of(texture, scale=2.0)
+    unit = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=np.eye(3))
+    about = {"points": 20_000, "pose": unit, "top_fraction": 0.6, "outlier_fraction": 0.04, "seed": seed}
+    fit, truth = scanned(block, walls=walls, wall_offset_mm=offset, **about)
+    angle, place = pose_errors(fit.pose, truth.pose, block)
+    assert angle < 0.01
+    # Without a wall at the side, an offset of the walls and a shift are the same.
+    assert np.all(np.abs(place) < (0.005, abs(offset) + 0.005, 0.005))
+
+
 def test_half_a_top_without_walls_lists_the_poses_that_it_cannot_tell_apart() -> None:
     block = Block.of(2)
     fit, truth = scanned(block, walls=(), top_fraction=0.5)
