@@ -17,6 +17,7 @@ from tacbench_cad.spec.skin import FELT_PX
 from tacbench_cad.util.convert import Bounds, Checked, from_plain
 from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, nearest
+from tacbench_cad.util.text import short
 
 Positive = Annotated[float, Bounds(0.0)]
 Fraction = Annotated[float, Bounds(0.0, 1.0)]
@@ -97,7 +98,7 @@ class LimitCheck:
         words, factor, unit = _WORDS[self.name]
         if self.value is None:
             return f"{words} unknown"
-        return f"{words} {factor * self.value:.3g}{unit} (limit {factor * self.limit:.3g}{unit})"
+        return f"{words} {short(factor * self.value)}{unit} (limit {short(factor * self.limit)}{unit})"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -194,7 +194,7 @@ class ScanResult:
         yield "crests lost", *_extrema_cells(self.top.peaks, -1.0)
         yield "valleys filled", *_extrema_cells(self.top.valleys, 1.0)
         if self.top.pin_shift_px is not None:
-            yield "shift of the sensor's pins, rms", f"{self.top.pin_shift_px:.2g} px", "of a TacTip, computed"
+            yield "shift of the sensor's pins, rms", f"{short(self.top.pin_shift_px)} px", "of a TacTip, computed"
         for surface, values in self.roughness.items():
             heights = ", ".join(short(values[name]) for name in ("sa_um", "sq_um", "sz_um"))
             shape = f"{short(values['ssk'])}, {short(values['sku'])}, {short(values['sdr_percent'])} %"
@@ -208,8 +208,8 @@ class ScanResult:
     def _noise_row(self) -> Iterator[tuple[str, str, str]]:
         fraction = self.noise.fraction(self.top.summary)
         if fraction is not None:
-            words = f"{100.0 * fraction:.2g} % of the mean square, {_NOISE_WORDS[self.noise.source]}"
-            yield "  scanner's noise, rms", f"{1000.0 * self.noise.rms_mm:.2g} µm", words
+            words = f"{short(100.0 * fraction)} % of the mean square, {_NOISE_WORDS[self.noise.source]}"
+            yield "  scanner's noise, rms", f"{short(1000.0 * self.noise.rms_mm)} µm", words
 
 
 def _estimate(parameter: Estimate) -> dict[str, Any]:
