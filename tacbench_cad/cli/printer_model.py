@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ def command(
       tacbench printer-model a/scan.json b/scan.json --nozzle 0.6 -o ender.toml
       tacbench printer-model scans --relief free -o my-printer-free.toml
     """
+    if out.suffix.lower() != ".toml":
+        raise InputError("out", str(out), "must end in .toml")
     from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.scan.printerfit import facts, find_scans, printer_model, read_print_scan
     from tacbench_cad.spec.printermodel import write_printer_model

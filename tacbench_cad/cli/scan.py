@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from click.exceptions import Exit
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
+from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table, write_picture
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.spec.scanrecord import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
+from tacbench_cad.util.files import locked, refusing, write_json
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.reading import Run
@@ -128,24 +129,28 @@ def command(
     if simulate is not None:
         if file is not None:
             raise InputError("simulate", str(simulate), f"writes a scan and reads none; leave out {file}")
-        _simulate(blocks[0], simulate)
-        print_next("scan", simulate, *([] if block is None else ["--block", block]))
+        _simulate(blocks[0], simulate, values["copy"])
+        named = [] if block is None else ["--block", block]
+        print_next("scan", simulate, *named, *next_block(("all",), preset, scale, key_mm))
         return
+    from tacbench_cad.scan.writing import document_of
+
     if file is None:
         raise InputError("file", None, "name a scan, or write a simulated scan with --simulate FILE.ply")
     folder = out if out is not None else Path(f"{file.stem}_scan")
-    result, views = _result(file, blocks, limits, compare, origin, run, values)
-    document = result.as_dict() | ({"comparison": views.as_dict()} if views else {})
-    paths = _write(result, views, folder, run, no_picture)
+    with locked(folder):
+        result, views = _result(file, blocks, limits, compare, origin, run, values)
+        paths = _write(result, views, folder, run, no_picture)
     if json:
-        print_json(document | {"folder": str(folder), "files": [str(path) for path in paths]})
+        print_json(document_of(result, views) | {"folder": str(folder), "files": [str(path) for path in paths]})
     else:
         _show(result, views)
         note(f"wrote {', '.join(path.name for path in paths)} to {folder}")
         if run is not None:
             note(f"wrote {run.folder / SCAN_FILE}")
         print_lines(str(result.verdict))
-        print_next("printer-model", folder, "-o", "my-printer.toml")
+        if result.block.correction is None:
+            print_next("printer-model", folder, "-o", "my-printer.toml")
     if not result.verdict.ok:
         raise Exit(1)
 
@@ -183,16 +188,22 @@ def _result(
 ) -> tuple[ScanResult, Views | None]:
     from dataclasses import replace
 
+    from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.scan.analysing import LAYER_MM, Options, analyse
     from tacbench_cad.scan.limits import limits_of
     from tacbench_cad.slicing.gcode import read_gcode
 
-    given = {name: values[name] for name in ("printer", "filament", "copy") if values[name] is not None}
+    given: dict[str, Any] = {
+        name: own_name(name, values[name]) for name in ("printer", "filament") if values[name] is not None
+    }
+    if values["copy"] is not None:
+        given["copy"] = values["copy"]
+    sliced = None if compare is None else read_gcode(compare)
     recorded = None if run is None else run.print_record.values.get("layer_height_mm")
-    layer = values["layer_mm"] or recorded or LAYER_MM
+    layers = (values["layer_mm"], recorded, None if sliced is None else sliced.layer_mm, LAYER_MM)
+    layer = next(mm for mm in layers if mm is not None)
     require_between("layer", layer, 0.001, 10.0, " mm")
     chosen = Options(fit=values["fit"], layer_mm=layer, limits=limits_of(limits or ()), origin=replace(origin, **given))
-    sliced = None if compare is None else read_gcode(compare)
     with ProgressLine(_EVERY_S) as line:
 
         def progress(step: str, fraction: float) -> None:
@@ -206,7 +217,8 @@ def _result(
             unit, pixel = values["unit"], values["mm_per_pixel"]
             return read_scan(existing_file(path), unit=unit, mm_per_pixel=pixel, size_mm=size_mm)
 
-        size = (*blocks[0].size_mm, blocks[0].height_mm) if len(blocks) == 1 else None
+        sizes = {(*block.size_mm, block.height_mm) for block in blocks}
+        size = sizes.pop() if len(sizes) == 1 else None
         scan = read(file, size)
         repeat, flat = values["repeat"], values["flat"]
         chosen = replace(
@@ -235,27 +247,28 @@ def _views(result: ScanResult, sliced: Any) -> Views:
         y_mm=top.y_mm,
         formula_mm=top.formula_mm,
         views=[View(name=name, heights_mm=surface) for name, surface in heights.items()],
-        layer_mm=sliced.layer_mm,
+        layer_mm=top.layer_mm,
         simulated=result.cloud.simulated,
     )
 
 
 def _write(result: ScanResult, views: Views | None, folder: Path, run: Run | None, no_picture: bool) -> list[Path]:
     from tacbench_cad.scan.pictures import comparison_picture, deviation_picture, waves_picture
-    from tacbench_cad.scan.writing import write_result
-    from tacbench_cad.util.files import write_json
+    from tacbench_cad.scan.writing import document_of, write_result
 
-    paths = write_result(result, folder)
+    drawings = {
+        "deviation.png": partial(deviation_picture, result),
+        "waves.png": partial(waves_picture, result) if any(wave.determined for wave in result.fit.waves) else None,
+        "comparison.png": None if views is None else partial(comparison_picture, views),
+    }
+    with refusing(folder):
+        for name in drawings:  # a picture of an earlier scan must not stay beside the new numbers
+            (folder / name).unlink(missing_ok=True)
+    paths = write_result(result, folder, views)
     if run is not None:
-        write_json(run.folder / SCAN_FILE, result.as_dict())
-    if no_picture:
-        return paths
-    drawings = {"deviation.png": partial(deviation_picture, result)}
-    if any(wave.determined for wave in result.fit.waves):
-        drawings["waves.png"] = partial(waves_picture, result)
-    if views is not None:
-        drawings["comparison.png"] = partial(comparison_picture, views)
-    return paths + [folder / name for name, draw in drawings.items() if write_picture(folder / name, draw)]
+        write_json(run.folder / SCAN_FILE, document_of(result, views))
+    wanted = {} if no_picture else {folder / name: draw for name, draw in drawings.items() if draw is not None}
+    return paths + [path for path, draw in wanted.items() if write_picture(path, draw)]
 
 
 def _show(result: ScanResult, views: Views | None) -> None:
@@ -267,17 +280,19 @@ def _show(result: ScanResult, views: Views | None) -> None:
         print_table("printed waves", (*heads, ">phase (degrees)", ">95 % interval"), wave_table(result.fit.waves))
     if views is not None:
         print_table("three views (formula: 0)", ("", *(f">{view.name}" for view in views.views)), views.rows())
-    for surface, parameters in result.roughness.items():
-        print_lines(f"ISO 25178, {surface}: {parameters['filters']}")
+    for filters in dict.fromkeys(parameters["filters"] for parameters in result.roughness.values()):
+        print_lines(f"ISO 25178: {filters}")
     for sentence in result.notes:
         note(f"note: {sentence}")
 
 
-def _simulate(block: Block, path: Path) -> None:
+def _simulate(block: Block, path: Path, copy: int | None) -> None:
+    """Write a simulated scan of a print of the block's file. Each copy has its own pose and noise."""
     from dataclasses import replace
 
     from tacbench_cad.scan.simulating import ScanTruth, low_pass, simulate_scan, stretch
     from tacbench_cad.scan.writing import write_simulated
+    from tacbench_cad.spec.compensation import in_file
 
     if path.suffix.lower() != ".ply":
         raise InputError("simulate", str(path), "must end in .ply")
@@ -286,10 +301,10 @@ def _simulate(block: Block, path: Path) -> None:
         transfer_y=low_pass(_HALF_MM[1]),
         outlier_fraction=0.01,
         walls=("x-", "x+", "y-", "y+") if block.outline is None else (),
-        seed=block.copy or 0,
+        seed=copy or block.copy or 0,
     ).with_random_pose()
     truth = replace(truth, pose=replace(truth.pose, stretch=stretch((_SCALE, _SCALE, 1.0))))
-    cloud = simulate_scan(block, truth)
+    cloud = simulate_scan(in_file(block), truth)
     write_simulated(cloud, path)
     x, y = _HALF_MM
     note(f"wrote {path}: a simulated scan of {block.name}, {len(cloud):,} points with 0.02 mm of noise")

@@ -22,6 +22,8 @@ from tacbench_cad.util.types import Floats
 
 #: The usual layer height of slicers, in mm.
 LAYER_MM = 0.2
+#: A plate whose points scatter more than those of the print by this factor is not flat.
+_MAX_FLAT = 3.0
 #: Receives progress updates: the step, and the fraction of it that is done.
 Progress = Callable[[str, float], None]
 
@@ -61,11 +63,14 @@ def analyse(
         progress: Receives progress updates.
 
     Raises:
-        InputError: The scan shows none of the blocks, or too little of one.
+        InputError: The scan shows none of the blocks, or too little of one; or the second scan has the same points, or
+            the plate is not flat.
     """
     chosen = options or Options()
     if chosen.repeat is not None and chosen.flat is not None:
         raise InputError("flat", chosen.flat.source, "cannot be combined with a repeated scan; leave out one of them")
+    if chosen.repeat is not None and np.array_equal(chosen.repeat.points_mm, cloud.points_mm):
+        raise InputError("repeat", chosen.repeat.source, "has the same points as the scan; scan the print once more")
     progress("finding the block", 0.0)
     match = identify(cloud, blocks) if len(blocks) != 1 else None
     block = match.block if match is not None else blocks[0]
@@ -105,6 +110,12 @@ def _noise(cloud: Cloud, block: Block, top: TopMap, options: Options, progress: 
         return Noise(rms_mm=noise_of_repeat(top, second), source="repeat")
     if options.flat is not None:
         single = noise_of_flat(options.flat)
+        if 0.0 < _MAX_FLAT * top.noise_mm < single:
+            allowed = (
+                f"its points are {1000.0 * single:.3g} µm (rms) from their plane, but those of the scan only "
+                f"{1000.0 * top.noise_mm:.3g} µm from the print; scan a flat plate in the same way as the print"
+            )
+            raise InputError("flat", options.flat.source, allowed)
         return Noise(rms_mm=top.noise_rms_mm * single / top.noise_mm if top.noise_mm > 0.0 else single, source="flat")
     return Noise(rms_mm=top.noise_rms_mm, source="residuals")
 

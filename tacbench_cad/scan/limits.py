@@ -156,7 +156,7 @@ def limits_of(words: Sequence[str]) -> Limits:
             values |= _of_file(Path(name))
             continue
         if name not in NAMES:
-            raise InputError("limits", word, f"{nearest(name, NAMES)}; write NAME=VALUE, or the name of a TOML file")
+            raise InputError("limits", word, f"write NAME=VALUE, or the name of a TOML file; {nearest(name, NAMES)}")
         try:
             values[name] = None if value == "none" else float(value)
         except ValueError:

@@ -305,21 +305,18 @@ def printer_model(
 
 def _common(scans: Sequence[PrintScan], name: str, given: Any, option: str) -> Any:
     """Return the value that all scans share, or the given value."""
-    first: PrintScan | None = None
-    for scan in scans:
-        value = getattr(scan, name)
-        expected = given if given is not None else None if first is None else getattr(first, name)
-        if value is None:
-            continue
-        if expected is not None and value != expected:
-            where = option if first is None or given is not None else first.path
-            allowed = f"but {expected!r} in {where}; a model needs scans of one printer, one filament and one nozzle"
-            raise InputError(f"{scan.path}: {name}", value, allowed)
-        first = first or scan
-    value = given if given is not None else None if first is None else getattr(first, name)
-    if value is None:
-        raise InputError(option, None, f"is missing; {scans[0].path} does not say the {name.removesuffix('_mm')}")
-    return value
+    known = [] if given is None else [(given, option)]
+    known += [(value, scan.path) for scan in scans if (value := getattr(scan, name)) is not None]
+    if not known:
+        raise InputError(option, None, f"is missing; {scans[0].path} does not name the {name.removesuffix('_mm')}")
+    expected, where = known[0]
+    for value, path in known[1:]:
+        if value != expected:
+            allowed = (
+                f"differs from {expected!r} ({where}); a model needs scans of one printer, one filament and one nozzle"
+            )
+            raise InputError(f"{path}: {name}", value, allowed)
+    return expected
 
 
 def _within(values: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
@@ -422,7 +419,7 @@ def facts(model: PrinterModel) -> list[tuple[str, str, str]]:
     """Return the rows of a table: what was measured, the value, and the interval."""
     rows = []
 
-    def row(what: str, measured: Measured | None, unit: str, factor: float = 1.0, digits: int = 4) -> None:
+    def row(what: str, measured: Measured | None, unit: str, factor: float = 1.0, digits: int = 5) -> None:
         if measured is None:
             rows.append((what, "not determined", ""))
             return

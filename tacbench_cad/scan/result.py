@@ -252,12 +252,15 @@ def _parameter_row(parameter: Estimate) -> tuple[str, str, str] | None:
         return name, "not determined", "the scan does not show it"
     low, high = parameter.low, parameter.high
     if kind == "scale":
-        shrinkage = f"{100.0 * (1.0 - parameter.value):+z.2f} % shrinkage ({100.0 * (1.0 - high):+z.2f} to "
-        return name, f"{parameter.value:.4f}", f"{shrinkage}{100.0 * (1.0 - low):+z.2f})"
+        shrinkage = f"{100.0 * (1.0 - parameter.value):+z.3f} % shrinkage ({100.0 * (1.0 - high):+z.3f} to "
+        return name, f"{parameter.value:.5f}", f"{shrinkage}{100.0 * (1.0 - low):+z.3f})"
     if kind == "skew":
         value, low, high = (math.degrees(math.atan(number)) for number in (parameter.value, low, high))
         return name, f"{value:+z.3f} degrees", f"{low:+z.3f} to {high:+z.3f}"
-    return name, f"{parameter.value:z.3f} mm", f"{low:z.3f} to {high:z.3f}"
+    if kind == "wall":
+        value, low, high = (1000.0 * number for number in (parameter.value, low, high))
+        return name, f"{value:+z.1f} µm", f"{low:+z.1f} to {high:+z.1f}"
+    return name, f"{parameter.value:z.4f} mm", f"{low:z.4f} to {high:z.4f}"
 
 
 def _summary_rows(name: str, summary: Summary | None) -> Iterator[tuple[str, str, str]]:
@@ -291,7 +294,9 @@ def wave_table(waves: tuple[WaveEstimate, ...]) -> list[tuple[str, ...]]:
                 f"{wave.amplitude_ratio:.3f}",
                 "sets the scale" if wave.is_scale_reference else f"{wave.ratio_low:.3f} to {wave.ratio_high:.3f}",
                 f"{wave.phase_deg:+z.1f}",
-                f"{wave.phase_low_deg:+z.1f} to {wave.phase_high_deg:+z.1f}",
+                "sets the position"
+                if wave.is_shift_reference
+                else f"{wave.phase_low_deg:+z.1f} to {wave.phase_high_deg:+z.1f}",
             )
         )
     return rows

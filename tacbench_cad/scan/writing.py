@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tacbench_cad import __version__
 from tacbench_cad.scan.cloud import Cloud
 from tacbench_cad.scan.colours import coloured, reach_mm
+from tacbench_cad.scan.comparison import Views
 from tacbench_cad.scan.result import WAVE_COLUMNS, ScanResult, wave_row
 from tacbench_cad.spec.scanrecord import SCAN_FILE
 from tacbench_cad.util.files import refusing, replacing, write_json
@@ -21,15 +22,25 @@ from tacbench_cad.util.types import Bytes, Floats
 #: The names of the files in the folder of a result.
 DEVIATION_FILE, WAVES_FILE, POINTS_FILE = "deviation.csv", "waves.csv", "deviation.ply"
 #: The columns of the map of the top.
-MAP_COLUMNS = ("x_mm", "y_mm", "formula_mm", "printed_mm", "deviation_mm", "pin_shift_px", "points")
+MAP_COLUMNS = ("x_mm", "y_mm", "formula_mm", "printed_mm", "deviation_mm", "pin_shift_px", "points", "simulated")
 #: The largest number of points in a coloured file. Of more points, an even selection is written.
 MAX_POINTS = 1_000_000
 #: The comment with which a file of simulated points begins.
 SIMULATED = "simulated scan"
 
 
-def write_result(result: ScanResult, folder: Path) -> list[Path]:
+def document_of(result: ScanResult, views: Views | None = None) -> dict[str, Any]:
+    """Return the values of ``scan.json``: those of the result, and those of its comparison with the G-code."""
+    return result.as_dict() | ({} if views is None else {"comparison": views.as_dict()})
+
+
+def write_result(result: ScanResult, folder: Path, views: Views | None = None) -> list[Path]:
     """Write the files of a result, each completely or not at all.
+
+    Args:
+        result: The result.
+        folder: The folder. It is created if it is missing.
+        views: The comparison with the G-code; None if there is none.
 
     Returns:
         The paths of the files.
@@ -40,7 +51,7 @@ def write_result(result: ScanResult, folder: Path) -> list[Path]:
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / name for name in (SCAN_FILE, DEVIATION_FILE, WAVES_FILE, POINTS_FILE)]
-    write_json(paths[0], result.as_dict())
+    write_json(paths[0], document_of(result, views))
     write_map(result, paths[1])
     rows = [list(wave_row(wave).values()) for wave in result.fit.waves]
     _write_csv(paths[2], (*WAVE_COLUMNS, "simulated"), ([*row, result.cloud.simulated] for row in rows))
@@ -54,9 +65,9 @@ def write_map(result: ScanResult, path: Path) -> None:
     i, j = np.nonzero(top.counts > 0)
     columns = (top.formula_mm, top.printed_mm, top.deviation_mm, top.pin_shifts_px)
     values = np.column_stack([top.x_mm[i], top.y_mm[j], *(column[i, j] for column in columns), top.counts[i, j]])
-    formats = ["%.4f"] * 4 + ["%.5f", "%.4g", "%d"]
+    row = ",".join(["%.4f"] * 4 + ["%.5f", "%.4g", "%d", str(result.cloud.simulated).lower()])
     with replacing(path) as temporary:
-        np.savetxt(temporary, values, formats, ",", header=",".join(MAP_COLUMNS), comments="")
+        np.savetxt(temporary, values, row, header=",".join(MAP_COLUMNS), comments="")
         text = temporary.read_text(encoding="utf-8").replace("nan", "")
         temporary.write_text(text, encoding="utf-8", newline="\n")
 

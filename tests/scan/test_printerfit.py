@@ -87,7 +87,7 @@ def test_scans_of_one_print_count_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
-        ({"printer": "bambu-p1p"}, {}, "'ender-3' in"),
+        ({"printer": "bambu-p1p"}, {}, "differs from 'ender-3' ("),
         ({"filament": "petg"}, {}, "one printer, one filament and one nozzle"),
         ({"nozzle_mm": 0.6}, {}, "one nozzle"),
         ({}, {"printer": "form-3"}, "--printer NAME"),

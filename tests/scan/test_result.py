@@ -45,12 +45,15 @@ def result() -> ScanResult:
 
 def test_the_table_has_the_shrinkage_the_skew_and_what_is_not_determined() -> None:
     rows = {name: (value, remark) for name, value, remark in result().rows()}
-    assert rows["scale along x"] == ("0.9960", "+0.40 % shrinkage (+0.38 to +0.42)")
+    assert rows["scale along x"] == ("0.99600", "+0.400 % shrinkage (+0.380 to +0.420)")
     assert rows["skew xy"][0] == "+0.115 degrees"
     assert rows["skew xz"] == ("not determined", "the scan does not show it")
     assert rows["crests lost"][0].endswith(f"of {result().top.peaks.count}")
     assert "% of the mean square" in rows["  scanner's noise, rms"][1]
-    assert len(wave_table(result().fit.waves)) == len(result().fit.waves)
+    table = wave_table(result().fit.waves)
+    assert len(table) == len(result().fit.waves)
+    reference = replace(result().fit.waves[0], is_shift_reference=True)
+    assert wave_table((reference,))[0][-1] == "sets the position"
 
 
 def test_the_verdict_is_that_of_the_limits() -> None:
@@ -80,6 +83,7 @@ def test_the_files_agree_with_the_result(tmp_path: Path) -> None:
     inside = np.array([*BLOCK.size_mm, BLOCK.height_mm]) + 0.1
     assert np.all(cloud.vertices > -0.1) and np.all(cloud.vertices < inside)
     assert len(cloud.vertices) == int(result().fit.used.sum())
+    assert {cell["simulated"] for cell in cells} == {"true"}
     assert b"comment simulated scan: scan simulator" in paths[3].read_bytes()[:300]
 
 

@@ -6,21 +6,25 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.gcode_writer import write_gcode
+from helpers.printers import PRINTER
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.scan import analysing
+from tacbench_cad.scan import Cloud, analysing, fit_scan, read_scan
 from tacbench_cad.scan.simulating import ScanTruth, low_pass, simulate_scan
-from tacbench_cad.scan.writing import write_simulated
+from tacbench_cad.scan.writing import write_ply, write_simulated
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.compensation import corrected_for
 from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_record
 
 pytest.importorskip("trimesh")
 Capture = pytest.CaptureFixture[str]
 BLOCK = Block.of(2, scale=0.5)
 HALF = ("--block", "2", "--scale", "0.5")
+LAYER_MM = 0.1
 
 
 @pytest.fixture(autouse=True)
@@ -69,10 +73,13 @@ def test_a_limit_that_is_not_met_gives_exit_code_1_and_one_line(scan: Path, fold
 
 
 def test_the_sliced_surface_is_compared_on_the_same_grid(scan: Path, folder: Path, capsys: Capture) -> None:
-    gcode = write_gcode(folder / "half.gcode", BLOCK)
+    gcode = write_gcode(folder / "half.gcode", BLOCK, layer_mm=LAYER_MM)
     words = ["--compare", str(gcode), "--json", "--no-picture", "--limits", "pin_shift_px=none"]
     assert main(["scan", str(scan), *HALF, *words]) == 0
-    views = json.loads(capsys.readouterr().out)["comparison"]
+    document = json.loads(capsys.readouterr().out)
+    views = document["comparison"]
+    assert json.loads((folder / "top_scan" / SCAN_FILE).read_text(encoding="utf-8"))["comparison"] == views
+    assert document["layer_mm"] == pytest.approx(LAYER_MM) and views["as_scanned"]["peaks"] == document["peaks"]
     assert set(views) == {"as_sliced", "as_scanned"}
     assert views["as_sliced"]["height_error"]["count"] >= views["as_scanned"]["height_error"]["count"] > 1000
 
@@ -95,6 +102,51 @@ def test_a_simulated_scan_can_be_tried_at_once(folder: Path, capsys: Capture) ->
     assert captured.out == "Next: tacbench scan try.ply --block 2\n"
 
 
+def test_a_copy_of_a_simulated_scan_has_other_points_and_the_next_command_names_the_same_block(
+    folder: Path, capsys: Capture
+) -> None:
+    words = ["--block", "2", "--preset", "released", "--scale", "0.5", "--key"]
+    assert main(["scan", "--simulate", "first.ply", *words]) == 0
+    assert capsys.readouterr().out == "Next: tacbench scan first.ply --block 2 --preset released --scale 0.5 --key 3\n"
+    assert main(["scan", "--simulate", "second.ply", *words, "--copy", "2"]) == 0
+    first, second = (read_scan(folder / name).cloud.points_mm for name in ("first.ply", "second.ply"))
+    assert first.shape == second.shape and not np.array_equal(first, second)
+
+
+def test_a_simulated_scan_of_a_corrected_block_shows_the_print_of_its_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block = corrected_for(BLOCK, PRINTER)
+    monkeypatch.setattr("tacbench_cad.making.labelled.blocks_named", lambda *_: [block])
+    assert main(["scan", "--simulate", "corrected.ply", "--block", "set"]) == 0
+    points = read_scan(folder / "corrected.ply").cloud.points_mm[:20_000]
+    fit = fit_scan(Cloud(points_mm=points, source="corrected.ply"), BLOCK)
+    # The simulated printer shrinks 0.4 %. The file is larger, by the scales of the model.
+    assert [fit.parameter(f"scale_{axis}").value for axis in "xy"] == pytest.approx([1.0, 0.996 / 0.995], abs=5e-4)
+
+
+def test_a_second_scan_in_the_same_folder_leaves_no_old_pictures(scan: Path, folder: Path) -> None:
+    (folder / "top_scan").mkdir()
+    (folder / "top_scan" / "comparison.png").write_bytes(b"old")
+    main(["scan", str(scan), *HALF, "--no-picture"])
+    assert not (folder / "top_scan" / "comparison.png").exists()
+
+
+def test_a_wrong_scan_for_the_noise_is_refused(scan: Path, folder: Path, capsys: Capture) -> None:
+    assert main(["scan", str(scan), *HALF, "--repeat", str(scan)]) == 2
+    assert "has the same points as the scan" in capsys.readouterr().err
+    assert main(["scan", str(scan), *HALF, "--flat", str(scan)]) == 2
+    assert "scan a flat plate" in capsys.readouterr().err
+    assert not (folder / "top_scan").exists()
+
+
+def test_the_unit_is_checked_without_the_name_of_the_block(folder: Path, capsys: Capture) -> None:
+    cloud = simulate_scan(Block.of(2), ScanTruth(points=2_000, noise_mm=0.01))
+    write_ply(folder / "metres.ply", cloud.points_mm / 1000.0)
+    assert main(["scan", "metres.ply", "--unit", "mm"]) == 2
+    assert "the unit is probably m" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -105,6 +157,8 @@ def test_a_simulated_scan_can_be_tried_at_once(folder: Path, capsys: Capture) ->
         (["scan.ply", "--block", "textur-4"], "texture"),
         (["scan.ply", "--limits", "top=1"], "top_rms_mm"),
         (["scan.ply", "--layer", "-1"], "layer"),
+        (["scan.ply", "--layer", "0"], "layer"),
+        (["scan.ply", "--printer", "Ender 3 S1"], "printer"),
     ],
 )
 def test_wrong_input_is_one_clear_line(folder: Path, capsys: Capture, words: Sequence[str], message: str) -> None:
