@@ -240,8 +240,8 @@ def _cell(along_mm: Floats, middles_mm: Floats, side_mm: float) -> Ints:
 
 
 def wall_points(cloud: Cloud, block: Block, fit: ScanFit) -> WallPoints:
-    """Return the deviations of the points that lie on walls."""
-    which = fit.used & fit.on_walls & np.isfinite(fit.deviation_mm)
+    """Return the deviations of the points that lie on walls. A height map only shows their rim, so it has none."""
+    which = fit.used & fit.on_walls & np.isfinite(fit.deviation_mm) & (cloud.grid is None)
     points, deviation = fit.pose.to_block(cloud.points_mm[which]), fit.deviation_mm[which]
     size = np.asarray(block.size_mm)
     from_middle = points[:, :2] - size / 2.0

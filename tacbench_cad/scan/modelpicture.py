@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.scan.pictures import wavelength_axis
 from tacbench_cad.spec.compensation import MAX_FACTOR
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.plotting import BLUE, INK, ORANGE, new_figure, save_figure, styled
@@ -40,17 +41,13 @@ def transfer_picture(model: PrinterModel, path: Path) -> None:
             place = [point.wavelength_mm for point in points]
             style: dict[str, Any] = {"color": colour, "markersize": 4.0, "capsize": 2.0, "linewidth": 0.8}
             axes.errorbar(place, value, ends, fmt=marker, label=f"waves along {axis}", **style)
-        axes.set_xscale("log")
+        wavelength_axis(axes, span[0], span[-1])
         axes.set_ylim(0.0, max(1.2, axes.get_ylim()[1]))
-        axes.set_xlim(span[0], span[-1])
         axes.axhline(1.0, color=INK, linewidth=0.5)
         axes.axhline(1.0 / MAX_FACTOR, color=INK, linewidth=0.5, linestyle=":")
         axes.axvspan(span[0], 2.0 * model.nozzle_mm, color="0.9", zorder=0.0)
         axes.text(span[0] * 1.03, 1.03, "ridges narrower\nthan the nozzle", color=INK, fontsize=8.0)
         axes.text(span[-1] / 1.03, 1.0 / MAX_FACTOR + 0.02, "limit of the correction", ha="right", fontsize=8.0)
-        ticks = [tick for tick in (0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 30, 50) if span[0] <= tick <= span[-1]]
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
         axes.set_xlabel("wavelength in the print (mm)")
         axes.set_ylabel("amplitude in the print /\namplitude in the file")
         prints = "1 print" if model.prints == 1 else f"{model.prints} prints"

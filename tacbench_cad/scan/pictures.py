@@ -22,12 +22,14 @@ if TYPE_CHECKING:
 
 #: The colour of the note on pictures of simulated scans.
 _MARK = "#b03a00"
-#: Lost crests are marked up to this number; more marks would hide the map.
+#: The largest number of lost crests that are marked, and of filled valleys. More marks would hide the map.
 _MAX_MARKS = 200
 #: The largest number of wall points in a picture.
 _MAX_WALL_POINTS = 40_000
 #: A wave belongs to an axis if its direction differs by at most this angle.
 _NEAR_AXIS_DEG = 22.5
+#: The smallest range of phases in a picture, on both sides of 0.
+_MIN_PHASE_DEG = 1.0
 
 
 def deviation_picture(result: ScanResult, path: Path) -> None:
@@ -54,9 +56,11 @@ def deviation_picture(result: ScanResult, path: Path) -> None:
         axes.set_title("deviation of the top", loc="left")
         _scale_bar(axes, wide)
         marks: dict[str, Any] = {"linestyle": "", "markersize": 3.0, "markeredgewidth": 0.0, "color": INK}
-        for marker, extrema, words in (("^", top.peaks, "crest lost"), ("v", top.valleys, "valley filled")):
-            if 0 < extrema.missed <= _MAX_MARKS:
-                axes.plot(*extrema.missed_mm.T, marker=marker, label=words, **marks)
+        for marker, extrema, words in (("^", top.peaks, "crests lost"), ("v", top.valleys, "valleys filled")):
+            if extrema.missed:
+                every = -(-extrema.missed // _MAX_MARKS)
+                label = f"{extrema.missed:,} {words}" + (f", 1 of {every} marked" if every > 1 else "")
+                axes.plot(*extrema.missed_mm[::every].T, marker=marker, label=label, **marks)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.05), ncols=2, frameon=False, borderaxespad=0.0)
         axes = figure.add_axes((0.56, 0.37, 0.37, tall), anchor="SW")
@@ -64,7 +68,7 @@ def deviation_picture(result: ScanResult, path: Path) -> None:
         most = float(np.nanquantile(shifts, 0.99)) if np.isfinite(shifts).any() else 1.0
         drawn = _map(axes, shifts, (wide, deep), "viridis", (0.0, max(most, 1e-3)))
         colour_bar(axes, drawn, "shift of a TacTip's pin (px)", extend="max")
-        axes.set_title("what the sensor feels of it", loc="left")
+        axes.set_title("what the sensor feels", loc="left")
         _scale_bar(axes, wide)
         _walls(figure, result)
         save_figure(figure, path, about=_about(result))
@@ -82,16 +86,14 @@ def waves_picture(result: ScanResult, path: Path) -> None:
         InputError: The file's name has another ending, or the file cannot be written.
     """
     with styled():
-        from matplotlib.ticker import FuncFormatter, NullFormatter
-
-        figure = new_figure((7.2, 6.2))
+        figure = new_figure((7.2, 5.8))
         _head(
             figure,
             described(result),
             "how much of each wave was printed, with intervals of 95 %",
             result.cloud.simulated,
         )
-        ratio, phase = figure.add_axes((0.1, 0.43, 0.86, 0.42)), figure.add_axes((0.1, 0.09, 0.86, 0.26))
+        ratio, phase = figure.add_axes((0.1, 0.45, 0.86, 0.44)), figure.add_axes((0.1, 0.09, 0.86, 0.26))
         for name, colour, marker, waves in _by_direction(result.fit.waves):
             lengths = [wave.wavelength_mm for wave in waves]
             style: dict[str, Any] = {
@@ -114,14 +116,11 @@ def waves_picture(result: ScanResult, path: Path) -> None:
         ratio.set(
             ylabel="printed amplitude / formula", ylim=(0.0, max(1.15, *(1.1 * w.amplitude_ratio for w in known)))
         )
-        phase.set(xlabel="wavelength (mm)", ylabel="phase (degrees)")
+        most = max(_MIN_PHASE_DEG, *map(abs, phase.get_ylim()))
+        phase.set(xlabel="wavelength (mm)", ylabel="phase (degrees)", ylim=(-most, most))
+        lengths = [wave.wavelength_mm for wave in known]
         for axes in (ratio, phase):
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axes.xaxis.set_minor_formatter(
-                FuncFormatter(lambda value, _: f"{value:g}") if _spread(known) < 8.0 else NullFormatter()
-            )
-            axes.tick_params(axis="x", which="minor", labelsize=7.0)
+            wavelength_axis(axes, min(lengths) / 1.2, 1.2 * max(lengths))
             axes.spines[["top", "right"]].set_visible(False)
         ratio.legend(loc="lower right", frameon=False)
         save_figure(figure, path, about=_about(result))
@@ -186,6 +185,16 @@ def comparison_picture(views: Views, path: Path) -> None:
             if axis == "x":
                 axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=count, frameon=False, borderaxespad=0.2)
         save_figure(figure, path, about="simulated scan" if views.simulated else "")
+
+
+def wavelength_axis(axes: Axes, low: float, high: float) -> None:
+    """Give a plot a logarithmic axis of wavelengths, with round numbers at its ticks."""
+    axes.set_xscale("log")
+    axes.set_xlim(low, high)
+    digits = (1, 1.5, 2, 3, 5, 7) if high > 5.0 * low else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9)
+    shown = [tick for power in range(-2, 3) for digit in digits if low <= (tick := digit * 10.0**power) <= high]
+    axes.set_xticks(shown, [f"{tick:g}" for tick in shown])
+    axes.minorticks_off()
 
 
 def _about(result: ScanResult) -> str:
@@ -253,7 +262,9 @@ def _walls(figure: Figure, result: ScanResult) -> None:
     for corner in corners[1:-1]:
         axes.axvline(corner, color=INK, linewidth=0.5)
     if result.block.outline is None:
-        for name, left, right in zip(("y = 0", "largest x", "largest y", "x = 0"), corners, corners[1:], strict=False):
+        wide, deep = result.block.size_mm
+        names = ("y = 0", f"x = {wide:g} mm", f"y = {deep:g} mm", "x = 0")
+        for name, left, right in zip(names, corners, corners[1:], strict=False):
             axes.text((left + right) / 2.0, -0.02, name, ha="center", va="top", transform=axes.get_xaxis_transform())
         axes.set_xticks([])
     axes.set(xlim=(corners[0], corners[-1]), ylabel="z (mm)", facecolor="#d9d9d9")
@@ -283,11 +294,6 @@ def _bars(ends: Sequence[tuple[float, float, float]]) -> Floats:
     """Return the lengths of error bars below and above, shape (2, n)."""
     values = np.array(ends)
     return np.asarray(np.maximum(np.stack([values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]]), 0.0))
-
-
-def _spread(waves: Sequence[WaveEstimate]) -> float:
-    lengths = [wave.wavelength_mm for wave in waves]
-    return max(lengths) / min(lengths)
 
 
 def _numbers(figure: Figure, views: Views, names: Sequence[str]) -> None:

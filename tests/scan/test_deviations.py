@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.scans import true_scan
 
+from tacbench_cad.scan.cloud import HeightGrid
 from tacbench_cad.scan.deviations import Summary, noise_of_flat, noise_of_repeat, top_map, wall_points
 from tacbench_cad.scan.simulating import ScanTruth, simulate_foreign, stretch
 from tacbench_cad.spec.block import Block
@@ -26,6 +27,13 @@ def test_the_map_of_an_exact_print_is_the_noise_of_its_cells() -> None:
     assert (top.peaks.missed, top.valleys.missed) == (0, 0)
     walls = wall_points(*_scan(TRUTH)).summary
     assert walls is not None and walls.rms_mm == pytest.approx(0.01, rel=0.1)
+
+
+def test_pixels_at_the_rim_of_a_height_map_are_not_walls() -> None:
+    cloud, fit = true_scan(BLOCK, TRUTH)
+    grid = HeightGrid(heights_mm=np.ones((2, 2)), step_mm=(0.1, 0.1))
+    walls = wall_points(replace(cloud, grid=grid), BLOCK, fit)
+    assert (walls.summary, walls.outward_95_mm) == (None, None)
 
 
 def test_a_repeated_scan_gives_the_noise_of_the_map() -> None:

@@ -134,6 +134,17 @@ def test_a_picture_says_that_the_scan_is_simulated(tmp_path: Path, name: str) ->
     assert "simulated scan" in path.read_text(encoding="utf-8")
 
 
+def test_the_picture_counts_all_lost_crests_and_marks_some(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from tacbench_cad.scan.pictures import deviation_picture
+
+    many = replace(result().top, height_error_mm=result().top.height_error_mm - 1.0)
+    places = np.tile([[1.0, 2.0]], (450, 1))
+    many.__dict__["peaks"] = replace(many.peaks, missed=450, missed_mm=places)
+    deviation_picture(replace(result(), top=many), tmp_path / "deviation.svg")
+    assert "450 crests lost, 1 of 3 marked" in (tmp_path / "deviation.svg").read_text(encoding="utf-8")
+
+
 def _views() -> Views:
     top = result().top
     sliced, scanned = (
