@@ -142,7 +142,12 @@ def _ascii(path: Path, data: bytes) -> Floats32:
     corners = [row.split() for row in re.findall(rb"(?m)^[ \t]*vertex\b(.*)$", text)]
     begun, ended = (len(re.findall(rb"(?m)^[ \t]*%s\b" % word, text)) for word in (b"facet", b"endfacet"))
     if begun != ended or not re.search(rb"(?m)^[ \t]*endsolid\b", text):
-        raise CheckFailedError(f"{path}: the ASCII STL is incomplete: {begun} facets begin, but {ended} facets end")
+        end = (
+            f"{begun} facets begin, but {ended} facets end"
+            if begun != ended
+            else 'the last line, "endsolid", is missing'
+        )
+        raise CheckFailedError(f"{path}: the ASCII STL is incomplete: {end}")
     if len(corners) != 3 * begun or any(len(corner) != 3 for corner in corners):
         raise CheckFailedError(f"{path}: the ASCII STL has {len(corners)} corners for {begun} facets")
     try:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import itertools
 import math
 import re
+from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,9 +18,10 @@ import numpy as np
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.formats.threemf import read_3mf
 from tacbench_cad.scan.cloud import Cloud, HeightGrid
-from tacbench_cad.spec.images import read_heights
+from tacbench_cad.spec.images import PICTURES, TABLES, read_heights
 from tacbench_cad.util.door import open_input, read_bytes, require_within
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line, one_of
+from tacbench_cad.util.numbers import layout, read_numbers
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Bools, Floats, Ints
@@ -32,9 +35,10 @@ MIN_POINTS, MAX_POINTS = 500, 20_000_000
 #: points that the scanner measured.
 MIN_VERTICES, SAMPLED_POINTS = 50_000, 200_000
 #: The endings of meshes, and of point clouds.
-MESHES, CLOUDS = (".stl", ".3mf", ".ply", ".obj"), (".xyz", ".asc", ".pts", ".las", ".laz")
+MESHES, CLOUDS = (".stl", ".3mf", ".ply", ".obj"), (".xyz", ".pts", ".las", ".laz")
 #: The largest number of columns of a table of points: coordinates, normal, colour and brightness.
 _MAX_COLUMNS = 10
+_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,14 +70,15 @@ def read_scan(
     """Read a scan.
 
     - Meshes: STL, 3MF, PLY, OBJ. A mesh with few vertices is sampled evenly on its triangles.
-    - Point clouds: PLY without faces, XYZ, ASC, PTS, LAS, and tables (CSV, TXT) of at most ten columns that
-      begin with x, y and z.
+    - Point clouds: PLY and OBJ without faces, XYZ, PTS, LAS, LAZ, and tables (ASC, CSV, TXT) whose header names x, y
+      and z, or that have at most ten columns and begin with x, y and z.
     - Height maps: TIFF, NPY, tables with more columns, and the files of instruments that the package surfalize reads.
 
     Args:
         path: The file.
         unit: The unit of the coordinates, or of the heights of a height map. It is needed unless the file names one. A
-            height map of whole numbers has one unit for each level.
+            height map of whole numbers has one unit for each level. A value far from all other heights, such as
+            -9999, stands for pixels that are not measured.
         mm_per_pixel: The distance of neighbouring pixels. A height map needs it unless the file contains it.
         size_mm: The sides and the height of the block. If given, a scan whose size is wrong by the ratio of two units
             is refused.
@@ -96,7 +101,7 @@ def read_scan(
         elif suffix in (".las", ".laz"):
             scan = _points(path, _las(path), unit, size_mm)
         elif suffix in (".xyz", ".pts") or (suffix in (".asc", ".csv", ".txt") and _is_table_of_points(path)):
-            scan = _points(path, _table(path), unit, size_mm)
+            scan = _points(path, read_numbers(path, "scan", "any", _AXES), unit, size_mm)
         else:
             scan = _height_map(path, unit, mm_per_pixel, size_mm)
     except CheckFailedError as error:  # from the strict readers, which check the files of this project
@@ -119,9 +124,11 @@ def _mesh(path: Path, suffix: str, unit: Unit | None, size_mm: tuple[float, floa
         vertices, faces = mesh.vertices, np.asarray(mesh.faces, dtype=np.int64)
         unit = "mm" if suffix == ".3mf" and unit is None else unit  # the reader of 3MF files converts to mm
     else:
-        vertices, faces = _by_trimesh(path, suffix)
+        vertices, faces = _ply(path) if suffix == ".ply" else _obj(path)
     if not len(faces):
         return _points(path, vertices, unit, size_mm)
+    if not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise _unreadable(path, "a triangle has a vertex that does not exist")
     require_within("scan", len(vertices), MAX_POINTS, "vertices", str(path))
     finite: Bools = np.all(np.isfinite(vertices), axis=1)
     faces = faces[finite[faces].all(axis=1)]
@@ -137,27 +144,53 @@ def _mesh(path: Path, suffix: str, unit: Unit | None, size_mm: tuple[float, floa
     return ScanFile(cloud=cloud, kind="mesh", unit=unit or "mm", dropped=dropped, notes=notes)
 
 
-def _by_trimesh(path: Path, suffix: str) -> tuple[Floats, Ints]:
-    """Return the vertices and the faces of a PLY or OBJ file; no faces for a cloud."""
+def _ply(path: Path) -> tuple[Floats, Ints]:
+    """Return the vertices and the faces of a PLY file; no faces for a cloud."""
     require(f"{path}: a scan of this kind", "trimesh")
     import trimesh
 
-    data = io.BytesIO(read_bytes(path, "scan", "mesh"))
+    data = read_bytes(path, "scan", "mesh")
+    head = data[:100_000].partition(b"end_header")[0]
+    stated = {word: int(count) for word, count in re.findall(rb"(?m)^element[ \t]+(\w+)[ \t]+(\d{1,18})\s", head)}
+    options: dict[str, Any] = {"process": False, "skip_materials": True, "fix_texture": False}
     try:
-        options: dict[str, Any] = {"process": False, "skip_materials": True}
-        bodies = list(trimesh.load_scene(data, file_type=suffix[1:], **options).geometry.values())
-        starts = itertools.accumulate((len(body.vertices) for body in bodies), initial=0)
-        vertices = [np.asarray(body.vertices, dtype=np.float64).reshape(-1, 3) for body in bodies]
-        faces = [np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3) for body in bodies]
-        if any(
-            len(own) and not 0 <= own.min() <= own.max() < len(points)
-            for points, own in zip(vertices, faces, strict=True)
-        ):
-            raise ValueError("a triangle has a vertex that does not exist")
+        (body,) = trimesh.load_scene(io.BytesIO(data), file_type="ply", **options).geometry.values()
+        vertices = np.asarray(body.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.asarray(getattr(body, "faces", ()), dtype=np.int64).reshape(-1, 3)
+        for name, plural, rows in ((b"vertex", "vertices", vertices), (b"face", "faces", faces)):
+            if len(rows) < stated.get(name, 0):
+                raise ValueError(f"the header states {stated[name]:,} {plural}, but {len(rows):,} could be read")
+        return vertices, faces
     except Exception as error:  # a damaged file can raise almost any error
-        raise InputError("scan", str(path), f"cannot be read: {one_line(error, 200)}") from None
-    moved = [own + start for own, start in zip(faces, starts, strict=False)]
-    return np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), dtype=np.int64), *moved])
+        raise _unreadable(path, error) from None
+
+
+def _obj(path: Path) -> tuple[Floats, Ints]:
+    """Return the vertices and the faces of an OBJ file; no faces for a cloud. A polygon becomes a fan of triangles."""
+    data = read_bytes(path, "scan", "mesh").removeprefix(codecs.BOM_UTF8)
+    # without comments, the numbers of texture coordinates and normals, and line ends that a backslash cancels
+    lines = re.sub(rb"#.*|/\S*|\\\r?\n", b" ", data).splitlines()
+    coordinates, indices = array("d"), array("q")
+    words: list[bytes] = []
+    try:
+        for words in map(bytes.split, lines):
+            if words[:1] == [b"v"]:
+                x, y, z = map(float, words[1:4])
+                coordinates.extend((x, y, z))
+            elif words[:1] == [b"f"]:
+                after = len(coordinates) // 3 + 1  # a negative index counts backwards from the last vertex so far
+                first, *others = (index if index > 0 else after + index for index in map(int, words[1:]))
+                for second, third in itertools.pairwise(others):
+                    indices.extend((first, second, third))
+    except (ValueError, OverflowError) as error:
+        raise _unreadable(path, f'the line "{b" ".join(words)[:60].decode("utf-8", "replace")}": {error}') from None
+    return np.frombuffer(coordinates).reshape(-1, 3), np.frombuffer(indices, np.int64).reshape(-1, 3) - 1
+
+
+def _unreadable(path: Path, error: Exception | str) -> InputError:
+    detail = one_line(error, 200).rstrip(".!") or type(error).__name__
+    allowed = f"cannot be read: {detail}; export it again, for example as a binary STL"
+    return InputError("scan", str(path), allowed)
 
 
 def _sampled(path: Path, vertices: Floats, faces: Ints) -> Floats:
@@ -189,54 +222,28 @@ def _las(path: Path) -> Floats:
 
     with open_input(path, "scan", "mesh") as stream:
         try:
-            return np.asarray(laspy.read(stream).xyz, dtype=np.float64)
+            with laspy.open(stream) as reader:
+                stated = reader.header.point_count
+                require_within("scan", stated, MAX_POINTS, "points", str(path))
+                points = np.asarray(reader.read().xyz, dtype=np.float64)
+            if len(points) < stated:
+                raise ValueError(f"the header states {stated:,} points, but {len(points):,} could be read")
+            return points
+        except InputError:
+            raise
         except Exception as error:  # a damaged file can raise almost any error; .laz needs one more package
-            raise InputError("scan", str(path), f"cannot be read: {one_line(error, 200)}") from None
-
-
-def _separator(line: str) -> str | None:
-    return next((mark for mark in (";", "\t", ",") if mark in line), None)
+            raise _unreadable(path, error) from None
 
 
 def _is_table_of_points(path: Path) -> bool:
-    """Check whether a table has few columns, so that it lists points and no heights."""
+    """Check whether a table lists points and no heights: its header names x, y and z, or it has few columns."""
     with open_input(path, "scan", "any") as stream:
-        lines = stream.read(100_000).decode("utf-8", "replace").lstrip("\ufeff").splitlines()[:-1]
-    last = lines[-1] if lines else ""
-    return 3 <= len(last.split(_separator(last))) <= _MAX_COLUMNS
-
-
-def _table(path: Path) -> Floats:
-    """Return the first three columns of a table. Lines above the first line of numbers are left out.
-
-    If a semicolon or a tab separates the columns, a comma is a decimal comma.
-    """
-    data = read_bytes(path, "scan", "any")
-    if any(mark in data[:2000] for mark in (b";", b"\t")):
-        data = data.replace(b",", b".")
-    skipped, separator = 0, None
-    for raw in io.BytesIO(data):
-        line = raw.decode("utf-8", "replace").lstrip("\ufeff")
-        separator = _separator(line)
-        if _is_numbers(line.split(separator)):
-            break
-        skipped += 1
-    else:
-        raise InputError("scan", str(path), "has no line that begins with the numbers x, y and z")
-    try:
-        table = np.loadtxt(
-            io.BytesIO(data), delimiter=separator, skiprows=skipped, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")
-        )
-    except ValueError as error:
-        raise InputError("scan", str(path), f"is not a table of points: {one_line(error, 200)}") from None
-    return np.asarray(table, dtype=np.float64)
-
-
-def _is_numbers(words: list[str]) -> bool:
-    try:
-        return len([float(word) for word in words[:3]]) == 3
-    except ValueError:
-        return False
+        data = stream.read(100_000)
+    head = layout(data, len(_AXES))
+    if head is not None and head.places(_AXES):
+        return True
+    later = layout(data[len(data) // 2 :].partition(b"\n")[2], len(_AXES))  # lines at the top can have other columns
+    return later is not None and later.columns <= _MAX_COLUMNS
 
 
 def _converted(
@@ -291,13 +298,20 @@ def _factor(path: Path, length: float, unit: Unit | None, expected_mm: float | N
 def _height_map(
     path: Path, unit: Unit | None, mm_per_pixel: float | None, size_mm: tuple[float, float, float] | None
 ) -> ScanFile:
-    file = read_heights(path)
+    try:
+        file = read_heights(path)
+    except InputError as error:
+        if path.suffix.lower() in (*PICTURES, *TABLES, ".npy"):
+            raise
+        others = ", ".join((*MESHES, *CLOUDS, *TABLES, *PICTURES, ".npy"))
+        raise InputError("scan", str(path), f"{error.allowed.rstrip('.')}; export one of {others}") from None
     values = np.asarray(file.values)
     if values.dtype == np.uint8:
         allowed = "has 8 bits for each pixel, as a photograph; export heights with 16 or 32 bits"
         raise InputError("scan", str(path), allowed)
     heights = values[::-1].astype(np.float64)  # the first row of a file is the farthest one
-    finite = np.isfinite(heights)
+    fill = _fill_value(heights[np.isfinite(heights)])
+    finite = np.isfinite(heights) & (heights != fill)
     heights[~finite] = np.nan
     if not finite.any():
         raise InputError("scan", str(path), "has no valid height")
@@ -305,6 +319,8 @@ def _height_map(
     low, high = np.quantile(heights[finite], (0.005, 0.995))
     # the relief of a texture is a part of the height of its block
     factor, notes = _factor(path, float(high - low), own, None if size_mm is None else 0.5 * size_mm[2])
+    if fill is not None:
+        notes += (f"Pixels with the value {fill:g} are not measured: it is far from all other heights.",)
     step = (mm_per_pixel, mm_per_pixel) if mm_per_pixel is not None else file.mm_per_pixel
     if step is None:
         raise InputError("--mm-per-pixel", None, f"{path} does not contain the distance of its pixels; add the option")
@@ -314,6 +330,18 @@ def _height_map(
         notes += _pixel_notes(path, step[0], math.hypot(*np.ptp(points[:, :2], axis=0)), math.hypot(*size_mm[:2]))
     cloud = Cloud(points_mm=points, source=path.name, grid=grid)
     return ScanFile(cloud=cloud, kind="height map", unit=own or "mm", dropped=int(np.sum(~finite)), notes=notes)
+
+
+def _fill_value(values: Floats) -> float | None:
+    """Return the value of pixels that are not measured, such as -9999; None if there is none.
+
+    It occurs more than once, and its distance from the other values is more than twice their range.
+    """
+    for value in (values.min(initial=np.inf), values.max(initial=-np.inf)):
+        others = values[values != value]
+        if 0 < len(others) < len(values) - 1 and np.abs(others - value).min() > 2.0 * np.ptp(others) > 0.0:
+            return float(value)
+    return None
 
 
 def _pixel_notes(path: Path, step_mm: float, length_mm: float, expected_mm: float) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.spec.sampled import MAX_SAMPLES
-from tacbench_cad.util.door import open_input, read_bytes
+from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import InputError, one_line
+from tacbench_cad.util.numbers import read_numbers
 from tacbench_cad.util.packages import require
-from tacbench_cad.util.types import Floats
 
 #: The endings of pictures.
 PICTURES = (".png", ".tif", ".tiff")
@@ -42,7 +41,8 @@ def read_heights(path: Path) -> HeightFile:
     """Read a height map.
 
     - PNG and TIFF, 8 or 16 bit; a colour picture becomes grey. This needs the package Pillow.
-    - NPY, an array of numbers; CSV, TXT or ASC, a table of numbers. Their values are heights in mm.
+    - NPY, an array of numbers; CSV, TXT or ASC, a table of numbers (see :func:`.read_numbers`). Their values are
+      heights in mm.
     - Any other file is read by the package surfalize, which knows the formats of many instruments.
 
     Args:
@@ -58,7 +58,9 @@ def read_heights(path: Path) -> HeightFile:
     if suffix == ".npy":
         return HeightFile(values=_array(path), in_mm=True)
     if suffix in TABLES:
-        return HeightFile(values=_table(path), in_mm=True)
+        values = read_numbers(path, "height map", "table")
+        _require_size(path, *values.shape)
+        return HeightFile(values=values, in_mm=True)
     return _instrument(path)
 
 
@@ -72,6 +74,9 @@ def _picture(path: Path) -> Any:
     require(f"{path}: a picture as height map", "PIL")
     from PIL import Image, UnidentifiedImageError
 
+    unreadable = (
+        "is not a PNG or TIFF picture of a known kind; export 16 bits or 32-bit floating-point numbers for each pixel"
+    )
     with open_input(path, "height map", "image") as stream, warnings.catch_warnings():
         # the size is checked here, before the picture is decoded
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
@@ -84,7 +89,7 @@ def _picture(path: Path) -> Any:
             allowed = f"has more samples than the {MAX_SAMPLES:,} allowed; make it smaller first"
             raise InputError("height map", str(path), allowed) from None
         except UnidentifiedImageError:
-            raise InputError("height map", str(path), "is not a PNG or TIFF picture") from None
+            raise InputError("height map", str(path), unreadable) from None
         except (OSError, ValueError, SyntaxError, EOFError) as error:
             raise InputError("height map", str(path), f"cannot be decoded: {one_line(str(error))}") from None
 
@@ -98,27 +103,14 @@ def _array(path: Path) -> Any:
                 (2, 0): np.lib.format.read_array_header_2_0,
             }[version]
             shape, _, kind = reader(stream)
-            if len(shape) != 2 or kind.hasobject:
-                raise InputError("height map", str(path), f"must be a table of numbers, but has the shape {shape}")
+            if len(shape) != 2 or kind.kind not in "iuf":
+                allowed = f"must be a table of numbers, but has the shape {shape} and the type {kind}"
+                raise InputError("height map", str(path), allowed)
             _require_size(path, *shape)
             stream.seek(0)
             return np.load(stream, allow_pickle=False)
         except (KeyError, ValueError, EOFError, OSError) as error:
             raise InputError("height map", str(path), f"is not an array of NumPy: {one_line(str(error))}") from None
-
-
-def _table(path: Path) -> Floats:
-    text = read_bytes(path, "height map", "table").decode("utf-8", "replace").lstrip("\ufeff")
-    first = text.partition("\n")[0]
-    separator = next((mark for mark in (";", "\t", ",") if mark in first), None)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            values = np.loadtxt(io.StringIO(text), delimiter=separator, ndmin=2)
-    except ValueError as error:
-        raise InputError("height map", str(path), f"is not a table of numbers: {one_line(str(error))}") from None
-    _require_size(path, *values.shape)
-    return np.asarray(values, dtype=np.float64)
 
 
 def _instrument(path: Path) -> HeightFile:

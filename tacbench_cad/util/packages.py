@@ -51,7 +51,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="matplotlib", module="matplotlib", extra="plot", use="preview.png and tacbench show"),
     Package(distribution="pillow", module="PIL", extra="images", use="pictures as height maps"),
     Package(distribution="surfalize", module="surfalize", extra="instruments", use="height maps of instruments"),
-    Package(distribution="trimesh", module="trimesh", extra="scan", use="scans in PLY and OBJ files"),
+    Package(distribution="trimesh", module="trimesh", extra="scan", use="scans in PLY files"),
     Package(distribution="laspy", module="laspy", extra="scan", use="scans in LAS files"),
     Package(distribution="k3d", module="k3d", extra="view", use="the 3D page of tacbench view"),
     Package(distribution="starlette", module="starlette", extra="web", use="the page of tacbench design"),

@@ -31,7 +31,7 @@ def workers() -> Iterator[Workers]:
 
 def _make_sample(name: str, folder: Path) -> Path:
     needed = {"step": "OCP", "3mf": "lib3mf", "png": "cv2", "run": "cv2", "targets": "cv2"}
-    needed |= {"scan ply": "trimesh", "scan obj": "trimesh"}
+    needed |= {"scan ply": "trimesh"}
     if (module := needed.get(name)) is not None:
         pytest.importorskip(module)
     folder.mkdir()

@@ -9,6 +9,7 @@ import pytest
 
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.scan import reading
 from tacbench_cad.scan.reading import SAMPLED_POINTS, read_scan
 from tacbench_cad.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
 from tacbench_cad.spec.block import Block
@@ -44,19 +45,28 @@ def test_a_ply_file_gives_its_points_without_the_invalid_ones(points: Floats, tm
     assert read_scan(tmp_path / "a.ply", unit="mm").cloud.simulated
 
 
-@pytest.mark.parametrize(("name", "head", "separator"), [
-    ("a.xyz", "", " "),
-    ("a.csv", "x,y,z,intensity\n", ","),
-    ("a.asc", "# exported\n//X Y Z I\n", " "),
-    ("a.txt", "\ufeffx;y;z;i\n", ";"),
+@pytest.mark.parametrize(("name", "head", "separator", "row"), [
+    ("a.xyz", "", " ", "{x} {y} {z} 7"),
+    ("a.pts", "2000", " ", "{x} {y} {z} -1204 12 40 255"),
+    ("a.csv", "x,y,z,intensity", ",", "{x},{y},{z},7"),
+    ("a.csv", '"id","X [mm]","Y [mm]","Z [mm]"', ",", "7,{x},{y},{z}"),
+    ("a.asc", "# exported\n//X Y Z I", " ", "{x} {y} {z} 7"),
+    ("a.txt", "//R G B X Y Z Nx Ny Nz Scalar_1 Scalar_2 Scalar_3", " ", "1 2 3 {x} {y} {z} 0 0 1 4 5 6"),
+    ("a.txt", "\ufeffx;y;z;i", ";", "{x};{y};{z};7"),
+    ("a.txt", "a scan; by hand, on a table", ",", "{x},{y},{z}"),
+    ("a.txt", "x y z name\r\n\r\n", "\t", " {x}\t{y}\t{z}\tpoint\r\n"),
+    ("a.xyz", "", "decimal comma ;", "{x};{y};{z};"),
+    ("a.asc", "", "decimal comma", "  {x}   {y} {z}"),
+    ("a.csv", "", "missing", "{x},{y},{z}\n,,\n-,-,***"),
 ])  # fmt: skip
-def test_tables_of_points(name: str, head: str, separator: str, points: Floats, tmp_path: Path) -> None:
-    path = tmp_path / name
-    rows = [separator.join([*(f"{value:.9g}" for value in row), "7"]) for row in points / 25.4]
-    path.write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
-    scan = read_scan(path, unit="inch", size_mm=SIZE)
+def test_tables_of_points(name: str, head: str, separator: str, row: str, points: Floats, tmp_path: Path) -> None:
+    rows = [row.format(x=f"{x:.9g}", y=f"{y:.9g}", z=f"{z:.9g}") for x, y, z in points / 25.4]
+    text = "\n".join(rows) + "\n# end\n"
+    text = text.replace(".", ",") if "decimal comma" in separator else text
+    (tmp_path / name).write_text(f"{head}\n{text}", encoding="utf-8", newline="")
+    scan = read_scan(tmp_path / name, unit="inch", size_mm=SIZE)
     np.testing.assert_allclose(scan.cloud.points_mm, points, atol=1e-6)
-    assert scan.kind == "points"
+    assert (scan.kind, scan.dropped) == ("points", 2 * len(points) if separator == "missing" else 0)
 
 
 def test_the_mesh_of_a_block_is_sampled_evenly(tmp_path: Path) -> None:
@@ -144,18 +154,123 @@ def test_what_is_no_scan_is_refused(tmp_path: Path) -> None:
         read_scan(tmp_path / "missing.xyz", unit="mm")
 
 
-def test_a_table_with_decimal_commas(tmp_path: Path) -> None:
-    points = np.random.default_rng(5).uniform(-2.0, 2.0, (600, 3)).round(4)
-    lines = [";".join(f"{value:.4f}".replace(".", ",") for value in point) for point in points]
-    (tmp_path / "scan.xyz").write_text("x;y;z\n" + "\n".join(lines) + "\n")
-    scan = read_scan(tmp_path / "scan.xyz", unit="mm")
-    np.testing.assert_allclose(scan.cloud.points_mm, points)
-
-
-def test_a_matrix_of_heights_with_the_suffix_of_points_is_a_height_map(tmp_path: Path) -> None:
-    heights = np.random.default_rng(6).uniform(0.0, 1.0, (30, 40))
-    np.savetxt(tmp_path / "map.asc", heights)
-    scan = read_scan(tmp_path / "map.asc", unit="mm", mm_per_pixel=0.1)
-    assert scan.kind == "height map"
+@pytest.mark.parametrize(("name", "head", "separator", "missing"), [
+    ("map.asc", "", " ", "nan"),
+    ("map.asc", "ncols 40\nnrows 30\nxllcorner 0\ncellsize 0.1\nNODATA_value -9999\n", " ", "-9999"),
+    ("map.asc", "# File Format = ASCII\n# x-length = 4; y-length = 3\n", "\t", "-32768"),
+    ("map.csv", "Height;0,1 mm\n\n", "; decimal comma", ""),
+    ("map.csv", "", ",", "***"),
+    ("map.txt", "Heights in mm\n", "\t decimal comma", "Bad"),
+    ("map.txt", "\ufeff", " decimal comma", "1e10"),
+])  # fmt: skip
+def test_tables_of_heights(name: str, head: str, separator: str, missing: str, tmp_path: Path) -> None:
+    heights = np.random.default_rng(6).uniform(0.5, 1.0, (30, 40)).round(5)
+    heights[3:5, 7:9] = np.nan
+    rows = [separator[0].join(missing if np.isnan(z) else f"{z:.5f}" for z in row) for row in heights]
+    text = "\n".join(rows) + "\n"
+    (tmp_path / name).write_text(head + (text.replace(".", ",") if "comma" in separator else text), encoding="utf-8")
+    scan = read_scan(tmp_path / name, unit="mm", mm_per_pixel=0.1)
+    assert (scan.kind, scan.dropped) == ("height map", 4)
     assert scan.cloud.grid is not None
     np.testing.assert_allclose(scan.cloud.grid.heights_mm[::-1], heights)
+    assert len(scan.notes) == (missing in ("-9999", "-32768", "1e10"))
+
+
+@pytest.mark.parametrize("fill", [-9999.0, 1e10, np.float32(-3.4028235e38), 65535.0])
+def test_a_repeated_height_far_from_all_others_is_not_measured(fill: float, tmp_path: Path) -> None:
+    heights = np.random.default_rng(6).uniform(0.5, 1.0, (30, 40))
+    np.save(tmp_path / "a.npy", np.where(heights > 0.9, fill, heights))
+    scan = read_scan(tmp_path / "a.npy", unit="mm", mm_per_pixel=0.1)
+    assert (scan.dropped, scan.cloud.points_mm[:, 2].max() <= 0.9) == (np.count_nonzero(heights > 0.9), True)
+    assert scan.notes == (f"Pixels with the value {fill:g} are not measured: it is far from all other heights.",)
+    heights[0, 0] = fill  # a single one can be an outlier
+    np.save(tmp_path / "a.npy", heights)
+    assert read_scan(tmp_path / "a.npy", unit="mm", mm_per_pixel=0.1).dropped == 0
+
+
+def obj(points: Floats, corner: str, sign: int = 1, width: int = 3) -> str:
+    """Return an OBJ file with a strip of polygons between neighbouring points, in two groups with other materials."""
+    half, count = len(points) // 2, len(points)
+    lines = ["mtllib missing.mtl", *(f"v {x:.9g}  {y:.9g}\t{z:.9g} 0.1 0.2 0.3 # grey" for x, y, z in points)]
+    for place in range(count - width):
+        lines += [f"g part{place}", f"usemtl m{place}"] if place in (0, half) else []
+        numbers = [place + k + 1 if sign > 0 else place + k - count for k in range(width)]
+        lines.append("f " + " ".join(corner.format(number) for number in numbers))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(("corner", "sign", "width"), [("{0}", 1, 3), ("{0}/{0}/{0}", 1, 3), ("{0}//{0}", -1, 5)])
+def test_obj_files_give_each_vertex_once(
+    corner: str, sign: int, width: int, points: Floats, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reading, "MIN_VERTICES", 1000)
+    text = obj(points, corner, sign, width)
+    for ending, prefix in (("\n", ""), ("\r\n", "\ufeff# made by hand\r\n")):
+        (tmp_path / "a.obj").write_text(prefix + text.replace(" 0.2 ", " \\\n").replace("\n", ending), newline="")
+        scan = read_scan(tmp_path / "a.obj", unit="mm", size_mm=SIZE)
+        assert (scan.kind, scan.dropped, scan.notes) == ("mesh", 0, ())
+        np.testing.assert_allclose(scan.cloud.points_mm, points, atol=1e-7)
+    monkeypatch.setattr(reading, "MIN_VERTICES", 10**6)
+    assert len(read_scan(tmp_path / "a.obj", unit="mm", size_mm=SIZE).cloud) == SAMPLED_POINTS
+
+
+@pytest.mark.parametrize(("name", "content", "needle"), [
+    ("a.obj", "v 1 2 3\nv 1,5 2 3\n", r"the line \"v 1,5 2 3\": could not .*; export it again, for example as a bin"),
+    ("a.obj", "v 1 2 3\nf 1 2 3\n", "a triangle has a vertex that does not exist"),
+    ("a.obj", "v 1 2 3\nf 1 1 99999999999999999999\n", "999\": int too big"),
+    ("a.stl", "solid a\n", '"endsolid", is missing'),
+    ("a.txt", "1,2,3\n1,2\n1,2,3\n", "is not a table with the same columns in every line"),
+    ("a.csv", "hello world\n", "has no line of numbers"),
+    ("a.glb", "glTF", r"export one of \.stl, \.3mf, \.ply"),
+    ("a.tif", "II", "is not a PNG or TIFF picture of a known kind; export 16 bits or 32-bit"),
+])  # fmt: skip
+def test_a_refusal_says_what_to_do(name: str, content: str, needle: str, tmp_path: Path) -> None:
+    if name.endswith((".glb", ".tif")):
+        pytest.importorskip("surfalize")
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=needle) as caught:
+        read_scan(tmp_path / name, unit="mm", mm_per_pixel=0.1)
+    assert str(tmp_path / name) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dtype", [bool, complex, "U8"])
+def test_an_array_without_real_numbers_is_refused(dtype: str | type, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.ones((30, 40)).astype(dtype))
+    with pytest.raises(InputError, match=r"a\.npy'.*must be a table of numbers, but has the shape \(30, 40\) and the"):
+        read_scan(tmp_path / "a.npy", unit="mm", mm_per_pixel=0.1)
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.3mf", "a.ply", "a.obj", "a.las"])
+def test_the_size_limit_of_meshes_can_be_raised(name: str, tmp_path: Path) -> None:
+    if name == "a.las":
+        pytest.importorskip("laspy")
+    with (tmp_path / name).open("wb") as stream:
+        stream.truncate(600_000_000)
+    with pytest.raises(InputError, match=r"600 MB, more than the 512 allowed; set .* TACBENCH_LIMITS=2 to allow it"):
+        read_scan(tmp_path / name, unit="mm")
+
+
+def test_incomplete_files_are_refused(points: Floats, tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    lines = [" ".join(map(str, row)) for row in points.tolist()]
+    head = [
+        "ply",
+        "format ascii 1.0",
+        "element vertex 2000",
+        *(f"property float {axis}" for axis in "xyz"),
+        "end_header",
+    ]
+    (tmp_path / "a.ply").write_text("\n".join([*head, *lines[:900]]) + "\n")
+    with pytest.raises(InputError, match=r"the header states 2,000 vertices, but 900 could be read; export it again"):
+        read_scan(tmp_path / "a.ply", unit="mm")
+    laspy = pytest.importorskip("laspy")
+    las = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+    las.x, las.y, las.z = points.T
+    las.write(tmp_path / "a.las")
+    content = (tmp_path / "a.las").read_bytes()
+    (tmp_path / "a.las").write_bytes(content[: 227 + 20 * 900])
+    with pytest.raises(InputError, match=r"the header states 2,000 points, but 900 could be read; export it again"):
+        read_scan(tmp_path / "a.las", unit="mm")
+    (tmp_path / "a.las").write_bytes(content[:107] + b"\xff\xff\xff\x7f" + content[111:])
+    with pytest.raises(InputError, match=r"has 2,147,483,647 points, more than the 20,000,000 allowed"):
+        read_scan(tmp_path / "a.las", unit="mm")
