@@ -7,12 +7,14 @@ loss falls with the square of the wavelength. Two plain prints of each texture a
 From these scans come the model and two corrected files: with the relief of the formula, and with a free relief. The
 peer is the usual correction in a slicer: the plain file, scaled by the measured shrinkage.
 
-The errors are vertical root mean squares over the top in micrometres, after the best alignment:
+The errors are root mean squares over the top in micrometres, after the best alignment:
 
-- "all waves": the error of the whole print. Waves that are narrower than the nozzle cannot be corrected.
-- "printable waves": the error of the waves that the nozzle can print, with the same kind of alignment. The goal is that
-  the correction with a free relief reduces this error by at least 3 times for every texture.
-- "scanned": the error of all waves along the normal, measured on new scans, without the scanner's noise.
+- "all waves": the vertical error of the whole print. Waves that are narrower than the nozzle cannot be corrected.
+- "printable waves": the vertical error of the waves that the nozzle can print, with the same kind of alignment. The
+  goal is that the correction with a free relief reduces this error by at least 3 times for every texture.
+- "along the normal": the error of all waves along the normal of the formula.
+- "scanned": the same, measured on new scans with the same noise. The mean square that the scan of a perfect print
+  shows is subtracted.
 
 "relief" has the relief of the formula and of the two corrected prints, in mm.
 """
@@ -29,10 +31,11 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.scan.estimates import Fit, ScanFit
 from tacbench_cad.scan.fitting import fit_scan
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.scan.printerfit import printer_model, scan_of_fit
-from tacbench_cad.scan.simulating import ScanTruth, simulate_scan, stretch
+from tacbench_cad.scan.simulating import ScanTruth, Transfer, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import Print, corrected_for, in_file
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
@@ -69,24 +72,38 @@ class Loop:
     points: int
     scans: int = 0
 
-    def scanned(self, file: Block, fit: str) -> tuple[float, object]:
-        """Print and scan a file; return the deviation without noise and the fit to the block."""
+    def scan(
+        self, file: Block, fit: Fit, *, scale: float = SCALE, loss: Transfer = transfer, table_mm: float
+    ) -> ScanFit:
+        """Print and scan a file, and fit the scan to the block."""
         self.scans += 1
-        pose = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch((SCALE, SCALE, SCALE)))
-        how = ScanTruth(pose=pose, transfer_x=transfer, transfer_y=transfer, noise_mm=NOISE_MM, points=self.points,
-                        table_mm=3.0, seed=self.scans)  # fmt: skip
-        result = fit_scan(simulate_scan(file, how.with_random_pose()), self.block, fit)  # type: ignore[arg-type]
-        top = result.deviation_mm[result.on_top]
-        top = top[np.abs(top) < 1.0]
-        return math.sqrt(max(0.0, float(np.mean((top - top.mean()) ** 2)) - NOISE_MM**2)), result
+        pose = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch((scale,) * 3))
+        how = ScanTruth(pose=pose, transfer_x=loss, transfer_y=loss, noise_mm=NOISE_MM, points=self.points,
+                        table_mm=table_mm, seed=self.scans)  # fmt: skip
+        return fit_scan(simulate_scan(file, how.with_random_pose()), self.block, fit)
+
+    def scanned(self, files: dict[str, Block]) -> dict[str, float]:
+        """Print and scan files; return the deviations along the normal, without that of a perfect print.
+
+        The scans do not show the table, so that the top decides the height, as in the predictions.
+        """
+
+        def square(result: ScanFit) -> float:
+            return float(np.mean(result.deviation_mm[result.on_top] ** 2))
+
+        noise = square(self.scan(self.block, "pose", scale=1.0, loss=lambda _: 1.0, table_mm=0.0))
+        return {
+            name: math.sqrt(max(0.0, square(self.scan(file, "pose", table_mm=0.0)) - noise))
+            for name, file in files.items()
+        }
 
     def model(self) -> PrinterModel:
         """Return the model from two prints of the plain file."""
         scans = []
         for copy in (1, 2):
-            _, result = self.scanned(self.block, "scale")
+            result = self.scan(self.block, "scale", table_mm=3.0)
             about = {"printer": "virtual", "filament": "pla", "nozzle_mm": NOZZLE_MM, "simulated": True}
-            scans.append(scan_of_fit(result, self.block, copy=copy, path=f"print {copy}", **about))  # type: ignore[arg-type]
+            scans.append(scan_of_fit(result, self.block, copy=copy, path=f"print {copy}", **about))
         return printer_model(scans)
 
 
@@ -98,19 +115,16 @@ def errors(block: Block, points: int) -> dict[str, Any]:
     files = {"plain": block, "scaled": scaled}
     for rule in ("formula", "free"):
         files[rule] = in_file(corrected_for(block, replace(model, relief_rule=rule)))
+    scanned = loop.scanned({name: files[name] for name in ("plain", "formula", "free")})
     prints = {name: Print(file=file, model=real) for name, file in files.items()}
-
-    def rms(printable: bool) -> dict[str, float]:
-        return {
-            name: 1e3 * float(np.std(each.deviation_mm(block, printable=printable))) for name, each in prints.items()
-        }
-
+    predicted = {name: each.errors(block) for name, each in prints.items()}
     return {
         "texture": block.texture.name,
         "scale": block.scale,
-        "all": rms(False),
-        "printable": rms(True),
-        "scanned": {name: 1e3 * loop.scanned(file, "pose")[0] for name, file in files.items() if name != "scaled"},
+        "all": {name: 1e3 * each.rms_mm for name, each in predicted.items()},
+        "printable": {name: 1e3 * each.printable_rms_mm for name, each in predicted.items()},
+        "normal": {name: 1e3 * each.normal_rms_mm for name, each in predicted.items()},
+        "scanned": {name: 1e3 * rms_mm for name, rms_mm in scanned.items()},
         "relief_mm": {"design": block.relief_mm, **{rule: prints[rule].relief_mm for rule in ("formula", "free")}},
     }
 
@@ -136,6 +150,7 @@ def main() -> int:
     groups = {
         "all": ("all waves", ("plain", "scaled", "formula", "free")),
         "printable": ("printable waves", ("plain", "formula", "free", "ratio")),
+        "normal": ("along the normal", ("plain", "formula", "free")),
         "scanned": ("scanned", ("plain", "formula", "free")),
         "relief_mm": ("relief (mm)", ("design", "formula", "free")),
     }

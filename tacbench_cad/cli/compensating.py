@@ -64,15 +64,16 @@ def show_effects(effects: Sequence[Effect]) -> None:
 
 
 def _advice(effect: Effect, plain: Errors, corrected: Errors, free: Errors) -> str:
-    """Say what to do if the correction is not expected to help."""
-    vertical = corrected.rms_mm >= plain.rms_mm
-    before, after, with_free = (
-        f"{1000.0 * (errors.rms_mm if vertical else errors.normal_rms_mm):.1f}" for errors in (plain, corrected, free)
+    """Say what to do if the correction is not expected to reduce both errors."""
+    (vertical, normal), before, with_free = (
+        [f"{1000.0 * error:.1f}" for error in (errors.rms_mm, errors.normal_rms_mm)]
+        for errors in (corrected, plain, free)
     )
-    change = f"the {'vertical error' if vertical else 'error along the normal'} is {after} instead of {before} µm"
-    if effect.relief_rule == "formula" and effect.free_helps:
-        return (
-            f"{effect.texture}: with the relief of the formula, {change}. With a free relief it is {with_free} µm "
-            "(tacbench printer-model --relief free)"
-        )
-    return f"{effect.texture}: the correction does not help: {change}; print the plain file"
+    text = (
+        f"{effect.texture}: the correction does not reduce both errors: the vertical error is {vertical} instead of "
+        f"{before[0]} µm, and the error along the normal is {normal} instead of {before[1]} µm"
+    )
+    if effect.relief_rule == "formula" and free.is_below(corrected):
+        both = " and ".join(with_free)
+        return f"{text}. With a free relief they are {both} µm (tacbench printer-model --relief free)"
+    return text if corrected.rms_mm < plain.rms_mm else f"{text}; print the plain file"

@@ -215,7 +215,7 @@ def top_map(cloud: Cloud, block: Block, fit: ScanFit, *, layer_mm: float, cell_m
         cell_mm = float(np.clip(math.sqrt(POINTS_PER_CELL * seen_mm2 / len(points)), *CELL_RANGE_MM))
     x, y = points_of(block, cell_mm)
     at = _cell(points[:, 0], x, block.size_mm[0]) * len(y) + _cell(points[:, 1], y, block.size_mm[1])
-    slope = np.hypot(*block.surface.gradient(*(np.clip(points[:, i], 0.0, block.size_mm[i]) for i in (0, 1))))
+    x_on, y_on = (np.clip(points[:, i], 0.0, block.size_mm[i]) for i in (0, 1))
     counts = np.bincount(at, minlength=len(x) * len(y))
 
     def mean(values: Floats) -> Floats:
@@ -227,7 +227,7 @@ def top_map(cloud: Cloud, block: Block, fit: ScanFit, *, layer_mm: float, cell_m
         x_mm=x,
         y_mm=y,
         deviation_mm=mean(deviation),
-        height_error_mm=mean(deviation * np.sqrt(1.0 + slope**2)),
+        height_error_mm=mean(points[:, 2] - block.height_at(x_on, y_on)),
         counts=counts.reshape(len(x), len(y)),
         stretch=fit.pose.stretch,
         noise_mm=fit.noise_mm,

@@ -31,6 +31,7 @@ from tacbench_cad.scan.refining import (
 )
 from tacbench_cad.scan.relief import Relief
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.distance import distance_along_normal
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 
@@ -412,7 +413,7 @@ def _result(
         outward = fitted.normal[:, :2] ** 2 @ state.wall_offsets_mm
         distance[part] = fitted.error_mm + outward * (fitted.face >= WALL)
         top = fitted.face == TOP
-        distance[part][top] = foot_distance(nominal[top], plain)
+        distance[part][top] = distance_along_normal(nominal[top], plain)
     on_top, on_walls = face == TOP, face >= WALL
     distance[~(on_top | on_walls)] = np.nan
     return ScanFit(
@@ -440,25 +441,3 @@ def _with_base(parameters: tuple[Estimate, ...], block: Block) -> tuple[Estimate
     return parameters + tuple(
         Estimate(name=name, value=value, standard_error=math.inf, determined=False) for name, value in missing
     )
-
-
-def foot_distance(nominal: Floats, relief: Relief) -> Floats:
-    """Return the signed distance of points from the top along its normal, positive above it; shape (n,).
-
-    The foot of the perpendicular is found by a few steps along the slope from the point below. Of all places tried, the
-    nearest counts.
-    """
-    x, y, z = nominal.T
-    px, py = x.copy(), y.copy()
-    height, gx, gy = relief(px, py)
-    sign = np.sign(z - height)
-    best = np.abs(z - height)
-    for _ in range(4):
-        above = z - height
-        # minimise (x - px)^2 + (y - py)^2 + (z - h)^2 by a Gauss-Newton step in (px, py)
-        rx, ry = x - px + above * gx, y - py + above * gy
-        dot = (rx * gx + ry * gy) / (1.0 + gx * gx + gy * gy)
-        px, py = px + rx - gx * dot, py + ry - gy * dot
-        height, gx, gy = relief(px, py)
-        best = np.minimum(best, np.sqrt((x - px) ** 2 + (y - py) ** 2 + (z - height) ** 2))
-    return np.asarray(sign * best)

@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from tacbench_cad.spec.block import Block, extremes_on
+from tacbench_cad.spec.distance import distance_along_normal
 from tacbench_cad.spec.extremes import Extremes
 from tacbench_cad.spec.printermodel import PrinterModel, ReliefRule
 from tacbench_cad.spec.waves import WaveSum
@@ -26,8 +27,9 @@ MAX_FACTOR = 2.0
 MIN_TRANSFER = 0.1
 #: The largest number of steps that bring the relief to that of the formula, and the difference that ends them, in mm.
 _STEPS, _RELIEF_MM = 8, 1e-5
-#: The number of points along each side at which deviations are predicted.
-_POINTS = 401
+#: The number of points along each side at which vertical deviations are predicted. Deviations along the normal take
+#: longer, so they are predicted at every n-th of these points.
+_POINTS, _EVERY = 401, 4
 
 
 def corrected_for(block: Block, model: PrinterModel) -> Block:
@@ -187,6 +189,20 @@ class Print:
             z -= slope * (line[:, None] if axis == 0 else line[None, :])
         return np.asarray(z)
 
+    def errors(self, block: Block) -> Errors:
+        """Return the errors of the print of a texture that is a sum of waves.
+
+        Args:
+            block: The block that the print is expected to equal.
+        """
+        z, printable = self.deviation_mm(block), self.deviation_mm(block, printable=True)
+        x, y = (np.linspace(0.0, side, _POINTS)[::_EVERY] for side in block.size_mm)
+        heights = block.surface.grid(x, y) + z[::_EVERY, ::_EVERY]
+        points = np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x)), heights.ravel()])
+        normal = distance_along_normal(points, lambda u, v: (block.surface(u, v), *block.surface.gradient(u, v)))
+        vertical, wide, nearest = (float(np.sqrt(np.mean(error**2))) for error in (z, printable, normal))
+        return Errors(rms_mm=vertical, printable_rms_mm=wide, normal_rms_mm=nearest)
+
 
 def _multiplied(surface: WaveSum, factors: Floats) -> WaveSum:
     """Return the surface with each wave multiplied by its factor."""
@@ -285,7 +301,7 @@ class Errors:
     Args:
         rms_mm: The vertical error.
         printable_rms_mm: The vertical error of the waves that the nozzle can print.
-        normal_rms_mm: The error along the normal of the formula, as scans measure it. Steep walls count less.
+        normal_rms_mm: The distance from the formula along its normal, as scans measure it. It is small on steep flanks.
     """
 
     rms_mm: float
@@ -340,11 +356,6 @@ class Effect:
         """Whether the correction is expected to reduce the vertical error and the error along the normal."""
         return self.plain is None or self.corrected is None or self.corrected.is_below(self.plain)
 
-    @property
-    def free_helps(self) -> bool:
-        """Whether a correction with a free relief is expected to reduce both errors."""
-        return self.plain is None or self.free is None or self.free.is_below(self.plain)
-
 
 def effect_of(block: Block) -> Effect:
     """Return the expected effect of a block's correction.
@@ -361,10 +372,8 @@ def effect_of(block: Block) -> Effect:
     errors: list[Errors | None] = [None] * 3
     design, file = block.surface, corrected.file.surface
     if isinstance(design, WaveSum) and isinstance(file, WaveSum):
-        x, y = (np.linspace(0.0, side, _POINTS) for side in block.size_mm)
-        steep2 = 1.0 + design.grid(x, y, (1, 0)) ** 2 + design.grid(x, y, (0, 1)) ** 2
         free = Print(file=in_file(replace(block, correction=replace(model, relief_rule="free"))), model=model)
-        errors = [_errors(each, block, steep2) for each in (plain, corrected, free)]
+        errors = [each.errors(block) for each in (plain, corrected, free)]
         can = is_correctable(design, model).tolist()
         rows = zip(design.waves, file.waves, plain.surface.waves, corrected.surface.waves, can, strict=True)
         waves = tuple(
@@ -397,12 +406,6 @@ def effect_of(block: Block) -> Effect:
         free=errors[2],
         waves=tuple(sorted(waves, key=lambda wave: -wave.amplitude_mm)),
     )
-
-
-def _errors(printed: Print, block: Block, steep2: Floats) -> Errors:
-    z, printable = printed.deviation_mm(block), printed.deviation_mm(block, printable=True)
-    vertical, wide, normal = (float(np.sqrt(np.mean(square))) for square in (z**2, printable**2, z**2 / steep2))
-    return Errors(rms_mm=vertical, printable_rms_mm=wide, normal_rms_mm=normal)
 
 
 def _note(factor: float, f: float, g: float, model: PrinterModel, correctable: bool) -> str:

@@ -10,7 +10,15 @@ from helpers.scans import true_scan
 
 from tacbench_cad.scan.cloud import HeightGrid
 from tacbench_cad.scan.deviations import Summary, noise_of_flat, noise_of_repeat, top_map, wall_points
-from tacbench_cad.scan.simulating import ScanTruth, simulate_foreign, stretch
+from tacbench_cad.scan.fitting import fit_scan
+from tacbench_cad.scan.simulating import (
+    ScanTruth,
+    low_pass,
+    printed_waves,
+    simulate_foreign,
+    simulate_scan,
+    stretch,
+)
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.skin import shift_px_per_mm
 from tacbench_cad.util.errors import InputError
@@ -57,6 +65,18 @@ def test_a_lost_wave_lowers_the_crests_and_moves_the_pins() -> None:
     assert top.peaks.mean_mm == pytest.approx((1.0 - kept) * BLOCK.extremes.high, rel=0.15)
     expected = (1.0 - kept) * abs(wave.amplitude) * float(shift_px_per_mm(2.0 * np.pi / wave.f)) / np.sqrt(2.0)
     assert top.pin_shift_px == pytest.approx(expected, rel=0.25)
+
+
+def test_height_errors_are_vertical_where_the_nearest_place_is_beside_the_point() -> None:
+    block = Block.of(4)
+    lossy = replace(TRUTH, points=40_000, noise_mm=0.0, transfer_x=low_pass(0.9), transfer_y=low_pass(0.9))
+    cloud = simulate_scan(block, lossy)
+    top = top_map(cloud, block, fit_scan(cloud, block, "pose"), layer_mm=0.2, cell_mm=0.2)
+    printed = printed_waves(block, low_pass(0.9), low_pass(0.9))
+    expected = printed.grid(top.x_mm, top.y_mm) - block.surface.grid(top.x_mm, top.y_mm)
+    rms = float(np.sqrt(np.mean(expected[top.compared] ** 2)))
+    assert float(np.sqrt(np.mean(top.height_error_mm[top.compared] ** 2))) == pytest.approx(rms, rel=0.1)
+    assert top.summary is not None and top.summary.rms_mm < rms / 2.0
 
 
 def test_the_sensor_and_the_holder_feel_the_scale_but_the_deviation_does_not_contain_it() -> None:
