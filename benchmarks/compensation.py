@@ -16,6 +16,7 @@ The errors are root mean squares over the top in micrometres, after the best ali
 - "scanned": the same, measured on new scans with the same noise. The mean square that the scan of a perfect print
   shows is subtracted.
 
+"pins" is the root mean square of the shift that the sensor feels, see :mod:`tacbench_cad.spec.skin`, in px.
 "relief" has the relief of the formula and of the two corrected prints, in mm.
 """
 
@@ -39,7 +40,9 @@ from tacbench_cad.scan.simulating import ScanTruth, Transfer, simulate_scan, str
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import Print, corrected_for, in_file
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
+from tacbench_cad.spec.skin import SKIN_MM, pin_shifts_px
 from tacbench_cad.spec.textures import Texture, series
+from tacbench_cad.spec.topgrid import EDGE_MM, points_of, without_edge
 
 NOZZLE_MM, SCALE, NOISE_MM = 0.4, 0.996, 0.02
 #: The smallest factor by which a correction with a free relief must reduce the error of the printable waves.
@@ -70,16 +73,14 @@ class Loop:
 
     block: Block
     points: int
-    scans: int = 0
 
     def scan(
-        self, file: Block, fit: Fit, *, scale: float = SCALE, loss: Transfer = transfer, table_mm: float
+        self, file: Block, fit: Fit, *, seed: int, table_mm: float, scale: float = SCALE, loss: Transfer = transfer
     ) -> ScanFit:
-        """Print and scan a file, and fit the scan to the block."""
-        self.scans += 1
+        """Print and scan a file, and fit the scan to the block. Scans with the same seed have the same noise."""
         pose = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch((scale,) * 3))
         how = ScanTruth(pose=pose, transfer_x=loss, transfer_y=loss, noise_mm=NOISE_MM, points=self.points,
-                        table_mm=table_mm, seed=self.scans)  # fmt: skip
+                        table_mm=table_mm, seed=seed)  # fmt: skip
         return fit_scan(simulate_scan(file, how.with_random_pose()), self.block, fit)
 
     def scanned(self, files: dict[str, Block]) -> dict[str, float]:
@@ -91,9 +92,9 @@ class Loop:
         def square(result: ScanFit) -> float:
             return float(np.mean(result.deviation_mm[result.on_top] ** 2))
 
-        noise = square(self.scan(self.block, "pose", scale=1.0, loss=lambda _: 1.0, table_mm=0.0))
+        noise = square(self.scan(self.block, "pose", seed=3, table_mm=0.0, scale=1.0, loss=lambda _: 1.0))
         return {
-            name: math.sqrt(max(0.0, square(self.scan(file, "pose", table_mm=0.0)) - noise))
+            name: math.sqrt(max(0.0, square(self.scan(file, "pose", seed=3, table_mm=0.0)) - noise))
             for name, file in files.items()
         }
 
@@ -101,10 +102,19 @@ class Loop:
         """Return the model from two prints of the plain file."""
         scans = []
         for copy in (1, 2):
-            result = self.scan(self.block, "scale", table_mm=3.0)
+            result = self.scan(self.block, "scale", seed=copy, table_mm=3.0)
             about = {"printer": "virtual", "filament": "pla", "nozzle_mm": NOZZLE_MM, "simulated": True}
             scans.append(scan_of_fit(result, self.block, copy=copy, path=f"print {copy}", **about))
         return printer_model(scans)
+
+
+def pin_shift_px(printed: Print, block: Block) -> float:
+    """Return how far the errors of a print move the pins of a TacTip, as a root mean square without the edge."""
+    x, y = points_of(block, 0.1)
+    shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(printed.size_mm, block.size_mm, strict=True))
+    error = printed.surface.grid(x + shift_x, y + shift_y) - block.surface.grid(x, y)
+    inside = without_edge(block, x, y, EDGE_MM + SKIN_MM)
+    return float(np.sqrt(np.mean(pin_shifts_px(error, 0.1)[inside] ** 2)))
 
 
 def errors(block: Block, points: int) -> dict[str, Any]:
@@ -124,6 +134,7 @@ def errors(block: Block, points: int) -> dict[str, Any]:
         "all": {name: 1e3 * each.rms_mm for name, each in predicted.items()},
         "printable": {name: 1e3 * each.printable_rms_mm for name, each in predicted.items()},
         "normal": {name: 1e3 * each.normal_rms_mm for name, each in predicted.items()},
+        "pins_px": {name: pin_shift_px(each, block) for name, each in prints.items()},
         "scanned": {name: 1e3 * rms_mm for name, rms_mm in scanned.items()},
         "relief_mm": {"design": block.relief_mm, **{rule: prints[rule].relief_mm for rule in ("formula", "free")}},
     }
@@ -152,6 +163,7 @@ def main() -> int:
         "printable": ("printable waves", ("plain", "formula", "free", "ratio")),
         "normal": ("along the normal", ("plain", "formula", "free")),
         "scanned": ("scanned", ("plain", "formula", "free")),
+        "pins_px": ("pins (px)", ("plain", "formula", "free")),
         "relief_mm": ("relief (mm)", ("design", "formula", "free")),
     }
     print(" " * 16 + "".join(f" |{title:^{9 * len(names)}}" for title, names in groups.values()))
@@ -166,7 +178,7 @@ def main() -> int:
         rows.append(row)
         line = f"{row['texture']:10} {row['scale']:5g}"
         for key, (_, names) in groups.items():
-            digits = 3 if key == "relief_mm" else 1
+            digits = 3 if key in ("pins_px", "relief_mm") else 1
             line += " |" + "".join(f"{row[key][name]:9.{digits}f}" for name in names)
         print(line, flush=True)
     ok = all(row["printable"]["ratio"] >= GOAL for row in rows)
