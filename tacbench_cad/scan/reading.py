@@ -306,6 +306,9 @@ def _height_map(
         others = ", ".join((*MESHES, *CLOUDS, *TABLES, *PICTURES, ".npy"))
         raise InputError("scan", str(path), f"{error.allowed.rstrip('.')}; export one of {others}") from None
     values = np.asarray(file.values)
+    if values.shape[1] <= _MAX_COLUMNS:
+        allowed = f"has {counted(values.shape[1], 'column')}, too few for a height map; write points as an XYZ file"
+        raise InputError("scan", str(path), allowed)
     if values.dtype == np.uint8:
         allowed = "has 8 bits for each pixel, as a photograph; export heights with 16 or 32 bits"
         raise InputError("scan", str(path), allowed)

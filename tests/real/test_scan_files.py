@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tacbench_cad.scan import reading
 from tacbench_cad.scan.reading import MIN_POINTS, read_scan
 from tacbench_cad.scan.roughness import roughness
 from tacbench_cad.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
@@ -70,6 +71,44 @@ def test_elevations_that_come_with_matplotlib(tmp_path: Path) -> None:
     image.fromarray(slice_).save(tmp_path / "slice.tif")
     levels = read_scan(tmp_path / "slice.tif", unit="um", mm_per_pixel=0.1)
     assert levels.cloud.points_mm[:, 2].max() == pytest.approx(slice_.max() / 1000.0)
+
+
+@pytest.mark.parametrize("writer", ["pymeshlab", "trimesh"])
+@pytest.mark.parametrize("ending", ["ply", "obj", "stl", "3mf"])
+def test_meshes_by_other_programs(writer: str, ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = pytest.importorskip(writer, exc_type=ImportError)
+    pytest.importorskip("trimesh")
+    monkeypatch.setattr(reading, "MIN_VERTICES", 1000)
+    block = Block.of(2)
+    x, y = np.meshgrid(np.linspace(0.0, block.size_mm[0], 40), np.linspace(0.0, block.size_mm[1], 50))
+    vertices = np.stack([x, y, block.height_at(x, y)], axis=-1).astype(np.float32).reshape(-1, 3).astype(np.float64)
+    place = np.arange(vertices.shape[0]).reshape(x.shape)
+    a, b, c, d = (part.ravel() for part in (place[:-1, :-1], place[:-1, 1:], place[1:, 1:], place[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)])
+    path = tmp_path / f"a.{ending}"
+    if writer == "pymeshlab":
+        meshes = module.MeshSet()
+        meshes.add_mesh(module.Mesh(vertices, faces, v_color_matrix=np.full((len(vertices), 4), 0.5)))
+        meshes.save_current_mesh(str(path))
+    else:
+        module.Trimesh(vertices, faces, process=False).export(path)
+    scan = read_scan(path, unit="mm", size_mm=(*block.size_mm, block.height_mm))
+    assert scan.kind == "mesh"
+    order = [np.lexsort(points.round(4).T) for points in (scan.cloud.points_mm, vertices)]
+    np.testing.assert_allclose(scan.cloud.points_mm[order[0]], vertices[order[1]], atol=1e-6)
+
+
+@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_adobe_deflate", "packbits"])
+@pytest.mark.parametrize("dtype", ["<f4", "<u2"])
+def test_height_maps_by_pillow(compression: str | None, dtype: str, tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    levels = np.random.default_rng(3).integers(3000, 4000, (40, 50)).astype(dtype)
+    levels[10:12, 20:25] = 65535  # not measured
+    image.fromarray(levels).save(tmp_path / "a.tif", compression=compression)
+    scan = read_scan(tmp_path / "a.tif", unit="um", mm_per_pixel=0.1)
+    assert scan.cloud.grid is not None
+    expected = np.where(levels == 65535, np.nan, levels / 1000.0)
+    np.testing.assert_allclose(scan.cloud.grid.heights_mm[::-1], expected)
 
 
 def test_point_clouds_by_laspy(tmp_path: Path) -> None:

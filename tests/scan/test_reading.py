@@ -221,6 +221,7 @@ def test_obj_files_give_each_vertex_once(
     ("a.stl", "solid a\n", '"endsolid", is missing'),
     ("a.txt", "1,2,3\n1,2\n1,2,3\n", "is not a table with the same columns in every line"),
     ("a.csv", "hello world\n", "has no line of numbers"),
+    ("a.csv", "1,2\n3,4\n", "has 2 columns, too few for a height map; write points as an XYZ file"),
     ("a.glb", "glTF", r"export one of \.stl, \.3mf, \.ply"),
     ("a.tif", "II", "is not a PNG or TIFF picture of a known kind; export 16 bits or 32-bit"),
 ])  # fmt: skip
