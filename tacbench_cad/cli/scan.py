@@ -57,7 +57,8 @@ _SCALE, _HALF_MM = 0.996, (0.9, 1.2)
 @options.option(
     "--layer",
     options.MM,
-    "Height of a layer: a crest that is lower by more counts as lost. Default: from print.toml, otherwise 0.2.",
+    "Height of a layer: a crest that is lower by more counts as lost. Default: from print.toml or the G-code, "
+    "otherwise 0.2.",
     options.PRINTER,
     dest="layer_mm",
 )
@@ -309,6 +310,6 @@ def _simulate(block: Block, path: Path, copy: int | None) -> None:
     x, y = _HALF_MM
     note(f"wrote {path}: a simulated scan of {block.name}, {len(cloud):,} points with 0.02 mm of noise")
     note(
-        f"the simulated print is {100.0 * (1.0 - _SCALE):.1f} % too small along x and y, and has lost half of waves of "
-        f"{x:g} mm along x and {y:g} mm along y"
+        f"the simulated printer shrinks {100.0 * (1.0 - _SCALE):.1f} % along x and y, and halves the amplitude of "
+        f"waves of {x:g} mm along x and {y:g} mm along y"
     )

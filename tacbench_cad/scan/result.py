@@ -268,8 +268,8 @@ def _summary_rows(name: str, summary: Summary | None) -> Iterator[tuple[str, str
         yield name, "not scanned", ""
         return
     um = 1000.0
-    yield f"{name}: deviation, rms", f"{um * summary.rms_mm:.0f} µm", f"mean {um * summary.mean_mm:+z.0f}"
-    within, largest = f"{um * summary.within_95_mm:.0f} µm", f"largest {um * summary.largest_mm:.0f}"
+    yield f"{name}: deviation, rms", f"{um * summary.rms_mm:.0f} µm", f"mean {um * summary.mean_mm:+z.0f} µm"
+    within, largest = f"{um * summary.within_95_mm:.0f} µm", f"largest {um * summary.largest_mm:.0f} µm"
     yield "  95 % are within", within, largest
 
 
@@ -277,7 +277,7 @@ def _extrema_cells(extrema: Extrema, above: float) -> tuple[str, str]:
     if extrema.count == 0:
         return "none seen", ""
     mean, worst = (round(1000.0 * above * error) for error in (extrema.mean_mm, extrema.worst_mm))
-    return f"{extrema.missed} of {extrema.count}", f"error {mean:+d} µm mean, {worst:+d} worst"
+    return f"{extrema.missed} of {extrema.count}", f"mean error {mean:+d} µm, worst {worst:+d} µm"
 
 
 def wave_table(waves: tuple[WaveEstimate, ...]) -> list[tuple[str, ...]]:

@@ -142,7 +142,8 @@ def answer(rows: Sequence[Row], name: str) -> str:
     if result.value is None:
         return (
             f"Too few prints to compare {what} with the presses: {counted(result.prints, 'scanned print')} with "
-            f"another scanned print of the same texture, printer and filament."
+            f"another scanned print of the same texture, printer and filament, in {counted(result.groups, 'group')}. "
+            f"There must be {MIN_FREE} prints more than groups."
         )
     of = f"rank correlation {result.value:+.2f}, 95 % interval {interval(result.low, result.high, signed=True)}"
     ending = f"({of}, {result.prints} prints in {counted(result.groups, 'group')})."
