@@ -15,11 +15,14 @@ from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.numbers import read_numbers
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.processes import read_isolated
 
 #: The endings of pictures.
 PICTURES = (".png", ".tif", ".tiff")
 #: The endings of tables of numbers.
 TABLES = (".csv", ".txt", ".asc")
+#: The time limit in s for reading the file of an instrument, and the additional time for each MB of the file.
+INSTRUMENT_LIMITS_S = (60.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,10 +117,16 @@ def _array(path: Path) -> Any:
 
 
 def _instrument(path: Path) -> HeightFile:
-    """Read the file of an instrument. The package surfalize gives heights and distances in micrometres."""
+    """Read the file of an instrument in a child process, because a damaged file can block the package surfalize."""
     if not path.is_file():
         raise InputError("height map", str(path), "does not exist")
     require(f"{path}: a height map of this kind", "surfalize")
+    file: HeightFile = read_isolated(path, "the package surfalize", INSTRUMENT_LIMITS_S, _surface, path)
+    return file
+
+
+def _surface(path: Path) -> HeightFile:
+    """Read the file of an instrument. The package surfalize gives heights and distances in micrometres."""
     from surfalize import Surface
 
     try:

@@ -206,7 +206,9 @@ def test_obj_files_give_each_vertex_once(
     monkeypatch.setattr(reading, "MIN_VERTICES", 1000)
     text = obj(points, corner, sign, width)
     for ending, prefix in (("\n", ""), ("\r\n", "\ufeff# made by hand\r\n")):
-        (tmp_path / "a.obj").write_text(prefix + text.replace(" 0.2 ", " \\\n").replace("\n", ending), newline="")
+        (tmp_path / "a.obj").write_text(
+            prefix + text.replace(" 0.2 ", " \\\n").replace("\n", ending), encoding="utf-8", newline=""
+        )
         scan = read_scan(tmp_path / "a.obj", unit="mm", size_mm=SIZE)
         assert (scan.kind, scan.dropped, scan.notes) == ("mesh", 0, ())
         np.testing.assert_allclose(scan.cloud.points_mm, points, atol=1e-7)
