@@ -111,7 +111,7 @@ class Loop:
 def pin_shift_px(printed: Print, block: Block) -> float:
     """Return how far the errors of a print move the pins of a TacTip, as a root mean square without the edge."""
     x, y = points_of(block, 0.1)
-    shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(printed.size_mm, block.size_mm, strict=True))
+    shift_x, shift_y = printed.shift_mm(block)
     error = printed.surface.grid(x + shift_x, y + shift_y) - block.surface.grid(x, y)
     inside = without_edge(block, x, y, EDGE_MM + SKIN_MM)
     return float(np.sqrt(np.mean(pin_shifts_px(error, 0.1)[inside] ** 2)))

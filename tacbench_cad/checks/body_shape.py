@@ -79,6 +79,8 @@ def mesh_shape(mesh: Mesh) -> BodyShape:
     size = high - low
     normals = np.abs(mesh.doubled_normals)
     wall = relief.walls(mesh, normals)
+    # Triangles of the top that are hardly wider than the rounding count as walls, but say nothing about the sides.
+    upright = wall & (normals[:, 2] <= 0.1 * np.linalg.norm(normals, axis=1))
     height = (mesh.vertices[:, 2] - low[2])[mesh.faces]
     bottom = ~wall & (height.max(axis=1) <= PLANE_MM)
     top = ~wall & (height.min(axis=1) >= size[2] - PLANE_MM)
@@ -101,7 +103,7 @@ def mesh_shape(mesh: Mesh) -> BodyShape:
         is_block=covered and max(fractions) >= UNDERSIDE_FRACTION,
         outline=place(mesh.vertices[np.unique(mesh.faces[underside])])[:, :2],
         engraved=bool(pocket.any()),
-        off_sides_mm=_off_sides(place(mesh.vertices), mesh.faces[wall], size),
+        off_sides_mm=_off_sides(place(mesh.vertices), mesh.faces[upright], size),
         is_solid=False,
     )
 

@@ -190,9 +190,6 @@ class Block:
             raise InputError("step tolerance", self.step_tolerance_mm, "must be above 0 and at most 1 mm")
         if self.nominal_outline is not None:
             self._check_outline(self.nominal_outline)
-        if self.correction is not None and self.nominal_outline is not None:
-            allowed = f"only rectangular blocks can be corrected for a printer, but the outline is a {self.outline}"
-            raise InputError("compensate", self.correction.name, allowed)
         if self.key_mm is not None:
             self._check_key(self.key_mm)
         self._check_base()
@@ -273,14 +270,7 @@ class Block:
     @cached_property
     def extremes(self) -> Extremes:
         """The lowest and the highest value of :attr:`surface` over the top of the block, without the key, in mm."""
-        if self.outline is None:
-            return extremes_on(self.surface, self.size_mm, self.key_mm)
-        x, y = self.size_mm
-        whole = self.surface.extremes((0.0, x), (0.0, y))
-        ends = np.array([whole.at_low, whole.at_high])
-        if np.all(self.outline.excess(*ends.T) <= 0.0):
-            return whole
-        return self.surface.extremes((0.0, x), (0.0, y), self.outline)
+        return extremes_on(self.surface, self.size_mm, self.key_mm, self.outline)
 
     @property
     def formula_datum_mm(self) -> float:
@@ -384,10 +374,12 @@ class Block:
         """
         if self.design is not None:
             return self.design.silhouette
+        size, height, key, outline = self.size_mm, self.height_mm, self.key_mm, self.outline
         if (model := self.correction) is not None:
-            sides = (*model.file_size_mm(self.size_mm), self.height_mm / model.scale[2])
-            return _rounded(*sides, model.file_key_mm(self.key_mm), self.outline)
-        return _rounded(*self.size_mm, self.height_mm, self.key_mm, self.outline)
+            size, height, key = model.file_size_mm(size), height / model.scale[2], model.file_key_mm(key)
+            if self.nominal_outline is not None:
+                outline = model.file_outline(self.nominal_outline, self.scale).scaled(self.scale)
+        return _rounded(*(size if outline is None else outline.size_mm), height, key, outline)
 
     @property
     def footprint_mm2(self) -> float:
@@ -495,16 +487,22 @@ class Block:
         return f"joins {self.sampling.nx} x {self.sampling.ny} samples{coarse}"
 
 
-def extremes_on(surface: Surface, size_mm: tuple[float, float], key_mm: float | None) -> Extremes:
+def extremes_on(
+    surface: Surface, size_mm: tuple[float, float], key_mm: float | None, outline: Outline | None
+) -> Extremes:
     """Return the lowest and the highest value of a surface in mm over a rectangle from (0, 0), without the key.
 
     Args:
         surface: The surface.
         size_mm: The sides of the rectangle.
         key_mm: The leg of the key at the corner (x, 0); None for no key.
+        outline: The outline inside of the rectangle; None for the whole rectangle.
     """
     x, y = size_mm
     whole = surface.extremes((0.0, x), (0.0, y))
+    if outline is not None:
+        ends = np.array([whole.at_low, whole.at_high])
+        return whole if np.all(outline.excess(*ends.T) <= 0.0) else surface.extremes((0.0, x), (0.0, y), outline)
     if key_mm is None:
         return whole
     parts = [

@@ -16,6 +16,7 @@ import numpy as np
 from tacbench_cad.spec.block import Block, extremes_on
 from tacbench_cad.spec.distance import distance_along_normal
 from tacbench_cad.spec.extremes import Extremes
+from tacbench_cad.spec.outlines import Circle, Outline
 from tacbench_cad.spec.printermodel import PrinterModel, ReliefRule
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
@@ -36,7 +37,7 @@ def corrected_for(block: Block, model: PrinterModel) -> Block:
     """Return a block whose file is corrected for a printer. All values of the block still describe the print.
 
     Raises:
-        InputError: The block has an outline that is not a rectangle, or the corrected file is not allowed.
+        InputError: The corrected file is not allowed.
     """
     corrected = replace(block, correction=model)
     in_file(corrected)
@@ -47,20 +48,21 @@ def in_file(block: Block) -> Block:
     """Return the block with the sizes and the waves of its file; the block itself if it is not corrected.
 
     Raises:
-        InputError: The corrected file is not allowed, for example because its base is too thin.
+        InputError: The corrected file is not allowed, for example because its base is too thin, or because a disc would
+            be printed as an oval.
     """
     return block if block.correction is None else _in_file(block, block.correction)
 
 
 @lru_cache(maxsize=64)
 def _in_file(block: Block, model: PrinterModel) -> Block:
-    (scale_x, scale_y, scale_z), offset = model.scale, model.wall_offset_mm
+    scale_x, scale_y, scale_z = model.scale
+    outline = None if block.nominal_outline is None else model.file_outline(block.nominal_outline, block.scale)
     width, depth = model.file_size_mm(block.size_mm)
-    size = (width / block.scale, depth / block.scale)
-    texture, origin, units = block.texture, block.origin_uv, block.nominal_mm_per_unit
+    size = (width / block.scale, depth / block.scale) if outline is None else outline.size_mm
+    texture, units = block.texture, block.nominal_mm_per_unit
     if isinstance(texture.surface, WaveSum):
         texture = replace(texture, surface=_multiplied(texture.surface, _factors(block, model)))
-        origin = (origin[0] + offset / block.mm_per_unit[0], origin[1] + offset / block.mm_per_unit[1])
         units = (units[0] / scale_x, units[1] / scale_y, units[2])
     else:  # a spline may be unknown outside of its sides, so it keeps to them
         stretch = (size[0] / block.nominal_size_mm[0], size[1] / block.nominal_size_mm[1])
@@ -71,11 +73,15 @@ def _in_file(block: Block, model: PrinterModel) -> Block:
         nominal_size_mm=size,
         nominal_mm_per_unit=units,
         nominal_height_mm=block.nominal_height_mm + 2.0 * block.relief_mm / block.scale,
-        origin_uv=origin,
+        nominal_outline=outline,
         key_mm=model.file_key_mm(block.key_mm),
         correction=None,
         design=block,
     )
+    if isinstance(texture.surface, WaveSum):
+        moved = zip(block.origin_uv, Print(file=start, model=model).corner_mm, block.mm_per_unit[:2], strict=True)
+        u, v = (origin + corner / per_unit for origin, corner, per_unit in moved)
+        start = replace(start, origin_uv=(u, v))
     # The highest point of the print determines the height of the formula's zero, and this the height of the file.
     top_mm = block.datum_mm + block.extremes.high
     datum_mm = (top_mm - Print(file=start, model=model).extremes.high) / scale_z
@@ -105,10 +111,42 @@ class Print:
     file: Block
     model: PrinterModel
 
+    @cached_property
+    def outline(self) -> Outline | None:
+        """The outline of the print; None for a rectangle."""
+        (x, y, _), outline = self.model.scale, self.file.outline
+        return None if outline is None else outline.stretched(x, y).moved_outwards(self.model.wall_offset_mm)
+
     @property
     def size_mm(self) -> tuple[float, float]:
         """The sides of the print."""
-        return self.model.print_size_mm(self.file.size_mm)
+        if self.outline is None or isinstance(self.outline.loops[0], Circle):  # a disc can become slightly oval
+            return self.model.print_size_mm(self.file.size_mm)
+        return self.outline.size_mm
+
+    @cached_property
+    def corner_mm(self) -> tuple[float, float]:
+        """How far the lower corner of the print lies outside of that of the scaled file, along x and y."""
+        (x, y, _), offset, outline = self.model.scale, self.model.wall_offset_mm, self.file.outline
+        if outline is None:
+            return (offset, offset)
+        (low_x, low_y), _ = outline.stretched(x, y).loops[0].moved_outwards(offset).box
+        return (-low_x, -low_y)
+
+    def shift_mm(self, block: Block) -> tuple[float, float]:
+        """Return the place along x and y in the print at which the lower corner of the formula's block lies.
+
+        The point of the texture in the middle of the block is at the same place in both.
+
+        Args:
+            block: The block that the print is expected to equal.
+        """
+        file, shift = self.file, []
+        for axis, side in enumerate(block.size_mm):
+            middle = block.origin_uv[axis] + side / 2.0 / block.mm_per_unit[axis]
+            in_print = self.model.scale[axis] * (middle - file.origin_uv[axis]) * file.mm_per_unit[axis]
+            shift.append(in_print + self.corner_mm[axis] - side / 2.0)
+        return (shift[0], shift[1])
 
     @property
     def datum_mm(self) -> float:
@@ -136,8 +174,8 @@ class Print:
         if not isinstance(flat, WaveSum):
             allowed = "is not a sum of waves, so its print cannot be predicted"
             raise InputError("texture", self.file.texture.name, allowed)
-        (x, y, _), offset = self.model.scale, self.model.wall_offset_mm
-        placed = flat.mapped((x, y), 1.0, (-offset / x, -offset / y))
+        (x, y, _), corner = self.model.scale, self.corner_mm
+        placed = flat.mapped((x, y), 1.0, (-corner[0] / x, -corner[1] / y))
         return _multiplied(placed, transfers(placed, self.model))
 
     def heights(self, x: Floats, y: Floats) -> Floats:
@@ -149,8 +187,8 @@ class Print:
         """
         if isinstance(self.file.surface, WaveSum):
             return self.datum_mm + self.surface.grid(x, y)
-        (scale_x, scale_y, scale_z), offset = self.model.scale, self.model.wall_offset_mm
-        places = ((x - offset) / scale_x, (y - offset) / scale_y)
+        (scale_x, scale_y, scale_z), corner = self.model.scale, self.corner_mm
+        places = ((x - corner[0]) / scale_x, (y - corner[1]) / scale_y)
         u, v = (np.clip(at, 0.0, side) for at, side in zip(places, self.file.size_mm, strict=True))
         return np.asarray(scale_z * (self.file.datum_mm + self.file.surface.grid(u, v)))
 
@@ -160,19 +198,19 @@ class Print:
         if not isinstance(self.file.surface, WaveSum):
             own, by = self.file.extremes, self.model.scale[2]
             return replace(own, low=own.low * by, high=own.high * by)
-        return extremes_on(self.surface, self.size_mm, (self.file.design or self.file).key_mm)
+        return extremes_on(self.surface, self.size_mm, (self.file.design or self.file).key_mm, self.outline)
 
     def deviation_mm(self, block: Block, *, printable: bool = False) -> Floats:
         """Return the height of the print above the formula on a grid of points, after the best fit of a plane.
 
-        The centres of both are on each other, as after an alignment of a scan.
+        The middle of the texture is at the same place in both, as after an alignment of a scan.
 
         Args:
             block: The block that the print is expected to equal.
             printable: Whether only the waves of the formula that the nozzle can print are compared with their prints.
 
         Returns:
-            The deviations, shape (nx, ny).
+            The deviations, shape (nx, ny); NaN outside of the outline and beyond the key.
         """
         printed, design = self.surface, block.surface
         if printable:
@@ -180,14 +218,13 @@ class Print:
             wide = is_printable(design, self.model).astype(np.float64)
             printed, design = _multiplied(printed, wide), _multiplied(design, wide)
         x, y = (np.linspace(0.0, side, _POINTS) for side in block.size_mm)
-        shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(self.size_mm, block.size_mm, strict=True))
+        shift_x, shift_y = self.shift_mm(block)
         z = printed.grid(x + shift_x, y + shift_y) - design.grid(x, y)
-        z -= z.mean()
-        for axis, line in enumerate((x, y)):
-            line = line - line.mean()
-            slope = z.mean(axis=1 - axis) @ line / (line @ line)
-            z -= slope * (line[:, None] if axis == 0 else line[None, :])
-        return np.asarray(z)
+        across, down = np.meshgrid(x, y, indexing="ij")
+        inside = np.ones(z.shape, bool) if block.region is None else block.region.excess(across, down) <= 0.0
+        plane = np.stack([np.ones_like(z), across, down], axis=-1)
+        fitted = np.linalg.lstsq(plane[inside], z[inside], rcond=None)[0]
+        return np.where(inside, z - plane @ fitted, np.nan)
 
     def errors(self, block: Block) -> Errors:
         """Return the errors of the print of a texture that is a sum of waves.
@@ -199,8 +236,9 @@ class Print:
         x, y = (np.linspace(0.0, side, _POINTS)[::_EVERY] for side in block.size_mm)
         heights = block.surface.grid(x, y) + z[::_EVERY, ::_EVERY]
         points = np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x)), heights.ravel()])
+        points = points[np.isfinite(points[:, 2])]
         normal = distance_along_normal(points, lambda u, v: (block.surface(u, v), *block.surface.gradient(u, v)))
-        vertical, wide, nearest = (float(np.sqrt(np.mean(error**2))) for error in (z, printable, normal))
+        vertical, wide, nearest = (float(np.sqrt(np.nanmean(error**2))) for error in (z, printable, normal))
         return Errors(rms_mm=vertical, printable_rms_mm=wide, normal_rms_mm=nearest)
 
 
@@ -254,7 +292,7 @@ def _factors(block: Block, model: PrinterModel) -> Floats:
     low[free], high[free] = 1.0 / MAX_FACTOR, MAX_FACTOR
     factors = np.clip(1.0 / np.where(free, transfer, 1.0), low, high)
     for _ in range(_STEPS if model.relief_rule == "formula" else 0):
-        extremes = extremes_on(_multiplied(design, factors * transfer), block.size_mm, block.key_mm)
+        extremes = extremes_on(_multiplied(design, factors * transfer), block.size_mm, block.key_mm, block.outline)
         missing = block.relief_mm - (extremes.high - extremes.low)
         # How much the relief grows with the amplitude of each wave, while the extremes stay where they are.
         (x0, y0), (x1, y1) = extremes.at_low, extremes.at_high

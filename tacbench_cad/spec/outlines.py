@@ -282,6 +282,28 @@ class Outline(ABC):
     def scaled(self, factor: float) -> Outline:
         """Return the outline with all lengths multiplied by a factor."""
 
+    def stretched(self, x: float, y: float) -> Outline:
+        """Return the outline with its lengths along x and y multiplied by two factors.
+
+        A circle stays a circle, with the mean of both factors.
+        """
+        if isinstance(corners := self.loops[0], Corners):
+            return Polygon(points_mm=tuple((x * a, y * b) for a, b in corners.points))
+        return self.scaled((x + y) / 2.0)
+
+    def moved_outwards(self, by_mm: float) -> Outline:
+        """Return the outline with all walls moved outwards by a distance. Its lower corner is at the origin again.
+
+        Raises:
+            InputError: A side or a hole would vanish.
+        """
+        corners, moved = self.loops[0], self.loops[0].moved_outwards(by_mm)
+        assert isinstance(corners, Corners) and isinstance(moved, Corners)
+        before, after = (np.roll(loop.array, -1, axis=0) - loop.array for loop in (corners, moved))
+        if np.any(np.einsum("ij,ij->i", before, after) <= 0.0):
+            raise InputError("outline", str(self), f"loses a side if its walls are moved outwards by {by_mm:g} mm")
+        return Polygon(points_mm=moved.points)
+
     @property
     def turns(self) -> int | None:
         """The number of orientations in which the outline is the same; None if these are all orientations."""
@@ -380,6 +402,10 @@ class Disc(Outline):
         """Return the disc with another diameter."""
         return Disc(diameter_mm=self.diameter_mm * factor)
 
+    def moved_outwards(self, by_mm: float) -> Disc:
+        """Return the disc with another diameter."""
+        return Disc(diameter_mm=self.diameter_mm + 2.0 * by_mm)
+
     def __str__(self) -> str:
         return f"disc of {decimal(self.diameter_mm)} mm"
 
@@ -423,6 +449,10 @@ class Ring(Outline):
     def scaled(self, factor: float) -> Ring:
         """Return the ring with other diameters."""
         return Ring(outer_mm=self.outer_mm * factor, inner_mm=self.inner_mm * factor)
+
+    def moved_outwards(self, by_mm: float) -> Ring:
+        """Return the ring with other diameters. The hole becomes smaller."""
+        return Ring(outer_mm=self.outer_mm + 2.0 * by_mm, inner_mm=self.inner_mm - 2.0 * by_mm)
 
     def __str__(self) -> str:
         return f"ring of {decimal(self.outer_mm)} mm with a hole of {decimal(self.inner_mm)} mm"

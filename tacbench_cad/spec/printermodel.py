@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from tacbench_cad.spec.outlines import Circle, Outline
 from tacbench_cad.util.convert import Bounds, Checked, Length, read_toml, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
@@ -25,6 +26,8 @@ from tacbench_cad.util.text import toml_of
 FORMAT = "tacbench printer model 1"
 #: The allowed scales of a print. Larger errors are mistakes of units or of the slicer.
 _SCALE = Bounds(0.8, 1.2)
+#: The largest difference between the sides of a printed disc or ring that can be corrected, in mm.
+MAX_OVAL_MM = 0.02
 #: The rules for the relief of corrected prints: equal to that of the formula, or free.
 ReliefRule = Literal["formula", "free"]
 
@@ -85,6 +88,7 @@ class PrinterModel(Checked):
 
     - A side of length s along x has the length ``scale_x s + 2 offset_mm``, and along y likewise.
     - A point of the texture at x has the position ``scale_x x + offset_mm``.
+    - For an outline that is not a rectangle, the walls are likewise ``offset_mm`` outside of the scaled outline.
     - The mean height z of the texture above the underside becomes ``scale_z z``.
     - A wave of amplitude a has the amplitude ``transfer(wavelength, direction) a``.
 
@@ -175,14 +179,32 @@ class PrinterModel(Checked):
             raise InputError("printer model", own, f"must be the model of {printer} with {filament}")
 
     def print_size_mm(self, sides_mm: tuple[float, float]) -> tuple[float, float]:
-        """Return the sides x, y of a print from those of its file."""
+        """Return the sides x, y of a print from those of its file, for a rectangle."""
         x, y = sides_mm
         return (self.scale[0] * x + 2.0 * self.wall_offset_mm, self.scale[1] * y + 2.0 * self.wall_offset_mm)
 
     def file_size_mm(self, sides_mm: tuple[float, float]) -> tuple[float, float]:
-        """Return the sides x, y of the file from those of its print."""
+        """Return the sides x, y of the file from those of its print, for a rectangle."""
         x, y = sides_mm
         return ((x - 2.0 * self.wall_offset_mm) / self.scale[0], (y - 2.0 * self.wall_offset_mm) / self.scale[1])
+
+    def file_outline(self, outline: Outline, scale: float) -> Outline:
+        """Return the outline of the file from that of its print, both before scaling.
+
+        Args:
+            outline: The outline of the print.
+            scale: The factor that multiplies both.
+
+        Raises:
+            InputError: Circles would be printed as ovals, or a side is too short for the offset of the walls.
+        """
+        x, y, _ = self.scale
+        oval_mm = abs(x - y) * outline.size_mm[0] * scale
+        if isinstance(outline.loops[0], Circle) and oval_mm > MAX_OVAL_MM:
+            oval = f"an oval whose sides differ by {oval_mm:.3f} mm"
+            allowed = f"prints the {outline} as {oval}; at most {MAX_OVAL_MM:g} mm can be corrected"
+            raise InputError("compensate", self.name, allowed)
+        return outline.moved_outwards(-self.wall_offset_mm / scale).stretched(1.0 / x, 1.0 / y)
 
     def file_key_mm(self, key_mm: float | None) -> float | None:
         """Return the leg of the key in the file from that in the print; None for no key."""

@@ -1,16 +1,24 @@
-"""What ``tacbench make --compensate`` says about a correction that does not reduce every error."""
+"""The option ``--compensate`` of ``tacbench make``: what it says about a correction, and blocks with outlines."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
+import manifold3d
+import numpy as np
 import pytest
+from helpers.fixture_measure import manifold
 from helpers.printers import PRINTER, points
 
+from tacbench_cad.cli import main
 from tacbench_cad.cli.compensating import show_effects
+from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import corrected_for, effect_of
+from tacbench_cad.spec.printermodel import write_printer_model
 
 
 @pytest.mark.parametrize(
@@ -29,3 +37,34 @@ def test_a_larger_error_is_named_with_the_rule_that_helps(
     show_effects([effect_of(corrected_for(Block.of(texture), model))])
     printed = capsys.readouterr().out
     assert needle in printed and ("both errors" in printed) == bool(needle)
+
+
+@pytest.mark.parametrize(
+    ("word", "genus"), [("disc:18", 0), ("ring:18,7", 1), ("hexagon:20", 0), ("polygon:0,0,20,8,0,16,5,8", 0)]
+)
+def test_a_block_with_an_outline_is_made_and_checked(
+    word: str, genus: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_printer_model(PRINTER, tmp_path / "a.toml")
+    made = ["make", "--texture", "3", "--outline", word, "--formats", "stl", "--parts", "blocks"]
+    assert main([*made, "--compensate", str(tmp_path / "a.toml"), "--out", str(tmp_path)]) == 0
+    assert "print of this file" in capsys.readouterr().out
+    row = json.loads((tmp_path / "manifest.json").read_text())["files"][0]
+    assert row["certificate"]["evidence"] == "proved" and row["certificate"]["distance_mm"] <= 0.01
+    assert row["spec"]["corrected_for"] == PRINTER.fingerprint
+    assert row["spec"]["outline"] != row["spec"]["design"]["outline"]
+    mesh = read_stl(tmp_path / row["file"])
+    solid = manifold(mesh)
+    assert (solid.status(), solid.genus()) == (manifold3d.Error.NoError, genus)
+    sides = np.ptp(mesh.vertices, axis=0)[:2] * (0.996, 0.995) + 0.1
+    if not word.startswith("polygon"):  # the offset moves the tip of a pointed corner further
+        assert sides == pytest.approx(row["spec"]["design"]["size_mm"], abs=0.02)
+    assert main(["check-part", str(tmp_path / row["file"])]) == 0
+
+
+def test_a_disc_that_would_become_an_oval_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_printer_model(PRINTER, tmp_path / "a.toml")
+    made = ["make", "--texture", "3", "--outline", "disc:25", "--compensate", str(tmp_path / "a.toml")]
+    assert main([*made, "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "disc of 25 mm as an oval whose sides differ by 0.025 mm" in error

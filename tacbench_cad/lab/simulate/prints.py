@@ -237,7 +237,7 @@ def _by_model(block: Block, model: PrinterModel, rng: np.random.Generator) -> Fl
     """Return the heights of a print by a measured printer, (ny, nx), with z = 0 at the highest point of the design."""
     printed = Print(file=in_file(block), model=model)
     x, y = centres(block)
-    shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(printed.size_mm, block.size_mm, strict=True))
+    shift_x, shift_y = printed.shift_mm(block)
     z = np.ascontiguousarray(printed.heights(x + shift_x, y + shift_y).T) - block.height_mm
     if model.repeatability_mm is not None:
         z += model.repeatability_mm.value * _smooth_noise(z.shape, DRIFT_MM / 2.0 / cell_of(block), rng)
