@@ -28,7 +28,7 @@ class Layout:
 
     Args:
         skipped: The number of lines above the first line of numbers.
-        names: The first word of each column in the last of these lines, in lower case.
+        names: The letters of the column names in the last of these lines, in lower case and without units in brackets.
         columns: The number of columns.
         separator: The character between the columns; None for blanks.
     """
@@ -61,10 +61,9 @@ def layout(data: bytes, fewest: int = 1) -> Layout | None:
             words = (line if separator == "," else line.replace(",", ".")).split(separator)
             if len(words) >= fewest and _are_numbers(words[: fewest if fewest > 1 else None]):
                 titles = header.lstrip("#/ ").split(separator)
-                names = (re.search(r"[a-z]+|$", title.lower()) for title in titles)
                 return Layout(
                     skipped=skipped,
-                    names=tuple(name[0] if name else "" for name in names),
+                    names=tuple(re.sub(r"[\[(].*|[^a-z]", "", title.lower()) for title in titles),
                     columns=len(words),
                     separator=separator,
                 )
@@ -73,8 +72,9 @@ def layout(data: bytes, fewest: int = 1) -> Layout | None:
 
 
 def _are_numbers(words: Sequence[str]) -> bool:
+    """Check whether no word is text, and at least one is a number."""
     try:
-        return any(word.strip().lower() not in MISSING for word in words) and len([_number(word) for word in words]) > 0
+        return bool(np.isfinite([_number(word) for word in words]).any())
     except ValueError:
         return False
 

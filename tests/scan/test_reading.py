@@ -50,6 +50,7 @@ def test_a_ply_file_gives_its_points_without_the_invalid_ones(points: Floats, tm
     ("a.pts", "2000", " ", "{x} {y} {z} -1204 12 40 255"),
     ("a.csv", "x,y,z,intensity", ",", "{x},{y},{z},7"),
     ("a.csv", '"id","X [mm]","Y [mm]","Z [mm]"', ",", "7,{x},{y},{z}"),
+    ("a.csv", "X-Normal;Y-Normal;Z-Normal;X (mm);Y (mm);Z (mm)", ";", "0;0;1;{x};{y};{z}"),
     ("a.asc", "# exported\n//X Y Z I", " ", "{x} {y} {z} 7"),
     ("a.txt", "//R G B X Y Z Nx Ny Nz Scalar_1 Scalar_2 Scalar_3", " ", "1 2 3 {x} {y} {z} 0 0 1 4 5 6"),
     ("a.txt", "\ufeffx;y;z;i", ";", "{x};{y};{z};7"),
