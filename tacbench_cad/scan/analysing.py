@@ -18,6 +18,7 @@ from tacbench_cad.scan.roughness import roughness
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.packages import why_missing
+from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 
 #: The usual layer height of slicers, in mm.
@@ -84,9 +85,11 @@ def analyse(
     progress("computing the roughness", 0.0)
     surfaces, missing = _roughness(top)
     notes = [*chosen.notes, *missing]
-    if fit.half_turn == "undecidable":
+    if fit.alternatives:
+        others = counted(len(fit.alternatives), "other pose")
         notes.append(
-            "The scan does not show whether the block is turned by half a turn: scan a keyed corner or a wall."
+            f"The scan fits the block in {others} as well, after half a turn or after a shift by a wavelength: scan a "
+            "keyed corner, a wall, or more of the top."
         )
     return ScanResult(
         cloud=cloud,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.spec.waves import Wave
@@ -13,7 +13,7 @@ from tacbench_cad.util.types import Bools, Floats
 
 #: What is fitted: the pose; also the scale along x, y and z; also the skew.
 Fit = Literal["pose", "scale", "square"]
-FITS: tuple[Fit, ...] = ("pose", "scale", "square")
+FITS: tuple[Fit, ...] = get_args(Fit)
 #: Half of the width of an interval of 95 %, in standard errors.
 HALF_WIDTH = 1.959963984540054
 

@@ -203,7 +203,7 @@ class ScanResult:
 
     @property
     def _turn(self) -> str:
-        return "" if self.fit.half_turn == "decided" else "a half turn cannot be told from the scan"
+        return "" if self.fit.half_turn == "decided" else "the scan does not show a half turn"
 
     def _noise_row(self) -> Iterator[tuple[str, str, str]]:
         fraction = self.noise.fraction(self.top.summary)

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from tacbench_cad.scan.cloud import Cloud, HeightGrid
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.types import Bools, Floats
@@ -27,7 +28,7 @@ WALLS: tuple[Wall, ...] = ("x-", "x+", "y-", "y+")
 Transfer = Callable[[float], float]
 #: Objects that are not a block.
 Foreign = Literal["flat", "box", "sphere", "cylinder", "rough", "stairs", "plane waves"]
-FOREIGN: tuple[Foreign, ...] = ("flat", "box", "sphere", "cylinder", "rough", "stairs", "plane waves")
+FOREIGN: tuple[Foreign, ...] = get_args(Foreign)
 #: How far from the block outliers may lie, in mm.
 OUTLIERS_WITHIN_MM = 3.0
 
@@ -131,6 +132,13 @@ def printed_waves(block: Block, transfer_x: Transfer | None, transfer_y: Transfe
     )
 
 
+def _printed_surface(block: Block, truth: ScanTruth) -> Surface:
+    """Return the printed formula in mm. Without transfer functions, the texture need not be a sum of waves."""
+    if truth.transfer_x is None and truth.transfer_y is None:
+        return block.surface
+    return printed_waves(block, truth.transfer_x, truth.transfer_y)
+
+
 def _factor(wave: Wave, transfer_x: Transfer | None, transfer_y: Transfer | None) -> float:
     frequency = math.hypot(wave.f, wave.g)
     if frequency == 0.0:
@@ -154,8 +162,7 @@ def simulate_scan(block: Block, truth: ScanTruth) -> Cloud:
         InputError: The texture has no waves to change, or walls are wanted of a block that is not a rectangle.
     """
     rng = np.random.default_rng((truth.seed, 0))
-    changed = truth.transfer_x is not None or truth.transfer_y is not None
-    surface = printed_waves(block, truth.transfer_x, truth.transfer_y) if changed else block.surface
+    surface = _printed_surface(block, truth)
 
     def height(x: Floats, y: Floats) -> Floats:
         return np.asarray(block.datum_mm + surface(x, y))
@@ -190,7 +197,7 @@ def simulate_scan(block: Block, truth: ScanTruth) -> Cloud:
 
 
 def _split(count: int, areas: list[float]) -> list[int]:
-    """Share ``count`` points between areas."""
+    """Divide ``count`` points between areas, in proportion to their sizes."""
     ends = np.round(count * np.cumsum([0.0, *areas]) / sum(areas)).astype(int)
     return [int(number) for number in np.diff(ends)]
 
@@ -270,8 +277,8 @@ def _table_area(block: Block, width: float) -> float:
 def _table(block: Block, width: float, count: int, rng: np.random.Generator) -> Floats:
     """Return points on the table around the block's rectangle, at z = 0."""
     size = np.asarray(block.size_mm)
-    share = size.prod() / (size + 2.0 * width).prod()
-    tried = rng.uniform(-width, size + width, (int(1.2 * count / (1.0 - share)) + 200, 2))
+    fraction = size.prod() / (size + 2.0 * width).prod()
+    tried = rng.uniform(-width, size + width, (int(1.2 * count / (1.0 - fraction)) + 200, 2))
     outside = tried[np.any((tried < 0.0) | (tried > size), axis=1)][:count]
     return np.column_stack([outside, np.zeros(len(outside))])
 
@@ -292,8 +299,7 @@ def simulate_height_map(block: Block, truth: ScanTruth, step_mm: float = 0.1, tu
     """
     rng = np.random.default_rng((truth.seed, 0))
     seen = _seen(block, truth, rng)
-    changed = truth.transfer_x is not None or truth.transfer_y is not None
-    surface = printed_waves(block, truth.transfer_x, truth.transfer_y) if changed else block.surface
+    surface = _printed_surface(block, truth)
     plan = truth.pose.stretch[:2, :2]
     turn = math.radians(turn_deg)
     turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]) @ plan

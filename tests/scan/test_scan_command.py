@@ -140,6 +140,13 @@ def test_a_wrong_scan_for_the_noise_is_refused(scan: Path, folder: Path, capsys:
     assert not (folder / "top_scan").exists()
 
 
+def test_other_poses_that_fit_as_well_are_named(folder: Path, capsys: Capture) -> None:
+    truth = ScanTruth(points=15_000, noise_mm=0.01, walls=(), top_fraction=0.5, seed=1).with_random_pose()
+    write_simulated(simulate_scan(Block.of(2), truth), folder / "half.ply")
+    main(["scan", "half.ply", "--block", "2", "--no-picture"])
+    assert "The scan fits the block in " in capsys.readouterr().err
+
+
 def test_the_unit_is_checked_without_the_name_of_the_block(folder: Path, capsys: Capture) -> None:
     cloud = simulate_scan(Block.of(2), ScanTruth(points=2_000, noise_mm=0.01))
     write_ply(folder / "metres.ply", cloud.points_mm / 1000.0)
