@@ -37,7 +37,7 @@ def _unpack(package: str, version: str, folder: Path) -> None:
         [*command, f"{package}=={version}"], capture_output=True, text=True, timeout=120, check=False
     )
     if result.returncode:
-        pytest.skip(f"pip cannot download the source archive of {package} {version}: {result.stderr.strip()[-200:]}")
+        pytest.skip(f"pip cannot download the source archive of {package} {version}: {result.stderr.splitlines()[-1]}")
     (archive,) = folder.iterdir()
     with tarfile.open(archive) as files:
         for member in files:
