@@ -10,6 +10,7 @@ import numpy as np
 from tacbench_cad.slicing.compare import STEEP, AsSliced
 from tacbench_cad.slicing.plates import Plate
 from tacbench_cad.util.plotting import BLUE, INK, ORANGE, colour_bar, new_figure, save_figure, styled
+from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def as_sliced_picture(comparison: AsSliced, path: Path) -> None:
 def _figure(comparison: AsSliced) -> Figure:
     figure = new_figure((9.6, 9.8))
     block, sliced = comparison.block, comparison.sliced
-    title = f"{block.texture.name} ({block.preset}, scale {block.scale:g}) as sliced; G-code: {sliced.dialect}"
+    title = f"{block.texture.name} ({block.preset_word}, scale {block.scale:g}) as sliced; G-code: {sliced.dialect}"
     figure.text(0.02, 0.986, title, ha="left", va="top", fontsize=11.0, color=INK)
     figure.text(0.02, 0.961, _numbers(comparison), ha="left", va="top", fontsize=8.5, color=INK)
     height = np.where(comparison.printed_mm > 0.0, comparison.printed_mm, np.nan)
@@ -179,7 +180,7 @@ def plate_picture(plate: Plate, filament: str, path: Path) -> None:
             axes.text(*middle, "\n".join(lines), ha="center", va="center", fontsize=min(9.0, room), color=INK)
         axes.set(xlim=(-2.0, across + 2.0), ylim=(-2.0, down + 2.0), xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         axes.spines[:].set_visible(False)
-        title = f"{plate.printer.name}, plate {plate.number}, {filament}: {len(plate.blocks)} blocks"
+        title = f"{plate.printer.name}, plate {plate.number}, {filament}: {counted(len(plate.blocks), 'block')}"
         axes.text(0.0, down + 8.0 * down / 256.0, title, ha="left", va="bottom", fontsize=11.0, color=INK)
         hatched = "; hatched: the printer's keep-out areas" if plate.printer.keep_out_mm else ""
         note = f"dashed: margin of {edge:g} mm{hatched}"
