@@ -63,7 +63,7 @@ _WORDS: Mapping[str, tuple[str, float, str]] = {
     "top_95_mm": ("deviation of 95 % of the top", 1000.0, " µm"),
     "top_largest_mm": ("largest deviation of the top", 1000.0, " µm"),
     "wall_95_mm": ("deviation of 95 % of the walls", 1000.0, " µm"),
-    "wall_outward_mm": ("excess of the walls", 1000.0, " µm"),
+    "wall_outward_mm": ("distance outside of the nominal walls", 1000.0, " µm"),
     "scale_error": ("error of the scale", 100.0, " %"),
     "skew_deg": ("skew", 1.0, " degrees"),
     "height_error_mm": ("error of the height", 1000.0, " µm"),

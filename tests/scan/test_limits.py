@@ -46,7 +46,7 @@ def test_the_verdict_names_what_exceeds_its_limit() -> None:
     result = verdict(values, limits)
     assert not result.ok
     assert str(result).startswith("beyond the limits: rms deviation of the top 60 µm (limit 50 µm)")
-    assert str(result).endswith("excess of the walls unknown")
+    assert str(result).endswith("distance outside of the nominal walls unknown")
     good = verdict({**values, "top_rms_mm": 0.04}, limits)
     assert good.ok and str(good).startswith("within the limits: ")
     nothing = verdict(values, limits_of([f"{name}=none" for name in NAMES]))
