@@ -244,7 +244,8 @@ def _aligned(points: Floats, block: Block, state: State) -> Iterator[Pose]:
         if below.any():
             along, bin_mm = nominal[below, axis], 0.01 * block.size_mm[axis]
             counts, edges = np.histogram(along, np.arange(-100.0, 200.0) * bin_mm)
-            middles = edges[np.argsort(counts)[-2:]] + 0.5 * bin_mm
+            fullest = np.argsort(counts)[-2:]
+            middles = edges[fullest[counts[fullest] > 0]] + 0.5 * bin_mm
             places += [float(np.median(along[np.abs(along - middle) < bin_mm])) for middle in middles]
         for place in places:
             for end in (0.0, block.size_mm[axis]):

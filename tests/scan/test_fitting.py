@@ -90,6 +90,11 @@ def test_walls_at_the_ends_place_a_block_whose_texture_is_constant_between_them(
     assert np.all(np.abs(place) < (0.005, abs(offset) + 0.005, 0.005))
 
 
+def test_a_height_map_of_a_texture_along_x_with_few_pixels_below_the_top_is_fitted() -> None:
+    scan = simulate_height_map(Block.of(1), ScanTruth(noise_mm=0.005, seed=5), step_mm=0.2, turn_deg=7.0)
+    assert fit_scan(scan, Block.of(1)).parameter("scale_x").value == pytest.approx(1.0, abs=2e-4)
+
+
 def test_half_a_top_without_walls_lists_the_poses_that_it_cannot_tell_apart() -> None:
     block = Block.of(2)
     fit, truth = scanned(block, walls=(), top_fraction=0.5)
