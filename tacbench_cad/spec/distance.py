@@ -16,7 +16,7 @@ _NEAR_MM = 0.04
 #: The numbers of steps along the slope from below the point, and from a flank.
 _STEPS, _FLANK_STEPS = 4, 8
 #: The numbers of samples in a direction, and of bisections between two samples.
-_SAMPLES, _BISECTIONS = 4, 5
+_SAMPLES, _BISECTIONS = 3, 4
 
 
 def distance_along_normal(points_mm: Floats, surface: Heights) -> Floats:
@@ -68,12 +68,13 @@ def _nearest(points: Floats, surface: Heights, px: Floats, py: Floats, steps: in
     """
     x, y, z = points.T
     best, length = np.full(len(x), np.inf), np.ones(len(x))
-    at = np.zeros((5, len(x)))  # the place with the smallest distance, and the height and the slopes there
+    at = [x] * 5  # the place with the smallest distance, and the height and the slopes there
     for _ in range(steps):
-        new = np.stack([px, py, *surface(px, py)])
+        new = (px, py, *surface(px, py))
         distance = np.sqrt((x - px) ** 2 + (y - py) ** 2 + (z - new[2]) ** 2)
         nearer = distance < best
-        best[nearer], at[:, nearer] = distance[nearer], new[:, nearer]
+        best = np.minimum(best, distance)
+        at = [np.where(nearer, value, old) for value, old in zip(new, at, strict=True)]
         length = np.where(nearer, np.minimum(2.0 * length, 1.0), 0.3 * length)
         foot_x, foot_y, height, gx, gy = at
         rx, ry = x - foot_x + (z - height) * gx, y - foot_y + (z - height) * gy
