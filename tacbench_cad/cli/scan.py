@@ -14,6 +14,7 @@ from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.spec.scanrecord import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import locked, refusing, write_json
+from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.runs.reading import Run
@@ -221,10 +222,13 @@ def _result(
         sizes = {(*block.size_mm, block.height_mm) for block in blocks}
         size = sizes.pop() if len(sizes) == 1 else None
         scan = read(file, size)
+        if scan.kind != "height map" and (pixel := values["mm_per_pixel"]) is not None:
+            raise InputError("--mm-per-pixel", pixel, f"{file} is not a height map; leave out the option")
+        left_out = f"Without a valid value and left out: {counted(scan.dropped, 'point')}."
         repeat, flat = values["repeat"], values["flat"]
         chosen = replace(
             chosen,
-            notes=scan.notes,
+            notes=(*scan.notes, *([left_out] if scan.dropped else [])),
             repeat=None if repeat is None else read(repeat, size).cloud,
             flat=None if flat is None else read(flat, None).cloud,
         )

@@ -110,23 +110,23 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     one_of("fit", fit, FITS)
     tell = progress or (lambda step, fraction: None)
     points = _checked(cloud)
-    tell("find the block", 0.0)
+    tell("finding the block", 0.0)
     seen = look(thinned(points, SEARCH_POINTS))
     located = _locate(seen, Search(block), upright=cloud.grid is not None)
     if not located:
         raise _refused(cloud, block, "no pose explains its relief")
-    tell("compare the poses", 0.3)
+    tell("comparing the poses", 0.3)
     shortest = _PIXELS_IN_WAVE * max(cloud.grid.step_mm) if cloud.grid else 0.0
     best, rivals = _decide(points, block, fit, located, shortest)
     _refuse_mirrored(cloud, block, located)
-    tell("fit", 0.6)
+    tell("fitting", 0.6)
     limit = _limit(block)
     some = thinned(points, COMPARED_POINTS)
     state, unknown = fine.refined(some, block, best[0], fit, limit, shortest)
     state = _centred(some, block, state, unknown, limit)
     final = fine.finish(points, block, state, unknown, limit, blur=cloud.grid is None)
     _require_block(cloud, block, points, final, limit)
-    tell("measure all points", 0.9)
+    tell("measuring all points", 0.9)
     return _result(points, block, fit, final, rivals, limit)
 
 

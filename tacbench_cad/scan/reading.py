@@ -23,7 +23,7 @@ from tacbench_cad.util.door import open_input, read_bytes, require_within
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line, one_of
 from tacbench_cad.util.numbers import layout, read_numbers
 from tacbench_cad.util.packages import require
-from tacbench_cad.util.text import counted
+from tacbench_cad.util.text import counted, short
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 Unit = Literal["um", "mm", "m", "inch"]
@@ -79,7 +79,8 @@ def read_scan(
         unit: The unit of the coordinates, or of the heights of a height map. It is needed unless the file names one. A
             height map of whole numbers has one unit for each level. A value far from all other heights, such as
             -9999, stands for pixels that are not measured.
-        mm_per_pixel: The distance of neighbouring pixels. A height map needs it unless the file contains it.
+        mm_per_pixel: The distance of neighbouring pixels. A height map needs it unless the file contains it. Other
+            scans ignore it.
         size_mm: The sides and the height of the block. If given, a scan whose size is wrong by the ratio of two units
             is refused.
 
@@ -285,7 +286,7 @@ def _factor(path: Path, length: float, unit: Unit | None, expected_mm: float | N
     if expected_mm is None or not fitting or 0.1 <= length * factor / expected_mm <= 10.0:
         return factor, ()
     ratio = UNITS[fitting[0]] / factor
-    sizes = f"{length * factor:.4g} mm instead of about {expected_mm:.4g} mm"
+    sizes = f"{short(length * factor)} mm instead of about {short(expected_mm)} mm"
     if ratio == UNITS["inch"]:  # the scan of a small part of a block looks the same
         text = (
             f"With the unit {unit}, the scan measures {sizes}. If it shows the whole block, its unit is {fitting[0]}."

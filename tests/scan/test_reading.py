@@ -103,7 +103,7 @@ def test_height_maps(tmp_path: Path) -> None:
         read_scan(tmp_path / "a.npy", mm_per_pixel=0.25, size_mm=SIZE)
     with pytest.raises(InputError, match=r"--mm-per-pixel: .*does not contain the distance of its pixels"):
         read_scan(tmp_path / "a.csv", unit="mm")
-    with pytest.raises(InputError, match=r"--unit = 'mm': .*3[0-9]{3} mm instead of about 3.5 mm, a factor of 1000"):
+    with pytest.raises(InputError, match=r"--unit = 'mm': .*3,[0-9]{3} mm instead of about 3.5 mm, a factor of 1000"):
         read_scan(tmp_path / "a.npy", unit="mm", mm_per_pixel=0.25, size_mm=SIZE)
     for pixel, factor in ((250.0, "1000"), (6.35, "25.4"), (0.00025, "1000")):
         with pytest.raises(InputError, match=rf"a factor of {factor}"):

@@ -140,6 +140,18 @@ def test_a_wrong_scan_for_the_noise_is_refused(scan: Path, folder: Path, capsys:
     assert not (folder / "top_scan").exists()
 
 
+def test_points_without_a_value_are_counted_and_a_cloud_has_no_pixels(
+    scan: Path, folder: Path, capsys: Capture
+) -> None:
+    points = read_scan(scan).cloud.points_mm
+    points[:7] = np.nan
+    np.savetxt("top.xyz", points)
+    assert main(["scan", "top.xyz", *HALF, "--unit", "mm", "--no-picture", "--limits", "pin_shift_px=none"]) in (0, 1)
+    assert "Without a valid value and left out: 7 points." in capsys.readouterr().err
+    assert main(["scan", "top.xyz", *HALF, "--unit", "mm", "--mm-per-pixel", "0.1"]) == 2
+    assert "top.xyz is not a height map" in capsys.readouterr().err
+
+
 def test_other_poses_that_fit_as_well_are_named(folder: Path, capsys: Capture) -> None:
     truth = ScanTruth(points=15_000, noise_mm=0.01, walls=(), top_fraction=0.5, seed=1).with_random_pose()
     write_simulated(simulate_scan(Block.of(2), truth), folder / "half.ply")
