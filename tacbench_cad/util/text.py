@@ -9,6 +9,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+#: The largest number of characters of a file name, without its hash and its ending.
+_LONGEST_NAME = 100
+
 
 def decimal(value: float) -> str:
     """Write a number with the fewest digits that identify it, without an exponent: ``0.5``, ``1``, ``0.00001``.
@@ -25,14 +28,14 @@ def short_name(name: str) -> str:
     """Shorten a file name: numbers with more than six digits are rounded to four, and a hash keeps the name unique.
 
     For example, ``hex_paper_x1_mm3.7083101740411615x1.5x1`` becomes ``hex_paper_x1_mm3.708x1.5x1_`` followed by six
-    hexadecimal digits.
+    hexadecimal digits. Names that are still longer than 100 characters are cut off there.
     """
 
     def rounded(match: re.Match[str]) -> str:
         text = match[0]
         return decimal(float(f"{float(text):.4g}")) if len(text.replace(".", "").lstrip("0")) > 6 else text
 
-    short = re.sub(r"\d+\.\d+", rounded, name)
+    short = re.sub(r"\d+\.\d+", rounded, name)[:_LONGEST_NAME]
     return name if short == name else f"{short}_{hashlib.sha256(name.encode()).hexdigest()[:6]}"
 
 
