@@ -30,6 +30,12 @@ from tacbench_cad.scan.waves import wave_estimates
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
+#: The shortest wave that a height map shows, in pixels. Two pixels are the least (Nyquist).
+PIXELS_IN_WAVE = 2.5
+#: The standard error of the place of a flank that is narrower than the pixels of a height map, in pixels, if its rows
+#: run along the sides of the block: all rows then leave the same place open. If they cross the sides by some pixels,
+#: they see the flank at different places.
+_FLANK_ERROR, _CROSSED = 0.6, 2.0
 #: The number of points of the first steps, and of the steps that compare poses.
 FIRST_POINTS = 4_000
 COMPARED_POINTS = 20_000
@@ -188,13 +194,25 @@ def estimates(final: Final, block: Block) -> tuple[Estimate, ...]:
     values |= {"skew_yz": float(state.pose.stretch[1, 2]), "wall_offset_mm": state.wall_offset_mm}
     values |= {f"shift_{axis}_mm": float(state.pose.shift_mm[i]) for i, axis in enumerate("xyz")}
     values["base_mm"] = block.base_mm + state.base_mm
-    result = []
+    open_places, result = _open_places(state, block), []
     for j, name in enumerate(names):
-        value, error = values.get(name, 0.0), float(final.standard_error[j])
+        value, error = values.get(name, 0.0), math.hypot(final.standard_error[j], open_places.get(name, 0.0))
         result.append(
             Estimate(name=name, value=value, standard_error=error, determined=bool(final.solved.determined[j]))
         )
     return tuple(result)
+
+
+def _open_places(state: State, block: Block) -> dict[str, float]:
+    """Return the standard errors that pixels leave open because flanks of the texture are narrower."""
+    pixel_mm, result = state.relief.shortest_mm / PIXELS_IN_WAVE, {}
+    if np.abs(state.pose.rotation[:2, 0]).min() * max(block.size_mm) < _CROSSED * pixel_mm:
+        for axis, frequency in zip("xy", block.surface.highest_frequency, strict=True):
+            if frequency * state.relief.shortest_mm > 2.0 * math.pi:
+                side = block.size_mm["xy".index(axis)]
+                result[f"shift_{axis}_mm"] = _FLANK_ERROR * pixel_mm
+                result[f"scale_{axis}"] = _FLANK_ERROR * pixel_mm / side
+    return result
 
 
 def waves(final: Final) -> tuple[WaveEstimate, ...]:

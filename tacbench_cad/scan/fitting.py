@@ -51,8 +51,6 @@ _MAX_LOCATED = 5
 _MIN_EXPLAINED = 0.8
 #: The largest fraction of the variance of the relief that may remain at the points of the top.
 _MAX_LEFT = 0.25
-#: The shortest wave that a height map shows, in pixels. Two pixels are the least (Nyquist).
-_PIXELS_IN_WAVE = 2.5
 #: If at least half of the points are explained, but more than the first fraction is not, the mirror images of the scan
 #: are tried. The scan is refused if one of them explains more by the second fraction.
 _UNEXPLAINED, _MIRROR_GAIN = 0.03, 0.02
@@ -116,7 +114,7 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     if not located:
         raise _refused(cloud, block, "no pose explains its relief")
     tell("comparing the poses", 0.3)
-    shortest = _PIXELS_IN_WAVE * max(cloud.grid.step_mm) if cloud.grid else 0.0
+    shortest = fine.PIXELS_IN_WAVE * max(cloud.grid.step_mm) if cloud.grid else 0.0
     best, rivals = _decide(points, block, fit, located, shortest)
     _refuse_mirrored(cloud, block, located)
     tell("fitting", 0.6)

@@ -204,6 +204,14 @@ def test_waves_below_two_pixels_are_undetermined_and_do_not_move_the_pose() -> N
     assert all(wave.amplitude_ratio == 1.0 for wave in short)
 
 
+def test_flanks_between_pixels_leave_the_scale_open_unless_the_block_is_turned() -> None:
+    block = Block.of(6, "released")
+    for turn_deg, widest in ((0.0, 0.0035), (7.0, 1e-4)):
+        scan = simulate_height_map(block, ScanTruth(noise_mm=0.005, seed=1), step_mm=0.15, turn_deg=turn_deg)
+        scale = fit_scan(scan, block).parameter("scale_x")
+        assert abs(scale.value - 1.0) < 2.0 * scale.standard_error < 2.0 * widest
+
+
 def test_steps_that_swing_between_two_scales_end() -> None:
     block = Block.of(6, "released", scale=2.0)
     fit, _ = scanned(block, points=3_000, seed=431, walls=())
