@@ -11,6 +11,8 @@ from tacbench_cad.scan.estimates import Estimate, Fit, WaveEstimate
 from tacbench_cad.scan.faces import TABLE, TOP, WALL, assign, walls_of
 from tacbench_cad.scan.pose import Pose
 from tacbench_cad.scan.refining import (
+    SCALES,
+    SHIFTS,
     TUKEY,
     Normal,
     Solved,
@@ -207,11 +209,10 @@ def _open_places(state: State, block: Block) -> dict[str, float]:
     """Return the standard errors that pixels leave open because flanks of the texture are narrower."""
     pixel_mm, result = state.relief.shortest_mm / PIXELS_IN_WAVE, {}
     if np.abs(state.pose.rotation[:2, 0]).min() * max(block.size_mm) < _CROSSED * pixel_mm:
-        for axis, frequency in zip("xy", block.surface.highest_frequency, strict=True):
+        for axis, frequency in enumerate(block.surface.highest_frequency):
             if frequency * state.relief.shortest_mm > 2.0 * math.pi:
-                side = block.size_mm["xy".index(axis)]
-                result[f"shift_{axis}_mm"] = _FLANK_ERROR * pixel_mm
-                result[f"scale_{axis}"] = _FLANK_ERROR * pixel_mm / side
+                result[SHIFTS[axis]] = _FLANK_ERROR * pixel_mm
+                result[SCALES[axis]] = _FLANK_ERROR * pixel_mm / block.size_mm[axis]
     return result
 
 
