@@ -38,6 +38,8 @@ PIXELS_IN_WAVE = 2.5
 #: run along the sides of the block: all rows then leave the same place open. If they cross the sides by some pixels,
 #: they see the flank at different places.
 _FLANK_ERROR, _CROSSED = 0.6, 2.0
+#: A texture has such flanks if waves that the pixels do not show have at least this fraction of its root mean square.
+_NARROW = 0.02
 #: The number of points of the first steps, and of the steps that compare poses.
 FIRST_POINTS = 4_000
 COMPARED_POINTS = 20_000
@@ -207,12 +209,15 @@ def estimates(final: Final, block: Block) -> tuple[Estimate, ...]:
 
 def _open_places(state: State, block: Block) -> dict[str, float]:
     """Return the standard errors that pixels leave open because flanks of the texture are narrower."""
-    pixel_mm, result = state.relief.shortest_mm / PIXELS_IN_WAVE, {}
-    if np.abs(state.pose.rotation[:2, 0]).min() * max(block.size_mm) < _CROSSED * pixel_mm:
-        for axis, frequency in enumerate(block.surface.highest_frequency):
-            if frequency * state.relief.shortest_mm > 2.0 * math.pi:
+    relief, result = state.relief, {}
+    hidden, pixel_mm = list(set(relief.moving) - set(relief.fitted)), relief.shortest_mm / PIXELS_IN_WAVE
+    if hidden and np.abs(state.pose.rotation[:2, 0]).min() * max(block.size_mm) < _CROSSED * pixel_mm:
+        table = relief.surface.table[hidden]  # type: ignore[attr-defined]
+        for axis, side in enumerate(block.size_mm):
+            rms_mm = math.sqrt(0.5 * float(np.sum(table[table[:, 1 + axis] != 0.0, 0] ** 2)))
+            if rms_mm > _NARROW * relief.rms_mm:
                 result[SHIFTS[axis]] = _FLANK_ERROR * pixel_mm
-                result[SCALES[axis]] = _FLANK_ERROR * pixel_mm / block.size_mm[axis]
+                result[SCALES[axis]] = _FLANK_ERROR * pixel_mm / side
     return result
 
 
