@@ -260,11 +260,11 @@ class Workers:
                 self._free()
                 continue
             try:
+                if child is not None and child.poll() is not None:  # it has ended since its last call
+                    child = None
                 child = child or self._start()
                 result = self._ask(child, call)
             except BaseException as error:
-                if child is not None and child.poll() is not None:
-                    child = None
                 self._free()
                 call.future.set_exception(error)
             else:
@@ -293,11 +293,13 @@ class Workers:
 
     def _ask(self, child: subprocess.Popen[bytes] | _Copy, call: _Call) -> Any:
         assert child.stdin is not None and child.stdout is not None, "both are pipes"
-        late = threading.Event()
+        late, answered, deciding = threading.Event(), threading.Event(), threading.Lock()
 
         def end() -> None:
-            late.set()
-            child.kill()
+            with deciding:  # a child that has just answered belongs to the next call
+                if not answered.is_set():
+                    late.set()
+                    child.kill()
 
         timer = None if call.seconds is None else threading.Timer(call.seconds, end)
         try:
@@ -306,6 +308,10 @@ class Workers:
             pickle.dump((call.module, call.function, call.arguments, call.seconds), child.stdin)
             child.stdin.flush()
             outcome, value = pickle.load(child.stdout)
+            with deciding:
+                answered.set()
+            if late.is_set():
+                child.wait()  # killed while its answer was read, so that the next call must start another child
         except (EOFError, BrokenPipeError, pickle.UnpicklingError):
             code = child.wait()
             if late.is_set():

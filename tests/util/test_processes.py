@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+import pickle
+import select
 import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
 
@@ -234,3 +239,40 @@ def test_no_second_child_is_started_while_one_is_free() -> None:
         first = workers.submit(process).result()
         assert [workers.submit(process).result() for _ in range(4)] == [first] * 4
         assert len({call.result() for call in [workers.submit(process) for _ in range(2)]} | {first}) <= 3
+
+
+@pytest.mark.parametrize("moment", ["before the answer is read", "while it is read", "after it was read"])
+def test_a_timer_that_is_late_ends_no_later_call(moment: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The timer of a call goes off at the moment at which its child answers: the next calls must not suffer."""
+    timers: list[Callable[[], None]] = []
+
+    class ByHand(threading.Timer):
+        def start(self) -> None:
+            timers.append(self.function)
+
+    def load(stream: IO[bytes]) -> Any:
+        if moment == "before the answer is read":
+            select.select([stream], [], [])
+            timers[-1]()
+        answer = load_answer(stream)
+        if moment == "while it is read":
+            timers[-1]()
+        return answer
+
+    load_answer = pickle.load
+    with Workers(1) as workers, monkeypatch.context() as patch:
+        patch.setattr(threading, "Timer", ByHand)
+        patch.setattr(processes.pickle, "load", load)
+        for number in range(5):
+            assert workers.submit(double, number, seconds=60.0).result() == 2 * number
+            if moment == "after it was read":
+                timers[-1]()
+
+
+def test_a_child_that_ended_between_two_calls_is_replaced() -> None:
+    with Workers(1) as workers:
+        child = workers.submit(process).result()
+        os.kill(child, signal.SIGKILL)
+        while Path(f"/proc/{child}/stat").exists() and " Z " not in Path(f"/proc/{child}/stat").read_text():
+            time.sleep(0.01)
+        assert workers.submit(double, 3).result() == 6
