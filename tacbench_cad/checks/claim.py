@@ -24,7 +24,7 @@ from tacbench_cad.util.door import open_input, read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME
 
-_NUMBER = r"\d+(?:\.\d+)?"
+_NUMBER = r"-?\d+(?:\.\d+)?"
 _STEP_NAME = re.compile(r"FILE_NAME\(\s*'([^']*)'.*?'tacbench-cad ", re.DOTALL)
 
 
@@ -103,6 +103,7 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
     outline = next((shape for word in rest if (shape := outline_of_word(word)) is not None), None)
     height = _numbers(rest, "h", 1)
     key, grid, tolerance = _numbers(rest, "key", 1), _numbers(rest, "grid", 2), _numbers(rest, "tol", 1)
+    copy = _numbers(rest, "copy", 1)
     try:
         sampling: SampleGrid | Tolerance | Literal["grid"] | None = "grid" if words[1] == "released" else None
         if grid:
@@ -118,6 +119,8 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
             height_mm=size[2] if size else height[0] if height else None,
             mm_per_unit=(unit[0], unit[1], unit[2]) if unit else None,
             key_mm=key[0] if key else None,
+            label="label" in rest,
+            copy=int(copy[0]) if copy else None,
             outline=outline,
         )
         return dataclasses.replace(block, origin_uv=(origin[0], origin[1])) if origin else block

@@ -162,7 +162,7 @@ def _examine_mesh(path: Path, expected: Expectation, full: bool | None) -> Repor
     body_checks, deviation = _examine_bodies(bodies, expected, claimed_name(path, metadata))
     closed = mesh if edges.ok else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
     volume = None if closed is None else closed.volume_mm3
-    return Report.of_mesh(path, mesh, [*checks, *body_checks, *_full(mesh, full)], deviation, volume)
+    return Report.of_mesh(path, mesh, [*checks, *body_checks, *_full([body for _, body in parts], full)], deviation, volume)
 
 
 def _require_few_bodies(path: Path, count: int) -> None:
@@ -203,13 +203,13 @@ def _mesh_checks(mesh: Mesh, edges: meshcheck.Edges) -> list[Check]:
     return checks
 
 
-def _full(mesh: Mesh, full: bool | None) -> list[Check]:
+def _full(meshes: Sequence[Mesh], full: bool | None) -> list[Check]:
     if full is False:
         return []
     if full is None and importlib.util.find_spec("pymeshlab") is None:
         detail = 'not checked, because pymeshlab is not installed: pip install "tacbench-cad[cad]"'
         return [Check(name="self-intersection", ok=True, detail=detail)]
-    return meshcheck.untrusted_full_checks(mesh)
+    return meshcheck.untrusted_full_checks(meshes)
 
 
 def _examine_solid(path: Path, expected: Expectation) -> Report:

@@ -309,7 +309,7 @@ def _placed(path: Path, wrapper: Any, module: Any, model: Any) -> list[tuple[str
         points, indices = _geometry(wrapper, module, model.GetMeshObjectByID(thing.GetUniqueResourceID()))
         if item.HasObjectTransform():
             fields = np.array([list(row) for row in item.GetObjectTransform().Fields])
-            points = (points @ fields[:3] + fields[3]).astype(np.float32).astype(np.float64)
+            points = points @ fields[:3] + fields[3]
         require_finite(path, points)
         parts.append((thing.GetName(), Mesh(points if factor == 1.0 else points * factor, indices)))
     if not parts or not all(len(mesh.faces) for _, mesh in parts):

@@ -23,7 +23,6 @@ _LABEL = re.compile(
     r"(?P<texture>[\w.-]+)\s+(?P<preset>[A-Za-z]+)(?P<corrected>\s+CORR)?\s+X(?P<scale>\d+(?:\.\d+)?)(?:\s+(?P<copy>\d{1,3}))?",
     re.IGNORECASE,
 )
-_COPY = re.compile(r"_copy(\d{1,3})(?:_|$)")
 
 
 def blocks_named(
@@ -59,8 +58,7 @@ def blocks_named(
         return [replace(block, key_mm=key_mm, copy=_number(label["copy"]), label=True) for block in blocks]
     named = claimed_block(word)
     if named is not None:
-        copy = _COPY.search(word)
-        return [replace(named, copy=int(copy[1]), label=True) if copy else named]
+        return [named]
     return [replace(block, key_mm=key_mm) for block in described((word,), preset, scale)]
 
 
@@ -83,8 +81,10 @@ def _blocks(folder: Path) -> Iterator[Block]:
             continue
         is_corrected = corrected_preset(name) is not None
         block = claimed_block(name.replace(f"-{CORRECTED}_", "_", 1) if is_corrected else name)
-        if block is not None and is_corrected:
+        if block is None:
+            continue
+        block = replace(block, label=False, copy=None)
+        if is_corrected:
             table = spec.get("printer_model") if isinstance(spec, dict) else None
             block = corrected_for(block, from_plain(PrinterModel, table, f"{folder / MANIFEST_NAME}: printer_model "))
-        if block is not None:
-            yield block
+        yield block

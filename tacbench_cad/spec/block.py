@@ -285,19 +285,10 @@ class Block:
         """
         return self.formula_datum_mm if isinstance(self.sampling, Tolerance) else self._grid_datum_mm(self.sampling)
 
-    @cached_property
+    @property
     def solid_datum_mm(self) -> float:
-        """The height z of the formula's zero in the solid, in mm.
-
-        For ``released`` it follows from the preset's sample grid (if that grid resolves the finest wave), otherwise
-        from the formula. It does not depend on the tolerance of the mesh.
-        """
-        if self.preset != "released":
-            return self.formula_datum_mm
-        if isinstance(self.sampling, SampleGrid):
-            return self.datum_mm
-        own = grid_of_same_step(VALUES[self.preset], self.nominal_size_mm, self.nominal_mm_per_unit)
-        return self.formula_datum_mm if self._aliases(own) else self._grid_datum_mm(own)
+        """The height z of the formula's zero in the solid, in mm, whose highest point lies at :attr:`height_mm`."""
+        return self.formula_datum_mm
 
     def _grid_datum_mm(self, grid: SampleGrid) -> float:
         return self.height_mm - highest_sample(self.surface, grid.lines(self.size_mm), self.keep)

@@ -100,6 +100,9 @@ class Net:
         self.x, self.y = (values.astype(np.float32).astype(np.float64) for values in (self.x, self.y))
         height, _ = self.heights.height(self.x, self.y)
         z = (datum + height + self.lift).astype(np.float32).astype(np.float64)
+        # rounding x and y has changed the heights, which may have lifted vertices above the ceiling
+        inside = self.below_ceiling(np.arange(len(z)))
+        z[inside] = np.minimum(z[inside], float(np.float32(datum + self.ceiling)))
         self.lift = z - datum - height
         return z
 
