@@ -6,18 +6,20 @@ inconsistent winding.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.geometry import relief
+from tacbench_cad.geometry import kernel, relief
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
-from tacbench_cad.util.types import Floats, Indices
+from tacbench_cad.util.types import Bools, Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
+
+    from tacbench_cad.checks.solidcheck import Measured
 
 #: The largest distance of a point from a plane on which it lies, in mm.
 PLANE_MM = 1e-3
@@ -37,10 +39,15 @@ class BodyShape:
         size_mm: The sides of the bounding box, in mm.
         upside_down: Whether the relief faces down in the file. The shape is then turned by 180 degrees about x.
         points: Dense points of the relief in mm, shape (k, 3); no rows if there is no relief.
+        other_points: Points of all other faces that are neither walls nor parts of the underside, shape (k, 3). They do
+            not help to find the texture, but in a block they lie on the relief, too.
         is_block: Whether the body has a level underside, and a relief over most of its footprint.
         outline: The x and y of the points in the plane of the underside, in mm, shape (n, 2).
-        engraved: Whether the underside has pockets of the label's depth.
-        off_sides_mm: The x and y of points of walls that are not on the sides of the box, shape (n, 2).
+        pockets_mm2: The area of pockets of the label's depth in the underside.
+        off_sides_mm: Points of walls that are not on the sides of the box, except walls of the label, shape (n, 3).
+        volume_mm3: The volume; None if the surface is not closed.
+        shells: The number of closed surfaces. A hollow in the body has one of its own.
+        holes: The number of through holes; None if the surface is not closed.
         is_solid: Whether the shape is a solid. A solid is compared with the formula, also if its block has a sample
             grid.
     """
@@ -49,11 +56,29 @@ class BodyShape:
     size_mm: tuple[float, float, float]
     upside_down: bool
     points: Floats
+    other_points: Floats
     is_block: bool
     outline: Floats
-    engraved: bool
+    pockets_mm2: float
     off_sides_mm: Floats
+    volume_mm3: float | None
+    shells: int
+    holes: int | None
     is_solid: bool
+
+    @property
+    def engraved(self) -> bool:
+        """Whether the underside has pockets of the label's depth."""
+        return self.pockets_mm2 > 0.0
+
+    @property
+    def covered(self) -> float:
+        """The fraction of 20 x 20 cells of the footprint that contain a point of the relief.
+
+        The kernel would need seconds to compute the area of the faces.
+        """
+        cells = np.clip((self.points[:, :2] / np.maximum(self.size_mm[:2], 1e-300) * 20.0).astype(np.int64), 0, 19)
+        return len(np.unique(cells[:, 0] * 20 + cells[:, 1])) / 400.0
 
     @property
     def cut_corners(self) -> list[tuple[int, int, float]]:
@@ -73,8 +98,13 @@ class BodyShape:
         return corners
 
 
-def mesh_shape(mesh: Mesh) -> BodyShape:
-    """Return the shape of a triangle mesh with finite coordinates."""
+def mesh_shape(mesh: Mesh, closed: bool) -> BodyShape:
+    """Return the shape of a triangle mesh of one piece.
+
+    Args:
+        mesh: The mesh. Its coordinates must be finite.
+        closed: Whether every edge has exactly two triangles with a consistent winding.
+    """
     low, high = mesh.bounds_mm
     size = high - low
     normals = np.abs(mesh.doubled_normals)
@@ -94,18 +124,28 @@ def mesh_shape(mesh: Mesh) -> BodyShape:
     level = rest & (np.ptp(height, axis=1) <= PLANE_MM * 1e-3)
     area, level_area = float(normals[rest, 2].sum()), float(normals[level, 2].sum())
     covered = area / 2.0 / footprint > LEVEL_FRACTION and level_area <= LEVEL_FRACTION * area
+    is_block = covered and max(fractions) >= UNDERSIDE_FRACTION
+    textured = rest if is_block else rest & ~level  # the floors of large pockets would hide the texture
     place = _BoxFrame(low, size, upside_down)
     return BodyShape(
         origin_mm=_triple(low),
         size_mm=_triple(size),
         upside_down=upside_down,
-        points=place(relief.points_on(mesh, rest)),
-        is_block=covered and max(fractions) >= UNDERSIDE_FRACTION,
+        points=place(_points(mesh, textured)),
+        other_points=place(_points(mesh, rest & ~textured)),
+        is_block=is_block,
         outline=place(mesh.vertices[np.unique(mesh.faces[underside])])[:, :2],
-        engraved=bool(pocket.any()),
-        off_sides_mm=_off_sides(place(mesh.vertices), mesh.faces[upright], size),
+        pockets_mm2=float(normals[pocket, 2].sum()) / 2.0,
+        off_sides_mm=_off_sides(place(mesh.vertices[mesh.faces[upright]]), size),
+        volume_mm3=mesh.volume_mm3 if closed else None,
+        shells=1,
+        holes=1 - (len(np.unique(mesh.faces)) - len(mesh.faces) // 2) // 2 if closed else None,
         is_solid=False,
     )
+
+
+def _points(mesh: Mesh, which: Bools) -> Floats:
+    return relief.points_on(mesh, which) if which.any() else np.empty((0, 3))
 
 
 def _triple(values: Floats) -> tuple[float, float, float]:
@@ -126,25 +166,29 @@ class _BoxFrame:
         return np.asarray(transformed, dtype=np.float64)
 
 
-def _off_sides(vertices: Floats, walls: Indices, size: Floats) -> Floats:
-    """Return the x and y of points of walls that are not on a side of the box, except walls of the label."""
-    corners = vertices[walls]
-    deep = corners[:, :, 2].max(axis=1) <= LABEL_DEPTH_MM + PLANE_MM
-    points = vertices[np.unique(walls[~deep])][:, :2]
-    gap = np.minimum(np.abs(points), np.abs(size[:2] - points)).min(axis=1)
+def _off_sides(faces: Floats, size: Floats) -> Floats:
+    """Return the points of walls that are not on a side of the box, except walls of the label.
+
+    Args:
+        faces: The points of each face, shape (m, n, 3).
+        size: The sides of the box.
+    """
+    deep = faces[:, :, 2].max(axis=1) <= LABEL_DEPTH_MM + PLANE_MM
+    points = np.unique(faces[~deep].reshape(-1, 3), axis=0)
+    gap = np.minimum(np.abs(points[:, :2]), np.abs(size[:2] - points[:, :2])).min(axis=1)
     return np.asarray(points[gap > PLANE_MM])
 
 
-def solid_shape(solid: TopoDS_Shape, low: Floats, high: Floats) -> BodyShape:
+def solid_shape(solid: TopoDS_Shape, measured: Measured) -> BodyShape:
     """Return the shape of an Open CASCADE solid.
 
     Args:
         solid: The solid, in mm.
-        low: The lower corner of its bounding box, in mm.
-        high: The upper corner of its bounding box, in mm.
+        measured: Its volume and its bounding box.
     """
     from tacbench_cad.checks import solidcheck
 
+    low, high = measured.low_mm, measured.high_mm
     size = high - low
     footprint = max(float(size[0] * size[1]), 1e-300)
     levels = solidcheck.level_faces(solid)
@@ -152,25 +196,37 @@ def solid_shape(solid: TopoDS_Shape, low: Floats, high: Floats) -> BodyShape:
     planes = (float(low[2]), float(high[2]))
     fractions = [sum(area for z, area in levels if abs(z - plane) <= near) / footprint for plane in planes]
     upside_down = fractions[1] >= UNDERSIDE_FRACTION > fractions[0]
+    label_mm = high[2] - LABEL_DEPTH_MM if upside_down else low[2] + LABEL_DEPTH_MM
     place = _BoxFrame(low, size, upside_down)
-    vertices, points = place(solidcheck.vertices(solid)), place(solidcheck.points_on(solidcheck.curved(solid)))
-    return BodyShape(
+    vertices = place(solidcheck.vertices(solid))
+    textured, rest = solidcheck.curved(solid)
+    points = place(solidcheck.points_on(textured))
+    off_sides, others = [np.empty((0, 3))], [np.empty((0, 3))]
+    for face in (*rest, *(face for face in textured if not solidcheck.is_rectangle(face))):
+        inner, is_wall = solidcheck.inner_points(face)
+        inner = place(inner)
+        if is_wall:
+            off_sides.append(_off_sides(inner[None], size))
+        else:
+            bottom = np.minimum(np.abs(inner[:, 2]), np.abs(inner[:, 2] - LABEL_DEPTH_MM)) <= near
+            others.append(inner[~bottom])
+    flat = np.concatenate(others)
+    if not textured:  # a solid of plane facets
+        points, flat = flat, points
+    shape = BodyShape(
         origin_mm=_triple(low),
         size_mm=_triple(size),
         upside_down=upside_down,
         points=points,
-        is_block=max(fractions) >= UNDERSIDE_FRACTION and _covered(points, size) > LEVEL_FRACTION,
+        other_points=flat,
+        is_block=False,
         outline=vertices[vertices[:, 2] <= near][:, :2],
-        engraved=any(abs(abs(z - (high[2] if upside_down else low[2])) - LABEL_DEPTH_MM) <= near for z, _ in levels),
-        off_sides_mm=np.empty((0, 2)),
+        pockets_mm2=sum(area for z, area in levels if abs(z - label_mm) <= near),
+        off_sides_mm=np.concatenate(off_sides),
+        volume_mm3=measured.volume_mm3,
+        shells=solidcheck.count(solid, "SHELL"),
+        holes=kernel.genus(solid),
         is_solid=True,
     )
-
-
-def _covered(points: Floats, size: Floats) -> float:
-    """Return the fraction of 20 x 20 cells of the footprint that contain a point.
-
-    The kernel would need seconds to compute the area of the faces.
-    """
-    cells = np.clip((points[:, :2] / size[:2] * 20.0).astype(np.int64), 0, 19)
-    return len(np.unique(cells[:, 0] * 20 + cells[:, 1])) / 400.0
+    is_block = max(fractions) >= UNDERSIDE_FRACTION and shape.covered > LEVEL_FRACTION
+    return replace(shape, is_block=is_block)

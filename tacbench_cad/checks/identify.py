@@ -20,20 +20,20 @@ from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.body_shape import BodyShape, mesh_shape, solid_shape
 from tacbench_cad.checks.candidates import SIDE_MM, Expectation, stretch_of
 from tacbench_cad.checks.claim import claimed_name, model_beside
+from tacbench_cad.checks.complete import completeness_checks
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
+from tacbench_cad.checks.outline import outline_checks, outline_of
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import format_of
 from tacbench_cad.formats.step import kernel_errors, with_kernel
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.spec.label import LABEL_DEPTH_MM, MARGIN_MM
-from tacbench_cad.spec.outlines import MIN_SIDE_MM, MIN_WIDTH_MM, NAMED, Disc, Outline, RegularPolygon, Ring
+from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.text import decimal, mm
-from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
@@ -45,6 +45,10 @@ if TYPE_CHECKING:
 MAX_SIMILAR_FRACTION = 0.5
 #: The same fraction, up to which the candidate and its placement are certain.
 MAX_CERTAIN_FRACTION = 0.1
+#: The smallest fraction of the footprint on which a relief is certain to be that of a texture.
+MIN_COVERED = 0.1
+#: The factor from the largest measured distance of a relief to the distance with which its volume is compared.
+WITHIN_FACTOR = 2.0
 #: The largest number of bodies in a file.
 MAX_BODIES = 300
 #: Other units of files in mm, and the longest side in mm up to which a file is probably in one of them.
@@ -175,7 +179,7 @@ def _require_few_bodies(path: Path, count: int) -> None:
 def _mesh_body(name: str, mesh: Mesh) -> _Body:
     pieces = meshcheck.bodies(mesh)
     if pieces == 1:
-        return _Body(name=name, checks=[], shape=mesh_shape(mesh))
+        return _Body(name=name, checks=[], shape=mesh_shape(mesh, closed=meshcheck.edges(mesh).ok))
     detail = f"{pieces} separate bodies without names; save each body as a file and check these files"
     return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], shape=None)
 
@@ -251,14 +255,14 @@ def _solid_body(name: str, solid: TopoDS_Shape, measured: Measured) -> _Body:
     return _Body(
         name=name,
         checks=checks,
-        shape=solid_shape(solid, measured.low_mm, measured.high_mm) if single else None,
+        shape=solid_shape(solid, measured) if single else None,
     )
 
 
 def _identity(shape: BodyShape, expected: Expectation) -> tuple[list[Check], float | None]:
     """Return the checks that compare a shape with the nearest block, and the largest distance from the formula."""
     match = nearest(shape, expected) if len(shape.points) else None
-    if match is None or (not shape.is_block and expected.is_open and expected.claimed is None):
+    if match is None or (not _has_texture(shape, match) and expected.is_open and expected.claimed is None):
         return [_no_texture(shape, match, required=not expected.is_open or expected.claimed is not None)], None
     if expected.is_open and expected.claimed is None and _is_unknown(shape, match):
         later = nearest(shape, replace(expected, later=True))
@@ -268,15 +272,24 @@ def _identity(shape: BodyShape, expected: Expectation) -> tuple[list[Check], flo
         match = later
     allowed = _allowed(match.candidate)
     residual = match.candidate.measure(shape, match.placement, near_mm=allowed)
+    claimed = expected.claimed
+    outline = outline_of(shape, match, claimed)
     checks = [
         _placement(shape, match),
-        _size(shape, match),
-        *_outline(shape, match, expected),
+        _size(shape, match, outline),
+        *outline_checks(shape, match, claimed, outline, allowed),
         _relief(shape, match, residual, expected, allowed),
     ]
-    if shape.engraved:
-        checks.append(Check(name="label", ok=True, detail=f"pockets in the underside, {LABEL_DEPTH_MM:g} mm deep"))
+    if _relative_residual(shape, match) <= MAX_SIMILAR_FRACTION:
+        within = min(allowed, WITHIN_FACTOR * residual.within_mm)
+        checks += completeness_checks(shape, match, claimed, outline, within)
     return checks, residual.largest_mm
+
+
+def _has_texture(shape: BodyShape, match: Match) -> bool:
+    """Check whether the shape is a block, or the rest of a block of which a large piece is missing."""
+    certain = shape.covered > MIN_COVERED and _relative_residual(shape, match) <= MAX_CERTAIN_FRACTION
+    return shape.is_block or certain
 
 
 def _no_texture(shape: BodyShape, match: Match | None, required: bool) -> Check:
@@ -357,11 +370,11 @@ def _at(place: tuple[float, float, float]) -> str:
     return "at x {:.4g}, y {:.4g}, z {:.4g} mm".format(*place)
 
 
-def _size(shape: BodyShape, match: Match) -> Check:
-    """Compare the sides and the height with those of the candidate."""
+def _size(shape: BodyShape, match: Match, outline: Outline | None = None) -> Check:
+    """Compare the sides and the height with those of the candidate, or of its outline."""
     block = match.candidate.block
     measured = (*match.placement.sides(shape.size_mm), shape.size_mm[2])
-    sides = (*block.size_mm, block.height_mm)
+    sides = (*(block.size_mm if outline is None else outline.size_mm), block.height_mm)
     off = [value - expected for value, expected in zip(measured, sides, strict=True)]
     text = mm(*measured)
     # The height of a solid has the same tolerance as its distance from the formula.
@@ -377,96 +390,6 @@ def _size(shape: BodyShape, match: Match) -> Check:
         ]
         how = "differs in " + ", ".join(differences)
     return Check(name="size", ok=False, detail=f"{text} instead of {mm(*sides)} ({how})")
-
-
-def _outline(shape: BodyShape, match: Match, expected: Expectation) -> list[Check]:
-    """Check that the walls follow the outline of the expected block, or a known outline; else the key and the sides."""
-    claimed = None if expected.claimed is None else expected.claimed.outline
-    points = np.concatenate([shape.outline, shape.off_sides_mm])
-    x, y = match.placement.to_block(points, shape.size_mm)
-    if claimed is None:
-        if len(shape.cut_corners) < 2 or (known := _known_outline(x, y, match.placement.sides(shape.size_mm))) is None:
-            return [*_corner(shape, match, expected), *_sides(shape, match)]
-        return [Check(name="outline", ok=True, detail=str(known))]
-    distance = claimed.distance(x, y)
-    if shape.engraved:  # the rims of the pockets are points of the underside, too
-        rims = distance < SIDE_MM - MARGIN_MM
-        x, y, distance = x[~rims], y[~rims], distance[~rims]
-    off = np.abs(distance)
-    allowed = SIDE_MM if shape.is_solid else SIDE_MM + _allowed(match.candidate)
-    if not len(off) or off.max() <= allowed:
-        return [Check(name="outline", ok=True, detail=str(claimed))]
-    i = int(off.argmax())
-    where = f"at x {x[i]:.4g}, y {y[i]:.4g} mm, {off[i]:.3g} mm from the {claimed} (allowed {allowed:.2g} mm)"
-    return [Check(name="outline", ok=False, detail=f"a wall is {where}")]
-
-
-def _known_outline(x: Floats, y: Floats, size_mm: tuple[float, float]) -> Outline | None:
-    """Return the disc, ring or regular polygon on which points lie, or None. Points inside belong to a label."""
-    diameter = size_mm[0]
-    known: list[Outline] = []
-    if abs(size_mm[0] - size_mm[1]) <= SIDE_MM:
-        known.append(Disc(diameter_mm=diameter))
-        inner = 2.0 * float(np.hypot(x - diameter / 2.0, y - diameter / 2.0).min())
-        if MIN_SIDE_MM < inner < diameter - 2.0 * MIN_WIDTH_MM:
-            known.insert(0, Ring(outer_mm=diameter, inner_mm=inner))
-    for sides in NAMED.values():
-        width = RegularPolygon(sides=sides, diameter_mm=100.0).size_mm[0] / 100.0
-        known.append(RegularPolygon(sides=sides, diameter_mm=diameter / width))
-    limit = SIDE_MM + Tolerance().mm
-    for outline in known:
-        fits = all(abs(a - b) <= SIDE_MM for a, b in zip(outline.size_mm, size_mm, strict=True))
-        distance = outline.distance(x, y)
-        near_margin = np.abs(distance) <= limit
-        inside = distance < -limit
-        ring = len(outline.loops) > 1
-        if (
-            fits
-            and bool(np.all(near_margin if ring else near_margin | (distance < -MARGIN_MM + SIDE_MM)))
-            and (ring or not inside.all())
-        ):
-            return outline
-    return None
-
-
-def _corner(shape: BodyShape, match: Match, expected: Expectation) -> list[Check]:
-    """Check the key, which is the cut corner at (X, 0) of the block."""
-    cut = shape.cut_corners
-    claimed = expected.claimed
-    key_mm = None if claimed is None else claimed.key_mm
-    if not cut and key_mm is None:
-        return []
-    if not cut:
-        return [Check(name="key", ok=False, detail=f"missing; a key of {key_mm:g} mm is expected")]
-    if len(cut) > 1:
-        detail = f"{len(cut)} corners of the underside are cut off, but a key cuts off only one"
-        return [Check(name="key", ok=False, detail=detail)]
-    i, j, leg = cut[0]
-    corner = np.array([[i * shape.size_mm[0], j * shape.size_mm[1]]])
-    x, y = (float(values[0]) for values in match.placement.to_block(corner, shape.size_mm))
-    width = match.placement.sides(shape.size_mm)[0]
-    right = abs(x - width) < SIDE_MM and abs(y) < SIDE_MM
-    where = "at the corner (X, 0)" if right else f"at the corner ({x:.4g}, {y:.4g}) mm instead of (X, 0)"
-    size_ok = claimed is None or (key_mm is not None and abs(leg - key_mm) <= SIDE_MM)
-    expectation = "" if size_ok else f"; {'no key' if key_mm is None else f'{key_mm:g} mm'} is expected"
-    return [Check(name="key", ok=right and size_ok, detail=f"{leg:.4g} mm {where}{expectation}")]
-
-
-def _sides(shape: BodyShape, match: Match) -> list[Check]:
-    """Check that all walls are on the sides of the bounding box, or on the cut of the key."""
-    off = shape.off_sides_mm
-    for i, j, leg in shape.cut_corners:
-        from_x = np.abs(off[:, 0] - i * shape.size_mm[0])
-        from_y = np.abs(off[:, 1] - j * shape.size_mm[1])
-        off = off[np.abs(from_x + from_y - leg) > SIDE_MM]
-    if len(off) == 0:
-        return []
-    x, y = off[0].tolist()
-    detail = (
-        f"{len(off)} points of walls are not on a side of the bounding box "
-        f"(for example x {x:.4g}, y {y:.4g} mm from its lower corner)"
-    )
-    return [Check(name="sides", ok=False, detail=detail)]
 
 
 def _relief(shape: BodyShape, match: Match, residual: Residual, expected: Expectation, allowed: float) -> Check:

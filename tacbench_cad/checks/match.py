@@ -12,7 +12,7 @@ from tacbench_cad.checks.body_shape import BodyShape
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.util.types import Floats, Ints
+from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The number of points for the ranking of the candidates. The distance from the best candidate is then computed at all
 #: points.
@@ -71,12 +71,14 @@ class Residual:
         largest_mm: The largest distance.
         rms_mm: The root mean square distance.
         at_mm: The x, y and z of the largest distance in the frame of the bounding box.
+        within_mm: The largest distance of those points that are nearer than the allowed distance.
         above_mm: The height by which the whole relief is too high. It is subtracted before the distances are computed.
     """
 
     largest_mm: float
     rms_mm: float
     at_mm: tuple[float, float, float]
+    within_mm: float
     above_mm: float
 
 
@@ -118,11 +120,22 @@ class Candidate:
         fx, fy, fz = self.stretch
         return self._compare(x / fx, y / fy, points[:, 2] / fz)
 
+    def top_mm(self, x: Floats, y: Floats) -> Floats:
+        """Return the heights of the candidate's top at points of the block frame, shape (k,)."""
+        return self.datum_mm - self._compare(x, y, np.zeros_like(x))[0]
+
     def rank(self, points: Floats, shape: BodyShape, placement: Placement) -> float:
         """Return the rms residual at some points, after subtracting the median of the heights."""
         above, slope = self.heights(points, shape, placement)
         off = (above - np.median(above)) / np.sqrt(1.0 + slope**2)
         return float(np.sqrt(np.mean(off**2)))
+
+    def contains(self, points: Floats, shape: BodyShape, placement: Placement, within_mm: float) -> Bools:
+        """Return which points of a shape are at most ``within_mm`` from the relief, shape (k,)."""
+        if not len(points):
+            return np.zeros(0, dtype=np.bool_)
+        above, slope = self.heights(points, shape, placement)
+        return np.asarray(np.abs(above - self.datum_mm) <= within_mm * np.sqrt(1.0 + slope**2))
 
     def measure(self, shape: BodyShape, placement: Placement, near_mm: float) -> Residual:
         """Compute the residual at all points.
@@ -130,17 +143,19 @@ class Candidate:
         Args:
             shape: The shape.
             placement: The placement.
-            near_mm: The largest height offset of the whole relief that is not corrected, in mm. Such a small offset can
-                come from the error of the surface itself.
+            near_mm: The allowed distance, and the largest height offset of the whole relief that is not corrected, in
+                mm. Such a small offset can come from the error of the surface itself.
         """
-        above, slope = self.heights(shape.points, shape, placement)
+        points = np.concatenate([shape.points, shape.other_points])
+        above, slope = self.heights(points, shape, placement)
         median = float(np.median(above)) - self.datum_mm
         offset = median if abs(median) > near_mm else 0.0
         off = np.abs(above - self.datum_mm - offset) / np.sqrt(1.0 + slope**2)
         i = int(np.argmax(off))
-        x, y, z = shape.points[i].tolist()
+        x, y, z = points[i].tolist()
         rms = float(np.sqrt(np.mean(off**2)))
-        return Residual(largest_mm=float(off[i]), rms_mm=rms, at_mm=(x, y, z), above_mm=offset)
+        within = float(off.max(where=off <= near_mm, initial=0.0))
+        return Residual(largest_mm=float(off[i]), rms_mm=rms, at_mm=(x, y, z), within_mm=within, above_mm=offset)
 
 
 class _Formula:

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 #: The approximate number of points on the textured faces.
 POINTS = 80_000
+#: The largest distance and angle between the triangles of a face and the face, in mm and in radians. They only decide how
+#: many points are tested.
+CHORD_MM, CHORD_RADIANS = 0.1, 0.5
 #: The largest vertical component of the unit normal of a wall.
 WALL_FRACTION = 1e-4
 
@@ -69,28 +72,58 @@ def measure(shape: TopoDS_Shape) -> Measured:
     return Measured(volume_mm3=kernel.volume_mm3(shape), low_mm=low, high_mm=high)
 
 
-def curved(shape: TopoDS_Shape) -> list[TopoDS_Face]:
-    """Return the faces that are neither plane nor walls. These are the textured faces, also if they face down."""
+def curved(shape: TopoDS_Shape) -> tuple[list[TopoDS_Face], list[TopoDS_Face]]:
+    """Return the faces that are neither plane nor walls, and all others.
+
+    The first ones are the textured faces, also if they face down.
+    """
+    textured: list[TopoDS_Face] = []
+    others: list[TopoDS_Face] = []
+    for face in kernel.distinct(shape, "FACE"):
+        is_textured = kernel.surface_kind(face) != "Plane" and not _is_wall(face)
+        (textured if is_textured else others).append(face)
+    return textured, others
+
+
+def _is_wall(face: TopoDS_Face) -> bool:
+    """Check whether the normals of a face are level."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
-    from OCP.GeomAbs import GeomAbs_SurfaceType
     from OCP.gp import gp_Pnt, gp_Vec
 
-    chosen = []
-    for face in kernel.distinct(shape, "FACE"):
-        surface = BRepAdaptor_Surface(face, True)
-        if surface.GetType() == GeomAbs_SurfaceType.GeomAbs_Plane:
-            continue
-        u0, u1, v0, v1 = _bounds(face)
-        vertical = 0.0
-        for s, t in ((0.37, 0.41), (0.71, 0.13), (0.19, 0.83)):
-            point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
-            surface.D1(u0 + s * (u1 - u0), v0 + t * (v1 - v0), point, du, dv)
-            normal = du.Crossed(dv)
-            if normal.Magnitude() > 0.0:
-                vertical = max(vertical, abs(normal.Z()) / normal.Magnitude())
-        if vertical > WALL_FRACTION:
-            chosen.append(face)
-    return chosen
+    surface = BRepAdaptor_Surface(face, True)
+    u0, u1, v0, v1 = _bounds(face)
+    vertical = 0.0
+    for s, t in ((0.37, 0.41), (0.71, 0.13), (0.19, 0.83)):
+        point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
+        surface.D1(u0 + s * (u1 - u0), v0 + t * (v1 - v0), point, du, dv)
+        normal = du.Crossed(dv)
+        if normal.Magnitude() > 0.0:
+            vertical = max(vertical, abs(normal.Z()) / normal.Magnitude())
+    return vertical <= WALL_FRACTION
+
+
+def inner_points(face: TopoDS_Face) -> tuple[Floats, bool]:
+    """Return points inside a face, at least one however small it is, and whether it is a wall.
+
+    They are the middles and the middles of the sides of the triangles into which the kernel divides the face.
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
+    from OCP.TopLoc import TopLoc_Location
+
+    BRepMesh_IncrementalMesh(face, CHORD_MM, False, CHORD_RADIANS)
+    mesh = BRep_Tool.Triangulation_s(face, TopLoc_Location())
+    if mesh is None:
+        return vertices(face), _is_wall(face)
+    corners = [mesh.Triangle(i + 1).Get() for i in range(mesh.NbTriangles())]
+    places = np.array([(at.X(), at.Y()) for at in (mesh.UVNode(i + 1) for i in range(mesh.NbNodes()))])
+    triangles = places[np.array(corners) - 1]
+    sides = (triangles + np.roll(triangles, 1, axis=1)) / 2.0
+    middles = np.concatenate([triangles.mean(axis=1), sides.reshape(-1, 2)])
+    surface = BRepAdaptor_Surface(face, True)
+    points = [surface.Value(u, v).Coord() for u, v in middles.tolist()]
+    return np.array(points).reshape(-1, 3), _is_wall(face)
 
 
 def spline_faces(shape: TopoDS_Shape) -> list[TopoDS_Face]:

@@ -57,7 +57,7 @@ def survey(shape: TopoDS_Shape, outlined: bool = False, points: bool = True) -> 
             continue
         patch = spline_face(face, bases) if solidcheck.is_rectangle(face) else None
         if patch is None:
-            on_top = solidcheck.points_on(solidcheck.curved(shape)) if points else np.empty((0, 3))
+            on_top = solidcheck.points_on(solidcheck.curved(shape)[0]) if points else np.empty((0, 3))
             return Survey(measured=solidcheck.measure(shape), points=on_top, exact=False)
         patches.append(patch)
     volume = sum(_below(face) for face in planes) + sum(patch.volume_mm3 for patch in patches)
