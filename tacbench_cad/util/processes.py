@@ -42,10 +42,12 @@ class LostProcessError(CheckFailedError):
 
     Attributes:
         seconds: The time limit that the call exceeded; None if the process ended for another reason.
+        max_mb: The memory limit that the call exceeded, in MB; None for another reason.
     """
 
-    def __init__(self, message: str, seconds: float | None = None) -> None:
+    def __init__(self, message: str, seconds: float | None = None, max_mb: float | None = None) -> None:
         self.seconds = seconds
+        self.max_mb = max_mb
         super().__init__(message)
 
 
@@ -87,6 +89,7 @@ class _Call:
     arguments: tuple[Any, ...]
     first_child: bool
     seconds: float | None
+    max_mb: float | None
     future: Future[Any]
 
 
@@ -223,6 +226,7 @@ class Workers:
         *arguments: Any,
         first_child: bool = False,
         seconds: float | None = None,
+        max_mb: float | None = None,
     ) -> Future[Any]:
         """Run a module-level function in a child.
 
@@ -232,6 +236,7 @@ class Workers:
             first_child: Run it only in the first child, before any other call. This is for work that needs a package
                 that only the first child has imported.
             seconds: The time limit of the call; afterwards the child is killed. None for no limit.
+            max_mb: The memory limit of the call, in MB; None for that of the children.
 
         Returns:
             A future, which can be cancelled until the call starts. Its exception is the ``TacbenchError`` or
@@ -239,7 +244,8 @@ class Workers:
         """
         future: Future[Any] = Future()
         with self._changed:
-            call = _Call(function.__module__, function.__name__, arguments, first_child, seconds, future)
+            limit_mb = self._max_mb if max_mb is None else max_mb
+            call = _Call(function.__module__, function.__name__, arguments, first_child, seconds, limit_mb, future)
             self._calls.append(call)
             if len(self._calls) > len(self._threads) - self._busy and len(self._threads) < self._count:
                 number = len(self._threads)
@@ -305,7 +311,7 @@ class Workers:
         try:
             if timer is not None:
                 timer.start()
-            pickle.dump((call.module, call.function, call.arguments, call.seconds), child.stdin)
+            pickle.dump((call.module, call.function, call.arguments, call.seconds, call.max_mb), child.stdin)
             child.stdin.flush()
             outcome, value = pickle.load(child.stdout)
             with deciding:
@@ -327,12 +333,13 @@ class Workers:
             return value
         if outcome == "raised":
             raise value
+        if outcome == "full":
+            raise LostProcessError(f"{call.function} needs more than {call.max_mb:g} MB of memory", None, call.max_mb)
         raise RuntimeError(f"in a child process:\n{value}")
 
     def _start(self) -> subprocess.Popen[bytes] | _Copy:
         # The child gets our own sys.path; -P keeps it from importing, say, a numpy.py in the current folder.
-        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; "
-        code += f"serve({self._max_mb!r})"
+        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; serve()"
         with self._changed:
             if self._closed:
                 raise EOFError
@@ -351,14 +358,9 @@ class Workers:
         return child
 
 
-def serve(max_mb: float | None = None) -> None:
-    """Run in a child: read a call, run it and write the result, until the pipe is closed.
-
-    Args:
-        max_mb: The memory limit of the child, in MB; None for no limit.
-    """
-    if max_mb is not None:
-        _limit_memory(max_mb)
+def serve() -> None:
+    """Run in a child: read a call, run it and write the result, until the pipe is closed."""
+    own_limit = _memory_limit()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles an interruption and kills this process
     calls: IO[bytes] = sys.stdin.buffer
     answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
@@ -367,7 +369,7 @@ def serve(max_mb: float | None = None) -> None:
     os.dup2(quiet, 1)
     while True:
         try:
-            module, name, arguments, seconds = pickle.load(calls)
+            module, name, arguments, seconds, max_mb = pickle.load(calls)
         except EOFError:
             return
         if name == copy_process.__name__:
@@ -381,12 +383,17 @@ def serve(max_mb: float | None = None) -> None:
             answers.flush()
             continue
         _limit_processor_time(seconds)
+        _limit_memory(max_mb, own_limit)
+        outcome: tuple[str, Any]
         try:
             outcome = ("done", getattr(importlib.import_module(module), name)(*arguments))
         except (TacbenchError, OSError) as error:
             outcome = ("raised", _portable(error))
+        except MemoryError:
+            outcome = ("full" if max_mb is not None else "failed", traceback.format_exc())
         except Exception:
             outcome = ("failed", traceback.format_exc())
+        _limit_memory(None, own_limit)
         pickle.dump(outcome, answers, protocol=pickle.HIGHEST_PROTOCOL)
         answers.flush()
 
@@ -414,16 +421,31 @@ def copy_process(pipes: Sequence[tuple[int, int]]) -> list[int] | tuple[IO[bytes
     return numbers
 
 
-def _limit_memory(max_mb: float) -> None:
+def _memory_limit() -> float:
+    """Return the memory limit that this process already has, in MB; infinity if it has none."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return math.inf
+    soft = resource.getrlimit(resource.RLIMIT_DATA)[0]
+    return math.inf if soft == resource.RLIM_INFINITY else soft / 1e6
+
+
+def _limit_memory(max_mb: float | None, own_mb: float) -> None:
+    """Limit the memory of this process, in MB.
+
+    Args:
+        max_mb: The limit; None for no limit.
+        own_mb: The limit that the process had at its start, which is kept if it is lower.
+    """
     try:
         import resource
     except ImportError:  # Windows
         return
-    limit = int(max_mb * 1e6)
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    if soft == resource.RLIM_INFINITY or limit < soft:  # keep a lower limit that this process already has
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    limit = min(math.inf if max_mb is None else max_mb, own_mb)
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_DATA, (int(limit * 1e6) if limit < math.inf else hard, hard))
 
 
 def _limit_processor_time(seconds: float | None) -> None:
@@ -455,7 +477,9 @@ def _portable(error: TacbenchError | OSError) -> Exception:
 _kept: Workers | None = None
 
 
-def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | None = None) -> Any:
+def isolated(
+    function: Callable[..., Any], *arguments: Any, seconds: float | None = None, max_mb: float | None = None
+) -> Any:
     """Run a module-level function in a child process and wait for its result.
 
     This is for libraries that may crash or hang on damaged data. The child is kept for the next call.
@@ -464,9 +488,10 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | Non
         function: Same as for :meth:`Workers.submit`.
         arguments: Same as for :meth:`Workers.submit`.
         seconds: Same as for :meth:`Workers.submit`.
+        max_mb: Same as for :meth:`Workers.submit`.
 
     Raises:
-        LostProcessError: The child ended, or the call took too long. Errors of the function are raised as they are.
+        LostProcessError: The child ended, or the call took too long or too much memory. Errors of the function are raised as they are.
     """
     global _kept
     if _kept is None:
@@ -474,7 +499,7 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | Non
         atexit.register(_kept.close)
     workers = _kept
     try:
-        return workers.submit(function, *arguments, seconds=seconds).result()
+        return workers.submit(function, *arguments, seconds=seconds, max_mb=max_mb).result()
     except KeyboardInterrupt:
         _kept = None
         workers.close()
@@ -482,7 +507,12 @@ def isolated(function: Callable[..., Any], *arguments: Any, seconds: float | Non
 
 
 def read_isolated(
-    path: Path, library: str, limits_s: tuple[float, float], function: Callable[..., Any], *arguments: Any
+    path: Path,
+    library: str,
+    limits_s: tuple[float, float],
+    function: Callable[..., Any],
+    *arguments: Any,
+    limits_mb: tuple[float, float] | None = None,
 ) -> Any:
     """Call a function that reads an untrusted file in a child process. A damaged file can crash or block its library.
 
@@ -492,21 +522,25 @@ def read_isolated(
         limits_s: The time limit in s, and the additional time for each MB of the file.
         function: Same as for :meth:`Workers.submit`.
         arguments: Same as for :meth:`Workers.submit`.
+        limits_mb: The memory limit in MB, and the additional memory for each MB of the file; None for
+            :data:`MAX_ISOLATED_MB`.
 
     Raises:
-        InputError: The file crashes the library, or the library takes too long to read it.
+        InputError: The file crashes the library, or the library takes too much time or memory to read it.
     """
     megabytes = path.stat().st_size / 1e6 if path.is_file() else 0.0
     seconds = limits_factor() * (limits_s[0] + limits_s[1] * megabytes)
+    max_mb = None if limits_mb is None else limits_factor() * (limits_mb[0] + limits_mb[1] * megabytes)
     try:
-        return isolated(function, *arguments, seconds=seconds)
+        return isolated(function, *arguments, seconds=seconds, max_mb=max_mb)
     except LostProcessError as error:
-        slow = (
-            f"takes {library} longer than {seconds:.0f} s; export it again, or set the environment variable "
-            f"{LIMITS_VARIABLE}=2 to double this limit"
-        )
+        advice = f"export it again, or set the environment variable {LIMITS_VARIABLE}=2 to double this limit"
         what = f"crashes {library}, because it is damaged or malicious; export it again"
-        raise InputError("file", str(path), what if error.seconds is None else slow) from None
+        if error.seconds is not None:
+            what = f"takes {library} longer than {seconds:.0f} s; {advice}"
+        elif error.max_mb is not None:
+            what = f"needs more than {error.max_mb:,.0f} MB of memory to be read; {advice}"
+        raise InputError("file", str(path), what) from None
 
 
 def why_not_importable(modules: tuple[str, ...]) -> str | None:

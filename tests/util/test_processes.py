@@ -161,8 +161,11 @@ def test_an_isolated_call_keeps_its_child_and_survives_a_crash(monkeypatch: pyte
 def test_a_child_can_have_a_memory_limit() -> None:
     with Workers(1, max_mb=400) as workers:
         assert workers.submit(allocate, 100).result() == 100
-        with pytest.raises(RuntimeError, match="MemoryError"):
+        with pytest.raises(LostProcessError, match="allocate needs more than 400 MB of memory"):
             workers.submit(allocate, 600).result()
+        with pytest.raises(LostProcessError, match="more than 200 MB"):
+            workers.submit(allocate, 300, max_mb=200).result()
+        assert workers.submit(allocate, 300).result() == 300, "the limit of a call ends with it"
 
 
 def test_stray_modules_of_the_current_folder_are_not_imported(tmp_path: Path) -> None:
