@@ -152,9 +152,9 @@ def _examine_bodies(
 def _examine_mesh(path: Path, expected: Expectation, full: bool | None) -> Report:
     metadata: dict[str, str] | None = None
     if format_of(path).name == "3mf":
-        from tacbench_cad.formats.threemf import read_parts
+        from tacbench_cad.formats.threemf import read_untrusted
 
-        parts, metadata = read_parts(path)
+        parts, metadata = read_untrusted(path)
         mesh = Mesh.joined([body for _, body in parts])
     else:
         mesh = meshcheck.read_mesh(path)
@@ -166,7 +166,9 @@ def _examine_mesh(path: Path, expected: Expectation, full: bool | None) -> Repor
     body_checks, deviation = _examine_bodies(bodies, expected, claimed_name(path, metadata))
     closed = mesh if edges.ok else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
     volume = None if closed is None else closed.volume_mm3
-    return Report.of_mesh(path, mesh, [*checks, *body_checks, *_full([body for _, body in parts], full)], deviation, volume)
+    return Report.of_mesh(
+        path, mesh, [*checks, *body_checks, *_full([body for _, body in parts], full)], deviation, volume
+    )
 
 
 def _require_few_bodies(path: Path, count: int) -> None:

@@ -6,7 +6,7 @@ import os
 import shlex
 import tempfile
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -54,12 +54,24 @@ def _logged(text: str) -> str:
 
 def _file_being_read(error: Exception, words: Sequence[str]) -> Path | None:
     """The file that the innermost function worked on, if it is one of the inputs or is in an input folder."""
-    inputs = [path.absolute() for path in _inputs(words)]
+    inputs = list(_inputs(words))
     for path in _paths(error):
-        place = path.absolute()
-        if place.is_file() and any(place.is_relative_to(root) for root in inputs):
+        place = _place(path, Path.is_file)
+        if place is not None and any(place.is_relative_to(root) for root in inputs):
             return path
     return None
+
+
+def _place(path: Path, test: Callable[[Path], bool]) -> Path | None:
+    """The absolute path, or None if it does not pass a test. A path that may not be read passes it."""
+    place = path
+    try:
+        place = path.absolute()
+        return place if test(place) else None
+    except PermissionError:
+        return place
+    except (OSError, ValueError, RuntimeError):  # too long, a null character, a link to itself, no current folder
+        return None
 
 
 def _paths(error: Exception) -> Iterator[Path]:
@@ -71,8 +83,8 @@ def _paths(error: Exception) -> Iterator[Path]:
 
 
 def _inputs(words: Sequence[str]) -> Iterator[Path]:
-    """The words of the command line that are existing files or folders, except the output."""
+    """The absolute paths of the files and folders in the command line that exist, except the output."""
     for before, word in pairwise(("", *words)):
         if before not in ("-o", "--out") and not word.startswith(("-o", "--out")):
             paths = [Path(part) for part in word.rpartition("=")[2].split(",") if part]
-            yield from (path for path in paths if path.exists())
+            yield from (place for path in paths if (place := _place(path, Path.exists)) is not None)

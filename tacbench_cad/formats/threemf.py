@@ -10,14 +10,17 @@ Three things differ from the usual output of lib3mf:
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import importlib.util
 import io
 import json
+import re
 import struct
 import uuid
 import zipfile
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,6 +35,7 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.util.door import open_input, require_within
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
+from tacbench_cad.util.processes import read_isolated
 from tacbench_cad.util.types import Floats
 
 #: The XML namespace of this project's metadata. 3MF requires a namespace for names that it does not define. It is only
@@ -41,10 +45,20 @@ NAMESPACE = "urn:tacbench-cad:2026"
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 #: The largest allowed size of an unpacked model, in MB. It is checked before the model is read.
 MAX_UNPACKED_MB = 2000
+#: The largest allowed number of components of an object, if each component is replaced by its own components.
+MAX_COMPONENTS = 100_000
+#: The time limit of the reader for an untrusted file, in s, and the additional time for each MB of the file. The memory
+#: limit and the additional memory for each MB, in MB.
+LIMITS_S, LIMITS_MB = (60.0, 20.0), (2000.0, 100.0)
 #: The largest allowed ratio of unpacked to packed size. Files of this project have ratios of 8 to 10.
 MAX_PACKING = 200
 
+#: The length of the pieces in which a model is searched for components, in bytes.
+_CHUNK_BYTES = 1 << 20
 _MODEL = "3D/3dmodel.model"
+#: The beginning of an object with its attributes, or of one of its components.
+_TAG = re.compile(rb"<(?:[\w.-]+:)?(object|component)\b([^>]*)")
+_ID, _OBJECT_ID = (re.compile(rb"(?:^|\s)%s\s*=\s*[\"']\s*(\d{1,20})" % name) for name in (b"id", b"objectid"))
 
 
 def why_missing() -> str | None:
@@ -272,14 +286,48 @@ def read_parts(path: Path, strict: bool = True) -> tuple[list[tuple[str, Mesh]],
     return parts, {entry.GetName(): entry.GetValue() for entry in entries}
 
 
+def read_untrusted(path: Path, strict: bool = True) -> tuple[list[tuple[str, Mesh]], dict[str, str]]:
+    """Same as :func:`read_parts`, but in a child process with limits of time and memory.
+
+    Raises:
+        InputError: Same as for :func:`read_parts`, or the file exceeds a limit.
+        MissingToolError: Same as for :func:`read_parts`.
+        CheckFailedError: Same as for :func:`read_parts`.
+    """
+    parts: tuple[list[tuple[str, Mesh]], dict[str, str]] = read_isolated(
+        path, "the 3MF reader", LIMITS_S, read_parts, path, strict, limits_mb=LIMITS_MB
+    )
+    return parts
+
+
 def _require_container(path: Path) -> None:
-    """Check, before anything is unpacked, that a file is a zip container and would not unpack to an extreme size."""
+    """Check that a file is a zip container, would not unpack to an extreme size, and has no extreme nesting."""
+    with _zip_errors(path), open_input(path, kind="mesh") as stream, zipfile.ZipFile(stream) as packed:
+        infos = packed.infolist()
+        _require_bounded(path, infos)
+        components = _expanded(packed, infos)
+    require_within("file", components, MAX_COMPONENTS, "components in one object", str(path))
+
+
+@contextlib.contextmanager
+def _zip_errors(path: Path) -> Iterator[None]:
+    """Replace errors of the zip reader, which can raise almost any error if a container is damaged."""
     try:
-        with open_input(path, kind="mesh") as stream, zipfile.ZipFile(stream) as packed:
-            infos = packed.infolist()
-    # If the zip directory is damaged, the reader can raise almost any error.
-    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError, struct.error, OverflowError) as error:
+        yield
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        OSError,
+        RuntimeError,  # encrypted
+        ValueError,
+        struct.error,
+        OverflowError,
+    ) as error:
         raise CheckFailedError(f"{path}: this is not a 3MF: {error}") from None
+
+
+def _require_bounded(path: Path, infos: Sequence[zipfile.ZipInfo]) -> None:
     if not any(info.filename.lower().endswith(".model") for info in infos):
         raise CheckFailedError(f"{path}: this zip file contains no 3MF model")
     unpacked = sum(info.file_size for info in infos)
@@ -290,6 +338,31 @@ def _require_container(path: Path) -> None:
             f"{path}: would unpack from {packed_size} to {unpacked} bytes; a 3MF model may be at most {MAX_PACKING} "
             "times as large unpacked"
         )
+
+
+def _expanded(packed: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo]) -> int:
+    """Return the largest number of components of an object, with the components of its components.
+
+    lib3mf follows each of them: an object with eleven levels of ten components each would occupy it for minutes. An
+    object can only have components that the file defines before it.
+    """
+    counts: dict[bytes, int] = {}
+    models = [info for info in infos if info.filename.lower().endswith(".model")]
+    for info in sorted(models, key=lambda info: info.filename == _MODEL):  # the others define objects for this one
+        number, rest = b"", b""
+        with packed.open(info) as stream:
+            while chunk := stream.read(_CHUNK_BYTES):
+                rest += chunk
+                end = rest.rfind(b"<")
+                for tag in _TAG.finditer(rest, 0, max(end, 0)):
+                    name = (_ID if tag[1] == b"object" else _OBJECT_ID).search(tag[2])
+                    if name is not None and tag[1] == b"object":
+                        number = name[1]
+                        counts[number] = 0
+                    elif name is not None and number:
+                        counts[number] += max(1, counts.get(name[1], 0))
+                rest = rest[end:] if len(rest) - end < _CHUNK_BYTES else b""
+    return max(counts.values(), default=0)
 
 
 _MM = {"MicroMeter": 1e-3, "MilliMeter": 1.0, "CentiMeter": 10.0, "Inch": 25.4, "Foot": 304.8, "Meter": 1000.0}

@@ -14,7 +14,7 @@ from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.report import Report
 from tacbench_cad.formats import format_of, step
 from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import read_3mf
+from tacbench_cad.formats.threemf import read_untrusted
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.textured.on_mesh import TexturedMesh, texture_on_mesh
@@ -24,7 +24,7 @@ from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.writing import export
 from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.util.errors import CheckFailedError, InputError, require_between
+from tacbench_cad.util.errors import CheckFailedError, InputError, as_input, require_between
 from tacbench_cad.util.files import replacing
 
 
@@ -49,7 +49,7 @@ def textured_mesh(
     Raises:
         InputError: The mesh is not closed or probably not in mm, the region is neither flat nor cylindrical, or a
             setting is not allowed for it.
-        CheckFailedError: The file cannot be read, or the result is not closed.
+        CheckFailedError: The result is not closed.
     """
     require_between("scale", scale, 1e-6, 1e6)
     name = "mesh"
@@ -162,14 +162,15 @@ def texture_step_file(
         **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`.
 
     Raises:
-        InputError: The part is not one solid, no face is chosen, a face is neither planar nor cylindrical, or a setting
+        InputError: The file cannot be read, the part is not one solid, no face is chosen, a face is neither planar nor cylindrical, or a setting
             is not allowed for it.
-        CheckFailedError: The file cannot be read, or the new file failed its checks. It is then not in the folder.
+        CheckFailedError: The new file failed its checks. It is then not in the folder.
     """
     file, out = Path(file), Path(out)
     form = format_of(out)
-    step.require_readable(file)
-    shape = step.read_step(file)
+    with as_input("file"):
+        step.require_readable(file)
+        shape = step.read_step(file)
     chosen = texture if isinstance(texture, Texture) else textures_of((texture,), "paper")[0][0]
     if tolerance_mm is not None and form.shape == "solid":
         settings["tolerance_mm"] = tolerance_mm
@@ -191,7 +192,10 @@ def _read(path: Path) -> Mesh:
     form = format_of(path)
     if form.shape != "mesh":
         raise InputError("mesh", str(path), "must be an STL or 3MF file")
-    return read_3mf(path, strict=False)[0] if form.name == "3mf" else read_stl(path)
+    with as_input("file"):
+        if form.name == "3mf":
+            return Mesh.joined([mesh for _, mesh in read_untrusted(path, strict=False)[0]])
+        return read_stl(path)
 
 
 def write_textured_mesh(result: TexturedMesh, path: Path | str) -> Path:

@@ -7,6 +7,7 @@ import io
 import itertools
 import math
 import re
+import struct
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,13 +17,15 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import read_3mf
+from tacbench_cad.formats.threemf import read_untrusted
+from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.scan.cloud import Cloud, HeightGrid
 from tacbench_cad.spec.images import PICTURES, TABLES, read_heights
 from tacbench_cad.util.door import open_input, read_bytes, require_within
-from tacbench_cad.util.errors import CheckFailedError, InputError, one_line, one_of
+from tacbench_cad.util.errors import InputError, as_input, one_line, one_of
 from tacbench_cad.util.numbers import layout, read_numbers
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.processes import read_isolated
 from tacbench_cad.util.text import counted, short
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -39,6 +42,12 @@ MESHES, CLOUDS = (".stl", ".3mf", ".ply", ".obj"), (".xyz", ".pts", ".las", ".la
 #: The largest number of columns of a table of points: coordinates, normal, colour and brightness.
 _MAX_COLUMNS = 10
 _AXES = ("x", "y", "z")
+#: The time limit of the reader of LAS files in s, and the additional time for each MB of the file; the same for the
+#: memory in MB.
+LAS_LIMITS_S, LAS_LIMITS_MB = (60.0, 10.0), (2000.0, 40.0)
+#: The length of the header, the beginning of the points and the number of records, within the header of a LAS file; the
+#: length of the smallest record.
+_LAS_HEADER, _LAS_RECORD_BYTES = struct.Struct("<94xHII"), 54
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +105,7 @@ def read_scan(
     if simulated and unit is None:
         unit = "mm"
     suffix = path.suffix.lower()
-    try:
+    with as_input("scan"):  # the strict readers check the files of this project
         if suffix in MESHES:
             scan = _mesh(path, suffix, unit, size_mm)
         elif suffix in (".las", ".laz"):
@@ -105,8 +114,6 @@ def read_scan(
             scan = _points(path, read_numbers(path, "scan", "any", _AXES), unit, size_mm)
         else:
             scan = _height_map(path, unit, mm_per_pixel, size_mm)
-    except CheckFailedError as error:  # from the strict readers, which check the files of this project
-        raise InputError("scan", None, str(error)) from None
     if len(scan.cloud) < MIN_POINTS:
         allowed = f"has {counted(len(scan.cloud), 'valid point')}, but a scan needs at least {MIN_POINTS}"
         raise InputError("scan", str(path), allowed)
@@ -121,7 +128,7 @@ def _is_simulated(path: Path) -> bool:
 
 def _mesh(path: Path, suffix: str, unit: Unit | None, size_mm: tuple[float, float, float] | None) -> ScanFile:
     if suffix in (".stl", ".3mf"):
-        mesh = read_stl(path) if suffix == ".stl" else read_3mf(path, strict=False)[0]
+        mesh = read_stl(path) if suffix == ".stl" else Mesh.joined([body for _, body in read_untrusted(path, False)[0]])
         vertices, faces = mesh.vertices, np.asarray(mesh.faces, dtype=np.int64)
         unit = "mm" if suffix == ".3mf" and unit is None else unit  # the reader of 3MF files converts to mm
     else:
@@ -218,11 +225,20 @@ def _points(path: Path, points: Floats, unit: Unit | None, size_mm: tuple[float,
 
 
 def _las(path: Path) -> Floats:
+    """Return the points of a LAS or LAZ file. A child process reads it, because laspy believes any number in it."""
     require(f"{path}: a scan of this kind", "laspy")
+    points: Floats = read_isolated(path, "laspy", LAS_LIMITS_S, read_las, path, limits_mb=LAS_LIMITS_MB)
+    return points
+
+
+def read_las(path: Path) -> Floats:
+    """Read the points of a LAS or LAZ file; called in a child process. Same errors as :func:`read_scan`."""
     import laspy
 
     with open_input(path, "scan", "mesh") as stream:
         try:
+            _require_las(stream.read(_LAS_HEADER.size), stream.seek(0, io.SEEK_END))
+            stream.seek(0)
             with laspy.open(stream) as reader:
                 stated = reader.header.point_count
                 require_within("scan", stated, MAX_POINTS, "points", str(path))
@@ -230,10 +246,19 @@ def _las(path: Path) -> Floats:
             if len(points) < stated:
                 raise ValueError(f"the header states {stated:,} points, but {len(points):,} could be read")
             return points
-        except InputError:
+        except (InputError, MemoryError):
             raise
         except Exception as error:  # a damaged file can raise almost any error; .laz needs one more package
             raise _unreadable(path, error) from None
+
+
+def _require_las(header: bytes, size: int) -> None:
+    """Check that the tables that a LAS header states have room in the file. laspy reads them without looking."""
+    if len(header) < _LAS_HEADER.size:
+        return  # laspy says so
+    length, points_at, records = _LAS_HEADER.unpack(header)
+    if not length + _LAS_RECORD_BYTES * records <= points_at <= size:
+        raise ValueError(f"the header states {records:,} records before byte {points_at:,} of {size:,}")
 
 
 def _is_table_of_points(path: Path) -> bool:

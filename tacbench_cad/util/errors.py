@@ -76,6 +76,19 @@ class CheckFailedError(TacbenchError):
     exit_code = 1
 
 
+@contextlib.contextmanager
+def as_input(field: str) -> Iterator[None]:
+    """Turn a failed check of a file that is read into an :class:`InputError`, for commands that need the file.
+
+    Args:
+        field: The name of the field.
+    """
+    try:
+        yield
+    except CheckFailedError as error:
+        raise InputError(field, None, str(error)) from None
+
+
 def one_line(message: object, limit: int | None = None) -> str:
     """Return a message without line breaks, cut to at most ``limit`` characters."""
     return " ".join(str(message).split())[:limit]
