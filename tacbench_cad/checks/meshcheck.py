@@ -28,8 +28,8 @@ from tacbench_cad.util.types import Bools, Floats, Indices
 MAX_PAIRS = 5e7
 #: The time limit of pymeshlab for an untrusted mesh, in s, and the additional time for each triangle, in s.
 MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 12.0, 4e-5
-#: The number of roundings with which triangles that cut each other are confirmed, and the largest number of triangles for
-#: which this is done.
+#: The number of roundings with which triangles that cut each other are confirmed, and the largest number of triangles
+#: for which this is done.
 ROUNDINGS, MAX_CONFIRMED = 12, 1000
 #: The largest height of a degenerate triangle, as a fraction of its longest side.
 DEGENERATE_FRACTION = 1e-9
@@ -253,8 +253,7 @@ def _confirmed(mesh: Mesh, cutting: Bools) -> int:
 
 
 def untrusted_full_checks(meshes: Sequence[Mesh]) -> list[Check]:
-    """Same as :func:`full_checks`, but for the untrusted meshes of a file, with limits of time and of overlapping
-    triangles.
+    """Same as :func:`full_checks`, but with limits of time and of overlapping triangles, for untrusted meshes.
 
     The report says "not tested" if the meshes exceed a limit.
     """

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 #: The approximate number of points on the textured faces.
 POINTS = 80_000
-#: The largest distance and angle between the triangles of a face and the face, in mm and in radians. They only decide how
-#: many points are tested.
+#: The largest distance and angle between the triangles of a face and the face, in mm and in radians. They only decide
+#: how many points are tested.
 CHORD_MM, CHORD_RADIANS = 0.1, 0.5
 #: The largest vertical component of the unit normal of a wall.
 WALL_FRACTION = 1e-4

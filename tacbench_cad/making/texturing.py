@@ -162,8 +162,8 @@ def texture_step_file(
         **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`.
 
     Raises:
-        InputError: The file cannot be read, the part is not one solid, no face is chosen, a face is neither planar nor cylindrical, or a setting
-            is not allowed for it.
+        InputError: The file cannot be read, the part is not one solid, no face is chosen, a face is neither planar nor
+            cylindrical, or a setting is not allowed for it.
         CheckFailedError: The new file failed its checks. It is then not in the folder.
     """
     file, out = Path(file), Path(out)

@@ -491,7 +491,8 @@ def isolated(
         max_mb: Same as for :meth:`Workers.submit`.
 
     Raises:
-        LostProcessError: The child ended, or the call took too long or too much memory. Errors of the function are raised as they are.
+        LostProcessError: The child ended, or the call took too long or too much memory. Errors of the function are
+            raised as they are.
     """
     global _kept
     if _kept is None:
