@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.checks import meshcheck
-from tacbench_cad.checks.report import Check, Report, volume_check
+from tacbench_cad.checks.report import Check, Report, genus_check, volume_check
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.part import Part, box_of
 from tacbench_cad.util.types import Floats
@@ -48,7 +48,8 @@ def verify_solid_assembly(part: Part, path: Path) -> Report:
         outlined = placed.block is not None and placed.block.outline is not None
         measured = survey(back, outlined).measured
         total += measured.volume_mm3
-        checks += [replace(check, name=f"{name}: {check.name}") for check in solidcheck.solid_checks(back)]
+        rows = [*solidcheck.solid_checks(back), genus_check(kernel.genus(back), placed.genus)]
+        checks += [replace(check, name=f"{name}: {check.name}") for check in rows]
         allowed = _KERNEL_FRACTION * expected.volume_mm3 + expected.volume_slack_mm3
         checks.append(volume_check(measured.volume_mm3, expected.volume_mm3, allowed, f"{name}: volume"))
         corners = np.concatenate([measured.low_mm, measured.high_mm])

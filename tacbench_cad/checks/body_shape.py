@@ -179,12 +179,13 @@ def _off_sides(faces: Floats, size: Floats) -> Floats:
     return np.asarray(points[gap > PLANE_MM])
 
 
-def solid_shape(solid: TopoDS_Shape, measured: Measured) -> BodyShape:
+def solid_shape(solid: TopoDS_Shape, measured: Measured, with_relief: bool = True) -> BodyShape:
     """Return the shape of an Open CASCADE solid.
 
     Args:
         solid: The solid, in mm.
         measured: Its volume and its bounding box.
+        with_relief: Whether the points of the relief are needed.
     """
     from tacbench_cad.checks import solidcheck
 
@@ -200,7 +201,7 @@ def solid_shape(solid: TopoDS_Shape, measured: Measured) -> BodyShape:
     place = _BoxFrame(low, size, upside_down)
     vertices = place(solidcheck.vertices(solid))
     textured, rest = solidcheck.curved(solid)
-    points = place(solidcheck.points_on(textured))
+    points = place(solidcheck.points_on(textured if with_relief else []))
     off_sides, others = [np.empty((0, 3))], [np.empty((0, 3))]
     for face in (*rest, *(face for face in textured if not solidcheck.is_rectangle(face))):
         inner, is_wall = solidcheck.inner_points(face)

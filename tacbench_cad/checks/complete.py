@@ -44,11 +44,23 @@ def completeness_checks(
         allowed_mm: The largest distance of the relief from the block.
     """
     scaled = max(abs(factor - 1.0) for factor in match.candidate.stretch) > 1e-4
-    checks = [_complete(shape, None if scaled else _volume(shape, match, claimed, outline, allowed_mm), outline)]
-    block = match.candidate.block
-    if shape.engraved or (claimed is not None and claimed.label):
-        checks.append(_label(shape, block if claimed is None else claimed, claimed is not None, scaled))
+    block = claimed or _like(shape, match.candidate.block, outline)
+    volume = None if scaled or block is None else _volume(shape, match.candidate, block, allowed_mm)
+    checks = [_complete(shape, volume, outline)]
+    if block is not None and (shape.engraved or block.label):
+        checks.append(_label(shape, block, claimed is not None, scaled))
     return checks
+
+
+def _like(shape: BodyShape, block: Block, outline: Outline | None) -> Block | None:
+    """Return a block with the outline and the key of a shape; None if it cannot have them, which is another fault."""
+    try:
+        if outline is not None:
+            nominal = outline.scaled(1.0 / block.scale)
+            return replace(block, nominal_outline=nominal, nominal_size_mm=nominal.size_mm)
+        return replace(block, key_mm=shape.cut_corners[0][2]) if len(shape.cut_corners) == 1 else block
+    except InputError:
+        return None
 
 
 def _complete(shape: BodyShape, volume: tuple[float, float] | None, outline: Outline | None) -> Check:
@@ -71,35 +83,20 @@ def _complete(shape: BodyShape, volume: tuple[float, float] | None, outline: Out
     return Check(name="complete", ok=not faults, detail="; ".join(faults or facts) or "not closed, so not measured")
 
 
-def _volume(
-    shape: BodyShape, match: Match, claimed: Block | None, outline: Outline | None, allowed_mm: float
-) -> tuple[float, float] | None:
+def _volume(shape: BodyShape, candidate: Candidate, block: Block, allowed_mm: float) -> tuple[float, float]:
     """Return the expected volume with the label that the shape has, and the largest allowed difference from it."""
-    candidate = match.candidate
-    block, surface = candidate.block, candidate.block.surface
-    x, y = block.size_mm
-    if claimed is None and outline is None and len(shape.cut_corners) == 1:
-        try:
-            block = replace(block, key_mm=shape.cut_corners[0][2])
-        except InputError:  # too large for a key, which is a fault of its own
-            return None
-    if outline is not None:
-        footprint = outline.area_mm2
-        expected = candidate.datum_mm * footprint + outline.integral(surface)
-    else:
-        footprint = block.footprint_mm2
-        engraved = 0.0 if block.engraving is None else block.engraving.volume_mm3
-        expected = block.volume_mm3(candidate.datum_mm) + engraved
-    diagonals = 0.0
+    engraved = 0.0 if block.engraving is None else block.engraving.volume_mm3
+    expected, diagonals = block.volume_mm3(candidate.datum_mm) + engraved, 0.0
     if candidate.on_grid:
         expected, diagonals = _below_samples(candidate, block)
     expected -= LABEL_DEPTH_MM * shape.pockets_mm2
     places = (np.arange(_SIDE_POINTS) + 0.5) / _SIDE_POINTS
-    along_x, along_y = surface.gradient(x * places[:, None], y * places[None, :])
-    relief_mm2 = _AREA_FACTOR * footprint * float(np.mean(np.sqrt(1.0 + along_x**2 + along_y**2)))
+    x, y = block.size_mm
+    along_x, along_y = block.surface.gradient(x * places[:, None], y * places[None, :])
+    relief_mm2 = _AREA_FACTOR * block.footprint_mm2 * float(np.mean(np.sqrt(1.0 + along_x**2 + along_y**2)))
     allowed = allowed_mm * relief_mm2 + (SOLID_FRACTION if shape.is_solid else MESH_FRACTION) * expected + diagonals
-    if outline is not None and not shape.is_solid:  # chords instead of circles
-        loops = (loop.array for loop in outline.chords(allowed_mm).loops)
+    if block.outline is not None and not shape.is_solid:  # chords instead of circles
+        loops = (loop.array for loop in block.outline.chords(allowed_mm).loops)
         around = sum(float(np.hypot(*(loop - np.roll(loop, 1, axis=0)).T).sum()) for loop in loops)
         allowed += allowed_mm * around * block.height_mm
     return expected, allowed

@@ -179,10 +179,12 @@ def _require_few_bodies(path: Path, count: int) -> None:
 
 
 def _mesh_body(name: str, mesh: Mesh) -> _Body:
-    pieces = meshcheck.bodies(mesh)
+    pieces, closed = meshcheck.bodies(mesh), meshcheck.edges(mesh).ok
     if pieces == 1:
-        return _Body(name=name, checks=[], shape=mesh_shape(mesh, closed=meshcheck.edges(mesh).ok))
+        return _Body(name=name, checks=[], shape=mesh_shape(mesh, closed))
     detail = f"{pieces} separate bodies without names; save each body as a file and check these files"
+    if closed and (hollows := meshcheck.hollows(mesh)):
+        detail = f"{pieces} closed surfaces instead of 1, {hollows} of them inside out: the body has a hollow"
     return _Body(name=name, checks=[Check(name="bodies", ok=False, detail=detail)], shape=None)
 
 

@@ -22,7 +22,7 @@ from tacbench_cad.geometry.mesh import Mesh, cross
 from tacbench_cad.util.door import limits_factor
 from tacbench_cad.util.errors import MissingToolError
 from tacbench_cad.util.processes import LostProcessError, isolated
-from tacbench_cad.util.types import Bools, Floats, Indices
+from tacbench_cad.util.types import Bools, Floats, Indices, Ints
 
 #: pymeshlab does not test an untrusted mesh if more pairs of triangles than this have overlapping bounding boxes.
 MAX_PAIRS = 5e7
@@ -149,13 +149,25 @@ def solidity(mesh: Mesh) -> tuple[str, int]:
 
 def bodies(mesh: Mesh) -> int:
     """Return the number of pieces that share no vertex."""
+    return len(np.unique(_pieces(mesh)))
+
+
+def hollows(mesh: Mesh) -> int:
+    """Return the number of pieces of a closed mesh that are inside out, as hollows in another piece are."""
+    corners = mesh.triangle_points - mesh.bounds_mm[0]
+    below = np.einsum("ij,ij->i", corners[:, 0], cross(corners[:, 1], corners[:, 2]))
+    return int(np.count_nonzero(np.bincount(np.unique(_pieces(mesh), return_inverse=True)[1], weights=below) < 0.0))
+
+
+def _pieces(mesh: Mesh) -> Ints:
+    """Return the number of the piece to which each triangle belongs, shape (m,)."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
     tail, head = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     links = coo_matrix((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(len(mesh.vertices),) * 2)
     _, label = connected_components(links, directed=False)
-    return len(np.unique(label[mesh.faces[:, 0]]))
+    return np.asarray(label[mesh.faces[:, 0]])
 
 
 def edge_checks(edges: Edges) -> list[Check]:

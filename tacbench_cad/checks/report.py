@@ -34,6 +34,12 @@ def volume_check(measured_mm3: float, expected_mm3: float, allowed_mm3: float, n
     return Check(name=name, ok=measured_mm3 > 0.0 and abs(off) <= allowed_mm3, detail=detail)
 
 
+def genus_check(holes: int, expected: int) -> Check:
+    """Return the check of the number of through holes."""
+    detail = f"{holes} through holes" + ("" if holes == expected else f" instead of {expected}")
+    return Check(name="genus", ok=holes == expected, detail=detail)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Report:
     """The results of all checks of a file.

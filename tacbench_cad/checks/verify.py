@@ -17,8 +17,10 @@ import numpy as np
 
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.assembly import verify_mesh_assembly, verify_solid_assembly
-from tacbench_cad.checks.match import GRID_MM, Facets
-from tacbench_cad.checks.report import Check, Report, volume_check
+from tacbench_cad.checks.complete import completeness_checks
+from tacbench_cad.checks.match import GRID_MM, PLACEMENTS, Candidate, Facets, Match
+from tacbench_cad.checks.outline import outline_checks
+from tacbench_cad.checks.report import Check, Report, genus_check, volume_check
 from tacbench_cad.formats import format_of
 from tacbench_cad.geometry import kernel, relief
 from tacbench_cad.geometry.mesh import ExpectedGeometry, MeasuredRelief, Mesh
@@ -29,6 +31,8 @@ from tacbench_cad.util.text import mm
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape
+
     from tacbench_cad.checks.solidcheck import Measured
 
 __all__ = ["Check", "Report", "verify"]
@@ -128,12 +132,7 @@ def _mesh_volume(mesh: Mesh, expected: ExpectedGeometry) -> Check:
 def _manifold(mesh: Mesh, genus: int) -> list[Check]:
     status, holes = meshcheck.solidity(mesh)
     checks = [Check(name="manifold", ok=status == "NoError", detail=f"manifold3d: {status}")]
-    return [*checks, _genus(holes, genus)] if status == "NoError" else checks
-
-
-def _genus(holes: int, expected: int) -> Check:
-    detail = f"{holes} through holes" + ("" if holes == expected else f" instead of {expected}")
-    return Check(name="genus", ok=holes == expected, detail=detail)
+    return [*checks, genus_check(holes, genus)] if status == "NoError" else checks
 
 
 def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
@@ -226,14 +225,14 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     checks = [
         Check(name="file", ok=True, detail="read back by the kernel"),
         *solidcheck.solid_checks(shape),
-        _genus(kernel.genus(shape), part.genus),
+        *_topology(shape, part),
         volume_check(measured.volume_mm3, expected.volume_mm3, allowed_mm3),
         _solid_box(part, measured, expected),
     ]
     deviation = None
     if expected.certificate is not None:
         check, deviation = _relief(part, expected, result.points, rounding_mm=1e-6)
-        checks.append(check)
+        checks += [check, *_nothing_cut(part, shape, measured, expected.certificate.distance_mm + 1e-6)]
     if expected.relief is not None:
         deviation, number = expected.relief.of_points(solidcheck.points_on(solidcheck.spline_faces(shape), FACE_POINTS))
         checks.append(_face_relief(expected.relief, deviation, number))
@@ -246,6 +245,32 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
         volume_mm3=measured.volume_mm3,
         size_mm=measured.size_mm,
     )
+
+
+def _topology(shape: TopoDS_Shape, part: Part) -> list[Check]:
+    """Compare the through holes and the shells of a solid with those of a part."""
+    from tacbench_cad.checks import solidcheck
+
+    shells, expected = solidcheck.count(shape, "SHELL"), solidcheck.count(part.solid[0], "SHELL")
+    hollow = Check(name="shells", ok=False, detail=f"{shells} instead of {expected}: the solid has a hollow")
+    return [genus_check(kernel.genus(shape), part.genus), *([hollow] if shells != expected else [])]
+
+
+def _nothing_cut(part: Part, shape: TopoDS_Shape, measured: Measured, allowed_mm: float) -> list[Check]:
+    """Check that all faces of a solid are on the faces of the block, so that nothing is cut out of it."""
+    from tacbench_cad.checks.body_shape import solid_shape
+
+    block = part.block
+    assert block is not None, "only blocks have a certificate"
+    body, match = solid_shape(shape, measured, with_relief=False), Match(Candidate(block, True), PLACEMENTS[0], 0.0)
+    checks = outline_checks(body, match, block, block.outline, allowed_mm)
+    checks += completeness_checks(body, match, block, block.outline, allowed_mm)
+    on_relief = match.candidate.contains(body.other_points, body, match.placement, allowed_mm)
+    if not on_relief.all():
+        x, y, z = body.other_points[int(np.argmin(on_relief))]
+        where = f"for example at x {x:.4g}, y {y:.4g}, z {z:.4g} mm"
+        checks.append(Check(name="faces", ok=False, detail=f"a face is not on the block ({where})"))
+    return [check for check in checks if not check.ok]
 
 
 def _kernel_defaults(part: Part, expected: ExpectedGeometry, measured: Measured) -> list[Check]:
