@@ -8,9 +8,9 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from tacbench_cad.formats.stl import stl_header
+from tacbench_cad.formats.stl import HEADER_BYTES, stl_header
 from tacbench_cad.spec.block import CORRECTED, Block
 from tacbench_cad.spec.compensation import corrected_for, in_file
 from tacbench_cad.spec.outlines import outline_of_word
@@ -31,20 +31,40 @@ _STEP_NAME = re.compile(r"FILE_NAME\(\s*'([^']*)'.*?'tacbench-cad ", re.DOTALL)
 def claimed_name(path: Path, metadata: dict[str, str] | None = None) -> str | None:
     """Return the part name in a file of this package, or None if another program wrote the file.
 
+    The header of an STL file has room for 67 characters of the name. A longer name is in the manifest in the folder of
+    the file.
+
     Args:
         path: The file.
         metadata: The metadata of a 3MF file; None for other formats.
+
+    Raises:
+        InputError: The name is cut off, and the manifest is missing.
     """
     suffix = path.suffix.lower()
     if metadata is not None:
         own_file = metadata.get("Application", "").startswith("tacbench-cad ")
         return metadata.get("name") if own_file else None
     if suffix == ".stl":
-        first, _, name = stl_header(path).partition(" ")
-        return name if first == "tacbench-cad" and name else None
+        header = stl_header(path)
+        first, _, name = header.partition(" ")
+        if first != "tacbench-cad" or not name:
+            return None
+        return name if len(header) < HEADER_BYTES else _full_name(path, name)
     with open_input(path, kind="step") as stream:
-        header = _STEP_NAME.search(stream.read(2048).decode("ascii", "replace"))
-    return header.group(1) if header else None
+        found = _STEP_NAME.search(stream.read(2048).decode("ascii", "replace"))
+    # The kernel breaks long lines, also within a name.
+    return found.group(1).replace("\r", "").replace("\n", "") if found else None
+
+
+def _full_name(path: Path, begin: str) -> str:
+    """Return the part name in the manifest that begins with the name in the header of an STL file."""
+    row = _row_beside(path)
+    name = row.get("part")
+    if isinstance(name, str) and name.startswith(begin):
+        return name
+    allowed = f"has room for only {len(begin)} characters of the name of its part in its header"
+    raise InputError("file", str(path), f"{allowed}; keep {MANIFEST_NAME} beside it, or check the 3MF or STEP file")
 
 
 def corrected_preset(name: str) -> str | None:
@@ -56,15 +76,22 @@ def corrected_preset(name: str) -> str | None:
 
 def model_beside(path: Path) -> PrinterModel | None:
     """Return the printer for which a file is corrected, from the manifest in its folder; None if that says nothing."""
-    manifest = path.parent / MANIFEST_NAME
-    if not manifest.is_file():
-        return None
     try:
-        rows = read_document(manifest, "manifest", "json")["files"]
-        tables = [row["spec"]["printer_model"] for row in rows if row["file"] == path.name]
-        return from_plain(PrinterModel, tables[0])
+        return from_plain(PrinterModel, _row_beside(path)["spec"]["printer_model"])
     except (InputError, LookupError, TypeError):
         return None
+
+
+def _row_beside(path: Path) -> dict[str, Any]:
+    """Return the row of a file in the manifest in its folder; an empty row if there is none."""
+    manifest = path.parent / MANIFEST_NAME
+    if not manifest.is_file():
+        return {}
+    try:
+        rows = read_document(manifest, "manifest", "json")["files"]
+        return next((row for row in rows if row["file"] == path.name), {})
+    except (InputError, LookupError, TypeError):
+        return {}
 
 
 def claimed_correction(name: str, model: PrinterModel | None, texture: Texture | None = None) -> Block | None:

@@ -11,6 +11,9 @@ from tacbench_cad.geometry.meshing.sheet import Sheet
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
 from tacbench_cad.util.types import Floats, Indices
 
+#: A triangle has no area if its height is at most this fraction of its longest side.
+_FLAT = 1e-7
+
 
 def close(sheet: Sheet, engraving: Engraving | None) -> Mesh:
     """Add walls down to z = 0 and an underside.
@@ -99,7 +102,7 @@ def _engraved_underside(corners: Floats, engraving: Engraving, count: int) -> tu
     reversed_runs = [run[::-1] for run in runs]
     outline = [corners[:, :2], *(points[run] for run in reversed_runs)]
     numbers = np.concatenate([count + np.arange(len(corners)), *(first_low + run for run in reversed_runs)])
-    flat = numbers[triangulate(outline)][:, ::-1]
+    flat = numbers[_with_area(np.concatenate(outline), triangulate(outline))][:, ::-1]
     ceilings = (first_high + triangulate(contours))[:, ::-1]
     walls = []
     for run in runs:
@@ -108,3 +111,35 @@ def _engraved_underside(corners: Floats, engraving: Engraving, count: int) -> tu
         walls.append(np.column_stack([first_low + a, first_high + b, first_low + b]))
     faces = np.concatenate([flat, ceilings, *walls]).astype(np.int32)
     return np.concatenate([corners, low, high]), faces
+
+
+def _with_area(points: Floats, triangles: Indices) -> Indices:
+    """Flip the longest sides of triangles without area, which connect corners of several glyphs on one line.
+
+    Args:
+        points: The points in the plane, shape (n, 2).
+        triangles: Counter-clockwise triangles, shape (m, 3).
+    """
+    rounded = points.astype(np.float32).astype(np.float64)
+    faces = [tuple(face) for face in np.asarray(triangles).tolist()]
+    owner = {(face[k], face[k - 2]): number for number, face in enumerate(faces) for k in range(3)}
+    waiting = list(range(len(faces)))
+    for _ in range(20 * len(faces)):  # each flip brings two triangles back
+        if not waiting:
+            break
+        number = waiting.pop()
+        corners = rounded[list(faces[number])]
+        sides = np.roll(corners, -1, axis=0) - corners
+        lengths = (sides**2).sum(axis=1)
+        k = int(lengths.argmax())
+        u, v, w = (faces[number][(k + step) % 3] for step in range(3))
+        area = abs(float(sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]))
+        beside = owner.get((v, u))
+        if area > _FLAT * float(lengths[k]) or beside is None:
+            continue
+        d = next(corner for corner in faces[beside] if corner not in (u, v))
+        faces[number], faces[beside] = (u, d, w), (d, v, w)
+        owner |= {(u, d): number, (d, w): number, (w, u): number, (d, v): beside, (v, w): beside, (w, d): beside}
+        del owner[u, v], owner[v, u]
+        waiting += [number, beside]
+    return np.array(faces, dtype=np.int32)
