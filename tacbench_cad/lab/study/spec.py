@@ -567,8 +567,8 @@ class SensorSettings(_Device):
     Args:
         driver: A name that ``tacbench rig drivers`` lists, ``simulated`` or ``module:name``.
         device: The stable name of the camera or the port, or the serial number of the sensor.
-        colour_order: The order of the colours in which the driver delivers images; ``bgr`` for our drivers. Images are
-            always stored in the order blue, green, red.
+        channels: The order of the colours in which the driver delivers images, ``rgb`` or ``bgr``; None for the order
+            that the driver itself states.
         options: The driver's own settings: exposure, focus, width and height of a camera; columns and baud rate of
             taxels; keyword arguments of a ``module:name``.
     """
@@ -577,7 +577,7 @@ class SensorSettings(_Device):
     VIRTUAL = ("simulated",)
     driver: str
     device: str | None = None
-    colour_order: Literal["bgr", "rgb"] = "bgr"
+    channels: Literal["rgb", "bgr"] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
