@@ -39,6 +39,25 @@ def short_name(name: str) -> str:
     return name if short == name else f"{short}_{hashlib.sha256(name.encode()).hexdigest()[:6]}"
 
 
+def file_name(text: str, most: int) -> str:
+    """Return a text as a part of a file name, which can be empty.
+
+    Characters that a file name cannot have on every system become hyphens.
+
+    Args:
+        text: The text.
+        most: The largest number of bytes.
+    """
+    plain = re.sub(r"[^\w.+-]+", "-", text).strip("-.").encode("utf-8", "ignore")[:most]
+    return plain.decode("utf-8", "ignore").strip("-.")
+
+
+def natural(text: str) -> tuple[object, ...]:
+    """Return the key that sorts texts as people do: ``material-2`` before ``material-10``."""
+    parts = re.split(r"([0-9]{1,18})", text)
+    return (tuple(int(part) if i % 2 else part for i, part in enumerate(parts)), text)
+
+
 def decimal_hint(text: str) -> str:
     """Return ``; write 1.5`` for the text ``1,5``, as the end of an error message; an empty text for all others."""
     return f"; write {text.strip().replace(',', '.')}" if re.fullmatch(r"\s*[-+]?\d*,\d+\s*", text) else ""

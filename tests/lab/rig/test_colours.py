@@ -104,7 +104,7 @@ def test_the_stored_image_has_the_colour_that_the_sensor_saw(
 def test_a_sensor_in_colours_that_does_not_state_their_order_is_refused() -> None:
     with pytest.raises(InputError, match=r'channels: is missing; .*\(12, 16, 3\).*channels = "rgb" or "bgr"'):
         opened("Eye")
-    with pytest.raises(InputError, match="RGB888.*rgb, bgr"):
+    with pytest.raises(InputError, match=r"RGB888.*rgb, bgr"):
         opened("Wrong")
     with opened("Wrong", "rgb"), opened("Grey"), opened("Taxels"):
         pass
