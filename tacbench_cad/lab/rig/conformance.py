@@ -230,7 +230,9 @@ def check_sensor(sensor: Any, clock: Clock, channels: Channels | None = None) ->
     if check_interface(checks, "sensor", sensor):
         _check_settings(checks, sensor)
         fault = channels_fault(sensor, channels)
-        checks.require("colours", not fault, str(channels or getattr(sensor, "channels", "")), f"channels {fault}")
+        checks.require(
+            "colours", not fault, str(channels or getattr(sensor, "channels", None) or ""), f"channels {fault}"
+        )
         _check_frames(checks, sensor, clock)
         check_close(checks, "sensor", sensor)
     with suppress(Exception):

@@ -226,7 +226,7 @@ def _of_zip(path: Path, name: str) -> Frames:
         raise InputError("file", str(path), f"is not a complete .npz file: {error}") from None
     numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
     chosen = members[_chosen(path, numbers, name)]
-    columns = {}
+    columns: dict[str, list[str]] = {}
     for word, member in members.items():
         if member.dtype.kind in "biufUS" and companions.describes(word, member.shape, chosen.shape):
             size = float(np.prod(member.shape, dtype=float)) * member.dtype.itemsize / 1e6

@@ -59,9 +59,13 @@ def pairs(paths: Sequence[Path]) -> dict[Path, list[Path]]:
     it belongs to others (``y_test`` beside ``X_train``) or no other file has so many frames.
     """
     shapes = {path: shape for path in paths if (shape := _shape(path))}
+    describing = {
+        path: [other for other, of in shapes.items() if other != path and describes(path.stem, shape, of)]
+        for path, shape in shapes.items()
+    }
     result: dict[Path, list[Path]] = {path: [] for path in paths}
-    for path, shape in shapes.items():
-        fitting = [other for other, of in shapes.items() if other != path and describes(path.stem, shape, of)]
+    for path, others in describing.items():
+        fitting = [other for other in others if not describing[other]]
         named = [other for other in fitting if subject(path.stem) <= subject(other.stem)]
         for other in named or (fitting if len(fitting) == 1 else []):
             result[other].append(path)

@@ -147,8 +147,8 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
         }
         document["samples_sha256"] = hashlib.sha256(json.dumps(described).encode()).hexdigest()
         result.append(Group(specimen=specimen, samples=kept, origins=origins, sources=of_group, source=document))
-    names = Counter(group.specimen.name.lower() for group in result)  # some file systems ignore case
-    distinct = (replace(group.specimen, distinct=names[group.specimen.name.lower()] > 1) for group in result)
+    alike = Counter(group.specimen.name.lower() for group in result)  # some file systems ignore case
+    distinct = (replace(group.specimen, distinct=alike[group.specimen.name.lower()] > 1) for group in result)
     return [replace(group, specimen=specimen) for group, specimen in zip(result, distinct, strict=True)], left_out
 
 

@@ -18,6 +18,8 @@ from tacbench_cad.util.packages import require
 
 #: The files that identify such a folder: with a single split, and with several splits.
 SPLIT_FILE, SPLITS_FILE = "dataset_info.json", "dataset_dict.json"
+#: The types of numbers of a data set.
+NUMBER_TYPES = ("bool", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)), "float32", "float64")
 #: The largest number of values of a list that is kept with a frame.
 MAX_NUMBERS = 64
 
@@ -88,15 +90,22 @@ def _image_column(folder: Path, split: Any, columns: Mapping[str, str]) -> str:
 
 def _kept(split: Any, name: str) -> bool:
     """Return whether the values of a column are kept as texts: plain values, and short lists of numbers."""
-    first = split[0][name] if len(split) and not isinstance(split.features[name], _images()) else None
-    is_list = isinstance(first, list) and len(first) <= MAX_NUMBERS
-    return _plain(split, name) or (is_list and all(isinstance(value, int | float) for value in first))
-
-
-def _images() -> type:
     import datasets
 
-    return datasets.Image
+    if _plain(split, name) or not len(split) or isinstance(split.features[name], datasets.Image):
+        return _plain(split, name)
+    first = split[0][name]
+    return (
+        isinstance(first, list) and len(first) <= MAX_NUMBERS and all(isinstance(value, int | float) for value in first)
+    )
+
+
+def _dtype(feature: Any) -> str | None:
+    """Return the type of the numbers in a column of arrays, which are loaded as lists; None if it is unknown."""
+    while hasattr(feature, "feature"):
+        feature = feature.feature
+    dtype = getattr(feature, "dtype", None)
+    return dtype if dtype in NUMBER_TYPES else None
 
 
 def _file_names(split: Any, image: str) -> dict[str, list[str]]:
@@ -124,7 +133,7 @@ def _text(value: Any, names: list[str] | None) -> str:
 def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
     try:
         value = split[index][column]
-        array = None if isinstance(value, dict) else np.asarray(value)
+        array = None if isinstance(value, dict) else np.asarray(value, dtype=_dtype(split.features[column]))
     except Exception as error:
         raise CheckFailedError(f"cannot be read: {one_line(error, 200)}") from None
     if array is not None:
