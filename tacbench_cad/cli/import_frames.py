@@ -71,7 +71,7 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
 @options.option(
     "--channels",
     options.choice("rgb", "bgr"),
-    "Arrays: order of the three colours. Image files, videos and the authors' arrays state their order.",
+    "Arrays: order of the three colours. The order in image files, videos and the authors' arrays is known.",
     options.INPUT,
     default="rgb",
 )

@@ -69,7 +69,7 @@ class PressTable:
     @property
     def textures(self) -> list[str]:
         """The names of the textures in natural order."""
-        return natural_unique(self.texture)[0].tolist()
+        return [str(name) for name in natural_unique(self.texture)[0]]
 
     @classmethod
     def of(cls, collection: Collection) -> PressTable:
