@@ -165,8 +165,8 @@ def _unfolded(path: Path, paths: Paths, options: ImportOptions) -> tuple[list[Pa
     if options.kind in (None, "arrays", "authors"):
         files = sorted((each for each in path.iterdir() if not images.is_hidden(each)), key=images.natural_path)
         of_arrays = [each for each in files if each.suffix.lower() in arrays.SUFFIXES]
-        # Beside arrays, the folder may have tables and notes, but no images and no folders.
-        if of_arrays and not any(each.is_dir() or images.is_image_file(each) for each in files):
+        # Beside arrays, the folder may have tables and notes. If it has images or folders, the user must say the kind.
+        if of_arrays and (options.kind or not any(each.is_dir() or images.is_image_file(each) for each in files)):
             return (of_arrays if options.kind == "authors" else list(companions.pairs(of_arrays))), []
     return [path], []
 

@@ -233,6 +233,14 @@ def test_arrays_without_labels_need_the_kind(tmp_path: Path, capsys: Capture) ->
     assert [np.array_equal(run.frame(row), noise(0, 6, 16, 16)[row.number - 1]) for row in run.rows] == [True] * 6
 
 
+def test_the_kind_chooses_the_arrays_in_a_folder_with_images(tmp_path: Path) -> None:
+    save(tmp_path / "data" / "plot.png", 1, 16, 16)
+    np.save(tmp_path / "data" / "X.npy", noise(0, 6, 16, 16))
+    np.save(tmp_path / "data" / "y.npy", np.arange(6) % 2)
+    report = import_samples([tmp_path / "data"], tmp_path / "out", ImportOptions(kind="arrays"))
+    assert report.ok and [(run.folder.name, run.imported) for run in report.runs] == [("0", 3), ("1", 3)]
+
+
 def test_a_label_array_that_does_not_fit_is_left_out(tmp_path: Path) -> None:
     np.save(tmp_path / "X.npy", noise(0, 6, 16, 16))
     np.save(tmp_path / "y.npy", np.arange(5))
