@@ -7,7 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import rich_click as click
 from click.exceptions import Exit
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 MAX_PATHS = 4
 #: Width of a table that is not printed on a terminal, in characters.
 PLAIN_WIDTH = 160
+#: The longest word in a cell of a table that is never broken, in characters. Paths can be longer.
+LONGEST_WORD = 40
+#: What is added to the title of a part of a table, after the first part.
+CONTINUED = " (continued)"
+#: The number of characters between two columns.
+_BETWEEN = 3
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -99,7 +105,7 @@ def print_simulated(simulated: Sequence[str]) -> None:
 
 
 def print_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table.
+    """Print a table. A table that is too wide is printed in parts, which all begin with the first columns.
 
     Args:
         title: Its title.
@@ -109,12 +115,60 @@ def print_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[object
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in heads:
-        table.add_column(head.removeprefix(">"), justify="right" if head[:1] == ">" else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*(str(cell) for cell in row))
-    console().print(table)
+    screen, texts = console(), [[str(cell) for cell in row] for row in rows]
+    columns = [[head.removeprefix(">"), *(row[i] for row in texts)] for i, head in enumerate(heads)]
+    for part in _parts(heads, columns, screen.width):
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        widths = _widths([columns[i] for i in part], screen.width)
+        for i, width in zip(part, widths, strict=True):
+            justify: Literal["right", "left"] = "right" if heads[i][:1] == ">" else "left"
+            table.add_column(columns[i][0], justify=justify, overflow="fold", width=width)
+        for row in texts:
+            table.add_row(*(row[i] for i in part))
+        screen.print(table)
+        title = f"{title.removesuffix(CONTINUED)}{CONTINUED}"
+
+
+def _parts(heads: Sequence[str], columns: Sequence[Sequence[str]], width: int) -> list[list[int]]:
+    """Divide the columns of a table into parts in which no word has to be broken.
+
+    Each part begins with the columns of texts before the first column of numbers.
+    """
+    named = next((i for i, head in enumerate(heads) if head[:1] == ">"), 0)
+    needs = [_need(column) for column in columns]
+
+    def fits(part: Sequence[int]) -> bool:
+        return sum(needs[i] for i in part) + _BETWEEN * len(part) <= width
+
+    first = list(range(named if 2 * sum(needs[:named]) < width else min(named, 1)))
+    parts = [list(first)]
+    for i in range(len(first), len(columns)):
+        if not fits([*parts[-1], i]) and len(parts[-1]) > len(first):
+            parts.append(list(first))
+        parts[-1].append(i)
+    return parts
+
+
+def _widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:
+    """Return the widths of columns. If they do not fit, the widest is made narrower, but words are not broken."""
+    from rich.cells import cell_len
+
+    needs = [_need(column) for column in columns]
+    widths = [max(cell_len(line) for text in column for line in text.split("\n")) for column in columns]
+    while sum(widths) + _BETWEEN * len(widths) > width:
+        wide = [i for i, need in enumerate(needs) if widths[i] > need]
+        if not wide:
+            break
+        widths[max(wide, key=lambda i: widths[i])] -= 1
+    return widths
+
+
+def _need(column: Sequence[str]) -> int:
+    """Return the width of a column in which no word of its head is broken, and no word of its cells that is short."""
+    from rich.cells import cell_len
+
+    head, *cells = ([cell_len(word) for word in text.split()] for text in column)
+    return max([1, *head, *(min(length, LONGEST_WORD) for cell in cells for length in cell)])
 
 
 def ask_line(prompt: str, *, err: bool = False) -> str:

@@ -15,6 +15,7 @@ from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
+    from tacbench_cad.lab.rig.colours import Channels
     from tacbench_cad.lab.runs.importing.importer import ImportReport
 
 #: Things that were left out that are named before the rest is only counted; all of them are in --json.
@@ -24,7 +25,7 @@ KINDS = ("images", "folders", "tactip", "arrays", "videos", "huggingface", "auth
 #: What a column of a table can be; a test compares these words with those that the import knows.
 COLUMNS = (
     *("label", "print", "printer", "filament", "position", "force", "repeat", "session"),
-    *("image", "time", "video", "index", "measured_force", "x", "y", "z"),
+    *("image", "time", "video", "index", "measured_force", "x", "y", "z", "Rx", "Ry", "Rz"),
 )
 
 
@@ -52,7 +53,7 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
     options.Value("NAME=COLUMN,...", _pairs_of, completing.of_lists(*(f"{name}=" for name in COLUMNS))),
     "Meaning of the columns of the table, for example label=material. You need it only for unusual column names. The "
     "meanings are label, print, printer, filament, position, force (N), repeat, session, image, time, video, index, "
-    "measured_force, x, y and z.",
+    "measured_force, x, y, z (mm), Rx, Ry and Rz (degrees).",
     options.INPUT,
 )
 @options.option(
@@ -66,6 +67,13 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
     options.choice(*KINDS),
     f"Kind of data: {', '.join(KINDS[:-1])} or {KINDS[-1]}. Default: found from the files.",
     options.INPUT,
+)
+@options.option(
+    "--channels",
+    options.choice("rgb", "bgr"),
+    "Arrays: order of the three colours. The order in image files, videos and the authors' arrays is known.",
+    options.INPUT,
+    default="rgb",
 )
 @options.out("DIR", "Folder of the runs.", required=True)
 @options.json
@@ -99,6 +107,7 @@ def command(
     columns: dict[str, str] | None,
     names: Path | None,
     kind: str | None,
+    channels: Channels,
     json: bool,
     **authors: Any,
 ) -> None:
@@ -107,14 +116,15 @@ def command(
     All analyses can read these run folders. The command imports:
     - images with a table (CSV)
     - images in one folder for each class
-    - the folder of a TacTip toolchain
-    - arrays (.npy, .npz or HDF5) with a table
+    - one or several folders of a TacTip toolchain
+    - arrays (.npy, .npz or HDF5) with a table, or with an array of labels
     - videos with a table of times
     - a Hugging Face data set that was saved to disk
     - the arrays of the paper's authors
 
     Each print becomes one run. If the prints are unknown, each label becomes one run. Values that are not in your data
-    stay empty. An analysis that needs such a value says so.
+    stay empty. An analysis that needs such a value says so. All columns of your tables, and the names of your files,
+    are kept in source.csv in each run.
 
     At the end, the command lists the frames that it could not import, with the reasons. The exit code is then 1. If you
     interrupt the command, type it again to resume.
@@ -124,6 +134,7 @@ def command(
       tacbench import-frames frames/ labels.csv --columns label=material -o runs
       tacbench import-frames images_by_class/ -o runs
       tacbench import-frames X.npy X.csv -o runs
+      tacbench import-frames X.npy y.npy -o runs
       tacbench import-frames press.mp4 times.csv -o runs
       tacbench import-frames arrays/*.npy --names printers.toml -o runs
     """
@@ -131,7 +142,9 @@ def command(
     from tacbench_cad.lab.runs.importing.importer import import_samples
     from tacbench_cad.lab.runs.importing.kinds import ImportOptions
 
-    how = ImportOptions(kind=kind, columns=columns or {}, names=names, authors=AuthorsOptions(**authors))
+    how = ImportOptions(
+        kind=kind, columns=columns or {}, names=names, channels=channels, authors=AuthorsOptions(**authors)
+    )
     with ProgressLine() as progress:
         report = import_samples(paths, out, how, progress.show)
     if json:

@@ -117,7 +117,7 @@ def _checked(
         elif kind == "gauge":
             settings = from_plain(GaugeSettings, {"driver": driver, **table}, "[gauge] ")
         else:
-            device = {key: table.pop(key) for key in ("device", "colour_order") if key in table}
+            device = {key: table.pop(key) for key in ("device", "channels") if key in table}
             settings = from_plain(SensorSettings, {"driver": driver, **device, "options": table}, "[sensor] ")
         if isinstance(settings, StageSettings) and driver == VIRTUAL_ARM:
             arm = VirtualArm.open(settings)
@@ -142,7 +142,7 @@ def _checked(
         if kind == "gauge":
             load = None if mass_g is None else _ask_for_mass
             return check_gauge(opened, clock, load=load, mass_g=mass_g or 100.0)
-        return check_sensor(opened, clock)
+        return check_sensor(opened, clock, getattr(settings, "channels", None))
 
 
 def _ask_for_mass(mass_g: float) -> None:

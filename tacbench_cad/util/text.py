@@ -7,7 +7,10 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tacbench_cad.util.types import Ints, Strings
 
 #: The largest number of characters of a file name, without its hash and its ending.
 _LONGEST_NAME = 100
@@ -37,6 +40,34 @@ def short_name(name: str) -> str:
 
     short = re.sub(r"\d+\.\d+", rounded, name)[:_LONGEST_NAME]
     return name if short == name else f"{short}_{hashlib.sha256(name.encode()).hexdigest()[:6]}"
+
+
+def file_name(text: str, most: int) -> str:
+    """Return a text as a part of a file name, which can be empty.
+
+    Characters that a file name cannot have on every system become hyphens.
+
+    Args:
+        text: The text.
+        most: The largest number of bytes.
+    """
+    plain = re.sub(r"[^\w.+-]+", "-", text).strip("-.").encode("utf-8", "ignore")[:most]
+    return plain.decode("utf-8", "ignore").strip("-.")
+
+
+def natural(text: str) -> tuple[object, ...]:
+    """Return the key that sorts texts as people do: ``material-2`` before ``material-10``."""
+    parts = re.split(r"([0-9]{1,18})", text)
+    return (tuple(int(part) if i % 2 else part for i, part in enumerate(parts)), text)
+
+
+def natural_unique(names: Strings) -> tuple[Strings, Ints]:
+    """Return the different names in natural order, and for each of ``names`` its index in them."""
+    import numpy as np
+
+    unique, inverse = np.unique(names, return_inverse=True)
+    order = sorted(range(len(unique)), key=lambda i: natural(str(unique[i])))
+    return unique[order], np.argsort(order)[inverse]
 
 
 def decimal_hint(text: str) -> str:

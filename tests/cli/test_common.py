@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tacbench_cad.cli import common
 from tacbench_cad.cli.common import print_simulated
 
 Capture = pytest.CaptureFixture[str]
@@ -25,3 +26,38 @@ def test_simulated_devices_are_listed_in_one_short_line(capsys: Capture) -> None
 def test_nothing_is_printed_for_real_data(capsys: Capture) -> None:
     print_simulated(())
     assert capsys.readouterr().out == ""
+
+
+MATERIALS = ("hammer", "screwdriver", *(f"material_{number}" for number in range(1, 13)))
+
+
+@pytest.mark.parametrize("width", [160, 80, 50])
+def test_no_word_of_a_wide_table_is_broken(width: int, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(common, "PLAIN_WIDTH", width)
+    heads = ("estimator", "held out", *(f">{name}" for name in MATERIALS))
+    rows = [("forest", "press", *range(100, 114)), ("network", "whole print", *range(200, 214))]
+    common.print_table("recall", heads, rows)
+    out = capsys.readouterr().out
+    words = out.replace("─", " ").split()
+    assert set(words) == {
+        *("recall", "(continued)", "estimator", "held", "out", "forest", "network", "press", "whole", "print"),
+        *MATERIALS,
+        *map(str, range(100, 114)),
+        *map(str, range(200, 214)),
+    }
+    assert max(map(len, out.splitlines())) <= width
+    for name in MATERIALS:  # each column is printed once, below its head
+        assert words.count(name) == 1
+    parts = out.count("recall")
+    assert words.count("forest") == parts > 1
+
+
+def test_a_long_path_may_be_broken_but_its_head_is_not(capsys: Capture) -> None:
+    common.print_table("files", ("file", ">presses"), [("a" * 300, 1234)])
+    out = capsys.readouterr().out
+    assert out.count("a") >= 300 and "presses" in out and "1234" in out
+
+
+def test_a_table_without_rows_has_its_head(capsys: Capture) -> None:
+    common.print_table("empty", ("run", ">left out"), [])
+    assert "left out" in capsys.readouterr().out

@@ -323,6 +323,8 @@ GAUGES: dict[type[GoodGauge], set[str]] = {
 class GoodSensor(Closing):
     """A camera whose frames are noise."""
 
+    channels = "rgb"
+
     def __init__(self, clock: Clock | None = None) -> None:
         self.name, self.units, self.shape = "good sensor", "counts", (12, 16, 3)
         self.simulated = "sensor (test double)"

@@ -24,6 +24,7 @@ from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 Chosen = Ints | Bools
@@ -300,14 +301,15 @@ class Collection:
 
     @property
     def textures(self) -> tuple[str, ...]:
-        """The names of the textures, sorted."""
-        return tuple(str(value) for value in np.unique(self.texture))
+        """The names of the textures in natural order: ``material-2`` before ``material-10``."""
+        return tuple(natural_unique(self.texture)[0].tolist())
 
     @property
     def combinations(self) -> tuple[str, ...]:
         """The printer-filament combinations: first the paper's, in its order, then others by name."""
         order = {f"{printer}_{filament}": i for i, (printer, filament) in enumerate(COMBINATIONS)}
-        return tuple(sorted((str(value) for value in np.unique(self.combination)), key=lambda c: (order.get(c, 99), c)))
+        names = natural_unique(self.combination)[0].tolist()
+        return tuple(sorted(names, key=lambda name: order.get(name, 99)))
 
     @property
     def levels(self) -> tuple[int, ...]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.camera_devices import Capture, Opener, chosen_camera, open_capture
+from tacbench_cad.lab.rig.colours import INSIDE
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import Frame
@@ -109,6 +110,7 @@ class CameraSensor(Closing):
     """
 
     units = "counts"
+    channels = INSIDE
     simulated = ""
 
     def __init__(

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.colours import Channels, channels_fault
 from tacbench_cad.lab.rig.drivers import NEEDED, RESULTS
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
@@ -217,16 +218,21 @@ def _check_load(checks: Checks, gauge: Any, load: Callable[[float], None], mass_
     checks.require("unit", abs(ratio - 1.0) < FORCE_ERROR, f"{change_n:.4f} N for {expected_n:.4f} N", wrong)
 
 
-def check_sensor(sensor: Any, clock: Clock) -> Sequence[Check]:
+def check_sensor(sensor: Any, clock: Clock, channels: Channels | None = None) -> Sequence[Check]:
     """Check a sensor.
 
     Args:
         sensor: The open sensor; it is closed at the end.
         clock: The rig's time.
+        channels: The order of its colours, if the study file states it.
     """
     checks = Checks()
     if check_interface(checks, "sensor", sensor):
         _check_settings(checks, sensor)
+        fault = channels_fault(sensor, channels)
+        checks.require(
+            "colours", not fault, str(channels or getattr(sensor, "channels", None) or ""), f"channels {fault}"
+        )
         _check_frames(checks, sensor, clock)
         check_close(checks, "sensor", sensor)
     with suppress(Exception):

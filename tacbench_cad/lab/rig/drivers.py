@@ -14,13 +14,14 @@ from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.camera import open_camera
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.colours import with_inside_colours
 from tacbench_cad.lab.rig.firmware_settings import HasLimits
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context, Driver, Kind
-from tacbench_cad.lab.rig.sensor import Frame, Sensor, SwappedColours
+from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import (
@@ -107,12 +108,16 @@ def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] 
         taken: The ports of the rig's other devices, which are not tried.
 
     Raises:
-        InputError: A setting is not allowed, or the device does not exist.
+        InputError: A setting is not allowed, the device does not exist, or nothing states the order of its colours.
         MissingToolError: A package that the driver needs is not installed.
         RigError: The sensor fails, does not accept a setting, or sends invalid frames.
     """
     sensor: Sensor = open_device("sensor", settings, Context(clock=clock, taken=taken))
-    return SwappedColours(sensor) if settings.colour_order == "rgb" else sensor
+    try:
+        return with_inside_colours(sensor, settings.channels, settings.driver)
+    except BaseException:
+        sensor.close()
+        raise
 
 
 def find_driver(kind: Kind, word: str) -> Driver:

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.rig.colours import INSIDE
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.rig.frames import FrameLimits, require_good_frame
 from tacbench_cad.lab.rig.registry import Context, Driver
@@ -66,6 +67,7 @@ class PiCameraSensor(Closing):
     """
 
     units = "counts"
+    channels = INSIDE
     simulated = ""
 
     def __init__(self, device: str | None, options: PiCameraOptions) -> None:

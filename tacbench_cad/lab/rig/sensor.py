@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.stage import Closing, Device
+from tacbench_cad.lab.rig.stage import Device
 
 #: One image or array of a sensor.
 Frame = NDArray[Any]
@@ -23,6 +23,9 @@ class Sensor(Device, Protocol):
         shape: The shape of every frame: ``(height, width)`` or ``(height, width, 3)`` for an image.
         simulated: The simulated part, or an empty text.
         settings: ``{"requested": {...}, "actual": {...}}``, plain values.
+
+    A driver of images in colours also has the attribute ``channels``, the order of their colours: ``rgb`` or ``bgr``.
+    The study file can state it instead.
 
     A driver can have two optional members for moving frames. The method ``grab()`` takes a frame as :meth:`read` does,
     but returns a function that returns the frame, so that slow work is done later, and only for frames that are kept.
@@ -40,7 +43,7 @@ class Sensor(Device, Protocol):
         """Return a frame whose exposure or sampling began after this call.
 
         Returns:
-            An array of the sensor's ``shape``; an image is uint8 of shape (height, width) or (height, width, 3), BGR.
+            An array of the sensor's ``shape``; an image is uint8 of shape (height, width) or (height, width, 3).
 
         Raises:
             RigError: The sensor is gone or silent, or sends invalid frames.
@@ -52,26 +55,3 @@ def is_image(frame: Frame) -> bool:
     if frame.dtype != np.uint8 or frame.ndim not in (2, 3):
         return False
     return min(frame.shape[:2]) >= 8 and (frame.ndim == 2 or frame.shape[2] == 3)
-
-
-class SwappedColours(Closing):
-    """A sensor whose driver delivers images in the order red, green, blue.
-
-    Args:
-        sensor: The sensor.
-    """
-
-    def __init__(self, sensor: Sensor) -> None:
-        self._sensor = sensor
-        self.name, self.units, self.shape, self.simulated = sensor.name, sensor.units, sensor.shape, sensor.simulated
-        requested = {**sensor.settings.get("requested", {}), "colour_order": "rgb"}
-        self.settings: dict[str, Any] = {**sensor.settings, "requested": requested}
-
-    def read(self) -> Frame:
-        """See :class:`Sensor`. The image is in the order blue, green, red."""
-        frame = self._sensor.read()
-        return np.ascontiguousarray(frame[..., ::-1]) if is_image(frame) and frame.ndim == 3 else frame
-
-    def close(self) -> None:
-        """See :class:`Sensor`."""
-        self._sensor.close()

@@ -45,8 +45,12 @@ def array_head(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]
     return shape, fortran, dtype
 
 
-def _require_real_numbers(stream: BinaryIO) -> None:
+def _require_complete(stream: BinaryIO, texts: bool = False) -> None:
     """Compare the header of a NumPy file with the file's size, and go back to the beginning of the file.
+
+    Args:
+        stream: The file.
+        texts: Whether texts are allowed, too.
 
     Raises:
         CheckFailedError: The file is not a complete NumPy file of real numbers.
@@ -54,7 +58,8 @@ def _require_real_numbers(stream: BinaryIO) -> None:
     shape, _, dtype = array_head(stream)
     if 0 in shape:
         raise CheckFailedError(f"has shape {shape}, so it has no values")
-    if dtype.subdtype is not None or dtype.kind not in "biuf" or dtype.itemsize > 8:
+    numbers = dtype.kind in "biuf" and dtype.itemsize <= 8
+    if dtype.subdtype is not None or not (numbers or (texts and dtype.kind in "US")):
         raise CheckFailedError(f"contains {str(dtype)[:80]}; it must contain real numbers of at most 64 bits")
     need, size = stream.tell() + math.prod(shape) * dtype.itemsize, stream.seek(0, 2)
     if size != need:
@@ -70,20 +75,24 @@ def array_of(data: bytes) -> NDArray[Any]:
         CheckFailedError: The bytes are not a complete NumPy file of real numbers.
     """
     stream = io.BytesIO(data)
-    _require_real_numbers(stream)
+    _require_complete(stream)
     array: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
     return array
 
 
-def mapped(path: Path) -> NDArray[Any]:
+def mapped(path: Path, texts: bool = False) -> NDArray[Any]:
     """Map a file into memory, read-only. Only the parts that are used are read.
+
+    Args:
+        path: The file.
+        texts: Whether an array of texts is allowed, too.
 
     Raises:
         InputError: The file cannot be opened, or is not a complete NumPy file of real numbers.
     """
     with door.open_input(path, kind="array") as stream:
         try:
-            _require_real_numbers(stream)
+            _require_complete(stream, texts)
         except CheckFailedError as error:
             raise InputError("file", str(path), str(error)) from None
     array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)

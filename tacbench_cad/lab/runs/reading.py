@@ -12,6 +12,7 @@ from typing import Any
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
+from tacbench_cad.lab.runs.origins import read_origins
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.schema import PositionCheck, PressKey, Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import Series, series_rows
@@ -19,6 +20,7 @@ from tacbench_cad.lab.runs.table import RunTable, read_table
 from tacbench_cad.spec.printrecord import PrintRecord, read_record
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.text import natural
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,18 @@ class Run:
             InputError: A row cannot be read, contradicts the run, or occurs twice. The message names the line.
         """
         return read_table(self.folder, Row, planned(self.info))
+
+    @cached_property
+    def origins(self) -> dict[str, dict[str, str]]:
+        """What the source of an imported run says about each frame: the texts by column, by the name of the frame.
+
+        The columns ``source_file`` and ``source_frame`` are the file that the frame came from, and its number in this
+        file. All others have the names and the texts of the source. It is empty for a run that was not imported.
+
+        Raises:
+            InputError: ``source.csv`` cannot be read.
+        """
+        return read_origins(self.folder)
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -132,7 +146,7 @@ class Run:
             verify: Compare the file with the checksum in the row.
 
         Returns:
-            An array of the sensor's shape; an image is uint8, and in BGR if it has colours.
+            An array of the sensor's shape. An image is uint8; its colours are in the order blue, green, red.
 
         Raises:
             CheckFailedError: The file is missing or damaged, or has another shape. With ``verify``: it was changed.
@@ -292,7 +306,7 @@ def find_runs(folders: Iterable[Path]) -> list[Path]:
     runs: dict[Path, None] = {}
     for folder in folders:
         _require_folder(folder)
-        here = sorted(_walk(folder))
+        here = sorted(_walk(folder), key=lambda path: [natural(part) for part in path.parts])
         if not here:
             raise InputError("run", str(folder), f"contains no run folder (a folder with a {schema.RUN_FILE})")
         runs.update(dict.fromkeys(here))

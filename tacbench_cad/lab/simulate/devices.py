@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.colours import INSIDE
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
@@ -141,7 +142,7 @@ class SimulatedSensor(_Follower):
         self.frame_age_s = 0.0
         self._pins = self._tactip.rest
         self.name = SIMULATED
-        self.units = "counts"
+        self.units, self.channels = "counts", INSIDE
         self.shape = self._tactip.shape
         self.simulated = SIMULATED
         self.settings: dict[str, Any] = {"requested": dict(options or {}), "actual": self._tactip.as_dict()}

@@ -347,7 +347,7 @@ def _rig(document: _Devices, rim: HolderRim, protocol: Protocol, folder: Path, t
         gauge = replace(gauge, calibration=str(folder / gauge.calibration))
     # All other keys are settings of the driver.
     values = dict(document.sensor or {})
-    own = {key: values.pop(key) for key in ("driver", "device", "colour_order") if key in values}
+    own = {key: values.pop(key) for key in ("driver", "device", "channels") if key in values}
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
     if gauge.port == "virtual" and not stage.is_virtual:
         raise InputError("[gauge] port", gauge.port, "works only with a virtual stage; give the port of your load cell")

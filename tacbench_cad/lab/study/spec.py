@@ -22,6 +22,7 @@ from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
 from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, to_plain
 from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.text import file_name
 from tacbench_cad.util.types import Floats
 
 ContactMode = Literal["force", "depth"]
@@ -151,6 +152,7 @@ class Specimen(Pressed):
         copy: The number or the name of the print.
         session: The name of the recording, if the print was recorded more than once.
         block: The geometry.
+        distinct: Whether a hash must tell the name from another one that has the same letters.
     """
 
     label: str | None = None
@@ -159,6 +161,7 @@ class Specimen(Pressed):
     copy: int | str | None = None
     session: str | None = None
     block: Block | None = None
+    distinct: bool = False
 
     @property
     def texture(self) -> str | None:
@@ -173,21 +176,18 @@ class Specimen(Pressed):
 
     @property
     def name(self) -> str:
-        """The name of the run folder, made of the known values. A hash is added if file names do not allow a value."""
+        """The name of the run folder, made of the known values, as far as file names allow them."""
         copy = f"copy{self.copy:02d}" if isinstance(self.copy, int) else self.copy
         words = [self.label, self.printer, self.filament, copy, self.session]
-        known = [word for word in words if word is not None]
-        plain = [re.sub(r"[^A-Za-z0-9.+-]+", "-", word).strip("-.")[:40] for word in known]
-        name = "_".join(word for word in plain if word) or UNKNOWN
-        if plain == known:
-            return name
-        return f"{name}_{hashlib.sha256(repr(words).encode()).hexdigest()[:6]}"
+        name = "_".join(plain for word in words if word is not None and (plain := file_name(word, 40))) or UNKNOWN
+        return f"{name}_{hashlib.sha256(repr(words).encode()).hexdigest()[:6]}" if self.distinct else name
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for ``run.json``."""
         names = ("label", "printer", "filament", "copy", "session")
         return {
             **{name: getattr(self, name) for name in names},
+            **({"distinct": True} if self.distinct else {}),
             "geometry": None if self.block is None else block_values(self.block),
         }
 
@@ -567,8 +567,8 @@ class SensorSettings(_Device):
     Args:
         driver: A name that ``tacbench rig drivers`` lists, ``simulated`` or ``module:name``.
         device: The stable name of the camera or the port, or the serial number of the sensor.
-        colour_order: The order of the colours in which the driver delivers images; ``bgr`` for our drivers. Images are
-            always stored in the order blue, green, red.
+        channels: The order of the colours in which the driver delivers images, ``rgb`` or ``bgr``; None for the order
+            that the driver itself states.
         options: The driver's own settings: exposure, focus, width and height of a camera; columns and baud rate of
             taxels; keyword arguments of a ``module:name``.
     """
@@ -577,7 +577,7 @@ class SensorSettings(_Device):
     VIRTUAL = ("simulated",)
     driver: str
     device: str | None = None
-    colour_order: Literal["bgr", "rgb"] = "bgr"
+    channels: Literal["rgb", "bgr"] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -20,7 +20,7 @@ TAXELS = "# For taxels instead:"
 #: The commented keys whose values are examples, because they have no defaults.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud", "station")
 #: The keys of ``[sensor]`` that belong to every driver.
-GENERAL = ("driver", "device", "colour_order")
+GENERAL = ("driver", "device", "channels")
 #: The keys that a user has to fill in, with values for the tests.
 FILLED = {
     "texture": "1",

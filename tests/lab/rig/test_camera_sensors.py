@@ -119,11 +119,11 @@ def test_the_order_of_colours_is_a_setting(usb: UsbCapture) -> None:
     with opened("digit") as sensor:
         image = sensor.read()
         assert image[10, 10, 0] < image[10, 10, 2], "blue, green, red"
-    settings = SensorSettings(driver="digit", colour_order="rgb")
+    settings = SensorSettings(driver="digit", channels="rgb")
     with open_sensor(settings, Clock()) as sensor:
         swapped = sensor.read()
         assert swapped[10, 10, 0] > swapped[10, 10, 2] and swapped.flags["C_CONTIGUOUS"]
-        assert sensor.settings["requested"]["colour_order"] == "rgb"
+        assert sensor.settings["requested"]["channels"] == "rgb"
 
 
 def test_a_raspberry_pi_camera_conforms(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from tacbench_cad.cli.export_runs import command
 from tacbench_cad.lab.runs.exporting import hugging_face, npz, web_dataset, zarr_group
 from tacbench_cad.lab.runs.exporting.columns import COLUMNS, values_of
 from tacbench_cad.lab.runs.exporting.formats import FORMATS, TACTILE_DATA, export_runs
-from tacbench_cad.lab.runs.exporting.image_folder import UNLABELLED, folder_name
+from tacbench_cad.lab.runs.exporting.image_folder import UNLABELLED, folder_names
 from tacbench_cad.lab.runs.exporting.samples import Samples
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import COLUMNS as TARGETS_COLUMNS
@@ -94,14 +94,27 @@ def test_the_folder_of_each_label_contains_the_unchanged_images(run_folder: Path
 
 @pytest.mark.parametrize(("label", "name"), [("texture-4", "texture-4"), (None, UNLABELLED)])
 def test_a_label_names_its_folder(label: str | None, name: str) -> None:
-    assert folder_name(label) == name
+    assert folder_names([label]) == {label: name}
 
 
 @pytest.mark.parametrize("label", ["..", "a/b", "../../x", " ", "a\\b", ".hidden", "ß" * 300])
 def test_a_label_that_is_not_a_folder_name_stays_inside_the_output(label: str, tmp_path: Path) -> None:
-    path = (tmp_path / folder_name(label)).resolve()
-    assert path.parent == tmp_path.resolve() and not path.name.startswith(".")
-    assert folder_name(label) != folder_name(label + "x")
+    names = folder_names([label, label + "x", label.upper()])
+    for name in names.values():
+        path = (tmp_path / name).resolve()
+        assert path.parent == tmp_path.resolve() and not path.name.startswith(".")
+        path.mkdir()
+    assert len({name.lower() for name in names.values()}) == len(names)
+
+
+def test_folder_names_stay_readable_unless_they_collide() -> None:
+    assert folder_names(["material_1", "Filz, grün", "a b"]) == {
+        "material_1": "material_1",
+        "Filz, grün": "Filz-grün",
+        "a b": "a-b",
+    }
+    names = folder_names(["a b", "a/b", "A-B", "c"])
+    assert len(set(names.values())) == 4 and names["c"] == "c" and all("-" in names[label] for label in ("a b", "a/b"))
 
 
 def test_numpy_reads_frames_and_columns(run_folder: Path, tmp_path: Path) -> None:

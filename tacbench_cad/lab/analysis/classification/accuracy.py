@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.analysis.answers import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, Outcome
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
+from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Floats, Ints
 
 #: The confidence level of the intervals.
@@ -124,7 +125,7 @@ def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Seq
         reason = next((note for note in notes if "level copy" in note), "hold-out level copy was not computed")
         yield Answer(question=WHICH_TEXTURES, about="", answer=f"cannot be said: {reason}")
         return
-    textures, truth = np.unique(presses.texture, return_inverse=True)
+    textures, truth = natural_unique(presses.texture)
     tries, correct, _, _ = _tallied(mine, truth)
     for index, texture in enumerate(textures.tolist()):
         tested = (truth == index) & (tries > 0)
@@ -194,7 +195,7 @@ def _score(
     outcomes: Sequence[Outcome], presses: PressTable, protocol: str, tested_on: str, units: str, unit: NDArray[Any]
 ) -> Score:
     """Compute the row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
-    textures, truth = np.unique(presses.texture, return_inverse=True)
+    textures, truth = natural_unique(presses.texture)
     tries, correct, which, predicted = _tallied(outcomes, truth)
     trial = np.repeat([outcome.trial for outcome in outcomes], [len(outcome.press) for outcome in outcomes])
     hit = truth[which] == predicted

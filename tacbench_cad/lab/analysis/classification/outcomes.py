@@ -79,7 +79,8 @@ def predictions(model: Any, rows: Any, textures: Sequence[str], estimator: str, 
     if words.shape != (len(rows),) or not np.isin(words, textures).all():
         what = f"predicts {words.dtype} {words.shape} in {where}; must be one of the textures for each of "
         raise InputError("estimator", estimator, f"{what}{len(rows)} rows")
-    return np.searchsorted(np.array(textures), words)
+    index = {name: number for number, name in enumerate(textures)}
+    return np.array([index[word] for word in words.tolist()], dtype=np.int64)
 
 
 @contextmanager

@@ -217,7 +217,12 @@ def recall_table(confusion: Table) -> Table:
             who = {name: row[name] for name in ("estimator", "hold_out", "train_on")}
             recalls.setdefault(tuple(who.values()), who)[row["texture"]] = row["fraction"]
     textures = dict.fromkeys(row["texture"] for row in confusion.rows)
-    columns = (_WHO[1], _WHO[4], _WHO[2], *(Column(name, float, text=percent, right=True) for name in textures))
+    columns = (
+        _WHO[1],
+        _WHO[4],
+        _WHO[2],
+        *(Column(name, float, head=name, text=percent, right=True) for name in textures),
+    )
     return Table.of(columns, recalls.values(), "recall of each texture (%)")
 
 

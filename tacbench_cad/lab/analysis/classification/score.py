@@ -156,9 +156,10 @@ def score(path: Path, split: Split) -> Score:
     """
     predicted = _matched(path, split)
     presses = [split.presses[index] for _, index in predicted]
-    textures = np.array(split.textures)
-    truth = np.searchsorted(textures, [press.texture for press in presses])
-    answers = np.searchsorted(textures, list(predicted.values()))
+    textures = split.textures
+    index = {name: number for number, name in enumerate(textures)}
+    truth = np.array([index[press.texture] for press in presses])
+    answers = np.array([index[word] for word in predicted.values()])
     prints = np.array([press.run for press in presses])
     folds = np.array([fold for fold, _ in predicted])
     confusion = np.zeros((len(textures), len(textures)), dtype=np.int64)

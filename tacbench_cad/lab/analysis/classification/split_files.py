@@ -28,6 +28,7 @@ from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
+from tacbench_cad.util.text import natural
 
 #: The schema of a split file, and the version that this program reads and writes.
 SCHEMA, SCHEMA_VERSION = "tacbench-split", 1
@@ -117,7 +118,7 @@ class Split:
     @cached_property
     def textures(self) -> tuple[str, ...]:
         """The names of the textures, sorted."""
-        return tuple(sorted({press.texture for press in self.presses}))
+        return tuple(sorted({press.texture for press in self.presses}, key=natural))
 
     @cached_property
     def design_sha256(self) -> str:

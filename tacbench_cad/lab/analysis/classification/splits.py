@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Bools, Ints, Strings
 
 #: The units of each level's intervals, by which held-out groups differ: their name, and their attribute of
@@ -67,8 +68,8 @@ class PressTable:
 
     @property
     def textures(self) -> list[str]:
-        """The names of the textures, sorted."""
-        return [str(name) for name in np.unique(self.texture)]
+        """The names of the textures in natural order."""
+        return [str(name) for name in natural_unique(self.texture)[0]]
 
     @classmethod
     def of(cls, collection: Collection) -> PressTable:

@@ -1,4 +1,4 @@
-"""Frames and columns as arrays, for the formats that store only arrays."""
+"""Frames and columns as arrays, for the formats that store only arrays. Images in colours are in RGB."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.lab.rig.colours import outside
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.exporting.columns import json_values
 from tacbench_cad.lab.runs.exporting.samples import Samples
@@ -37,7 +38,9 @@ class ArrayColumns:
             self.arrays[column.name] = np.empty(len(samples), dtype)
 
     def frames(self) -> Iterator[Frame]:
-        """Yield each frame after its columns are stored. All frames must have the same shape and type.
+        """Yield each frame, in RGB if it has colours, after its columns are stored.
+
+        All frames must have the same shape and type.
 
         Raises:
             InputError: A frame has another shape or type than the first.
@@ -49,7 +52,7 @@ class ArrayColumns:
             for name, array in self.arrays.items():
                 value = values[name]
                 array[index] = ("" if array.dtype.kind == "T" else np.nan) if value is None else value
-            frame = sample.decoded()
+            frame = outside(sample.decoded())
             first = frame if first is None else first
             if (frame.shape, frame.dtype) != (first.shape, first.dtype):
                 raise InputError(

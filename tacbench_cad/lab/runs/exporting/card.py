@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tacbench_cad.lab.runs.exporting.samples import Samples
-from tacbench_cad.util.text import counted
+from tacbench_cad.util.text import counted, natural
 
 #: The sentence about data that no format contains, for runs with series.
 NO_SERIES = "The series of moving frames after the presses are not included."
@@ -22,6 +22,10 @@ def summary(samples: Samples) -> str:
     )
 
 
+#: The sentence about the colours, for every format.
+COLOURS = "Images in colours have the channels in the order red, green, blue (RGB)."
+
+
 def card(samples: Samples, loading: str) -> str:
     """Return the README.md.
 
@@ -31,7 +35,7 @@ def card(samples: Samples, loading: str) -> str:
     """
     labels = [
         f"| {'unknown' if label is None else label} | {count} |"
-        for label, count in sorted(samples.labels.items(), key=lambda item: item[0] or "")
+        for label, count in sorted(samples.labels.items(), key=lambda item: natural(item[0] or ""))
     ]
     columns = []
     for column in samples.columns:
@@ -51,6 +55,8 @@ def card(samples: Samples, loading: str) -> str:
             "All frames are in one split. The frames of a print resemble each other, so a random test set would "
             "contain frames much like those of the training set. Put all frames of a print (`run`, `printer`, "
             "`filament`, `copy`) into the same set.",
+            "",
+            COLOURS,
             "",
             "| label | frames |",
             "|---|---|",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import re
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 from tacbench_cad.lab.runs.exporting.columns import COLUMNS
 from tacbench_cad.lab.runs.exporting.samples import Samples
 from tacbench_cad.lab.runs.schema import cell
+from tacbench_cad.util.text import file_name
 
 #: The table and its first column; ``datasets`` requires these names.
 FILE, FILE_COLUMN = "metadata.csv", "file_name"
@@ -24,20 +26,23 @@ LOADING = (
 def write(samples: Samples, folder: Path) -> None:
     """Write the unchanged images and the table."""
     samples.require_images("imagefolder")
+    names = folder_names(samples.labels)
     with (folder / FILE).open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
         table.writerow([FILE_COLUMN, *(column.name for column in COLUMNS)])
         for sample in samples:
-            path = folder / folder_name(sample.values["label"]) / f"{sample.key}{sample.suffix}"
+            path = folder / names[sample.values["label"]] / f"{sample.key}{sample.suffix}"
             path.parent.mkdir(exist_ok=True)
             path.write_bytes(sample.data)
             name = path.relative_to(folder).as_posix()
             table.writerow([name, *(cell(sample.values[column.name]) for column in COLUMNS)])
 
 
-def folder_name(label: str | None) -> str:
-    """Return the folder name of a label. A hash is added if the label has characters that a folder name cannot have."""
-    if label is None:
-        return UNLABELLED
-    plain = re.sub(r"[^A-Za-z0-9.+_-]+", "-", label).strip(".-")[:60]
-    return plain if plain == label else f"{plain}-{hashlib.sha256(label.encode()).hexdigest()[:6]}"
+def folder_names(labels: Iterable[str | None]) -> dict[str | None, str]:
+    """Return the folder name of each label. Names get a hash only if they would be the same for several labels."""
+    names = {label: (file_name(label, 100) or "label") if label is not None else UNLABELLED for label in labels}
+    alike = Counter(name.lower() for name in names.values())  # some file systems ignore case
+    return {
+        label: f"{name}-{hashlib.sha256(label.encode()).hexdigest()[:6]}" if label and alike[name.lower()] > 1 else name
+        for label, name in names.items()
+    }

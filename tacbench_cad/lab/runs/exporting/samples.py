@@ -37,7 +37,7 @@ class Sample:
     values: dict[str, Any]
 
     def decoded(self) -> Frame:
-        """Return the frame as an array.
+        """Return the frame as an array, in the order of colours inside the program.
 
         Raises:
             CheckFailedError: The file cannot be decoded.

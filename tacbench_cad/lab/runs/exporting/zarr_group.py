@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.lab.rig.colours import OUTSIDE, has_colours
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.exporting.arrays import ArrayColumns
 from tacbench_cad.lab.runs.exporting.card import summary
@@ -34,7 +35,14 @@ def write(samples: Samples, folder: Path) -> None:
             size = max(1, min(len(samples), CHUNK_BYTES // max(1, frame.nbytes)))
             shape, chunks = (len(samples), *frame.shape), (size, *frame.shape)
             names = ["sample", *("y", "x", "colour")[: frame.ndim]] if frame.ndim > 1 else ["sample", "channel"]
-            array = group.create_array(FRAMES, shape=shape, chunks=chunks, dtype=frame.dtype, dimension_names=names)
+            array = group.create_array(
+                FRAMES,
+                shape=shape,
+                chunks=chunks,
+                dtype=frame.dtype,
+                dimension_names=names,
+                attributes={"channels": OUTSIDE} if has_colours(frame) else None,
+            )
         waiting.append(frame)
         if len(waiting) == array.chunks[0] or written + len(waiting) == len(samples):
             array[written : written + len(waiting)] = np.stack(waiting)

@@ -14,7 +14,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source
+from tacbench_cad.lab.rig.colours import OUTSIDE, Channels
+from tacbench_cad.lab.runs.importing import companions
+from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source, columns_of
 from tacbench_cad.lab.runs.npyfile import array_head, mapped
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
@@ -46,33 +48,52 @@ class Frames:
     columns: Mapping[str, Sequence[str]]
 
 
-def of_array(path: Path, table: Path | None, columns: Mapping[str, str]) -> Source:
+def of_array(
+    path: Path,
+    table: Path | None,
+    columns: Mapping[str, str],
+    beside: Sequence[Path] = (),
+    channels: Channels = OUTSIDE,
+    alone: bool = True,
+) -> Source:
     """Read a file of frames. Its table has a row for each frame, or a column ``index`` with the frame's number from 0.
 
+    Args:
+        path: The file.
+        table: The table, if there is one.
+        columns: The columns, by field.
+        beside: Other ``.npy`` files that describe the frames. They are not used if there is a table.
+        channels: The order of the colours of frames with three channels.
+        alone: Whether frames without any description are imported.
+
     Raises:
-        InputError: The file cannot be read, has no array of frames, or does not match its table; or there is no table
-            and the file does not describe its frames.
+        InputError: The file cannot be read, has no array of frames, or does not match its table; or nothing describes
+            the frames.
     """
     frames = opened(path, columns.get("array", ""))
+    described = dict(frames.columns)
+    for other in beside:
+        described |= companions.columns_of(other.stem, np.array(mapped(other, texts=True)))
     count = frames.shape[0]
     size = np.prod(frames.shape[1:], dtype=float) * 8 / 1e6
     door.require_within("frame", size, MAX_FRAME_MB, "MB", str(path))
     if table is not None:
         rows = Rows.read(table, columns)
-    elif frames.columns:
-        texts = list(zip(*frames.columns.values(), strict=True))
-        rows = Rows.of(path.name, list(frames.columns), texts, columns, line=0)
+    elif described or alone:
+        texts = list(zip(*described.values(), strict=True)) if described else [()] * count
+        rows = Rows.of(path.name, list(described), texts, _with_label(path.name, columns, described), line=0)
     else:
         raise InputError(
             "array",
             str(path),
-            f"has {count:,} frames without a description; also give a table (CSV) with a row for each frame",
+            f"has {count:,} frames without labels; also give a table (CSV) with a row for each frame or an array of "
+            "labels (.npy), or import them without labels with --kind arrays",
         )
     if "index" not in rows.columns and len(rows.rows) != count:
         raise InputError("table", rows.name, f"has {len(rows.rows):,} rows, but {path.name} has {count:,} frames")
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
-    for number, (where, fields) in enumerate(rows.rows):
+    for number, (where, fields, of_row) in enumerate(rows.rows):
         word = fields.pop("index", str(number) if "index" not in rows.columns else "")
         if not word.isdecimal() or len(word) > 12 or int(word) >= count:
             left_out.append(
@@ -82,16 +103,38 @@ def of_array(path: Path, table: Path | None, columns: Mapping[str, str]) -> Sour
             )
             continue
         load: Callable[[], Loaded] = partial(frames.frame, int(word))
-        samples.append(Sample(name=f"{path.name} frame {word}", row=where, fields=fields, load=load))
+        samples.append(
+            Sample(
+                name=f"{path.name} frame {word}",
+                row=where,
+                fields=fields,
+                load=load,
+                file=path,
+                index=int(word),
+                columns=of_row,
+                channels=channels,
+            )
+        )
+    colours = len(frames.shape) == 4 and frames.shape[3] == 3
+    unused = f"{', '.join(other.name for other in beside)}: not used, because {rows.name} describes {path.name}"
+    order = f"{path.name}: the order of the colours is {channels.upper()} (--channels)"
     return Source(
         kind=f"a file of arrays ({path.suffix.lower()})",
         path=path,
         samples=samples,
         left_out=tuple(left_out),
         files=(path,),
-        facts={"columns": dict(rows.columns)},
-        notes=(rows.note,),
+        facts={"columns": dict(rows.columns)} | ({"channels": channels} if colours else {}),
+        notes=(rows.note, *([order] if colours else []), *([unused] if table is not None and beside else [])),
     )
+
+
+def _with_label(name: str, columns: Mapping[str, str], described: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return the chosen columns, with the column of labels if a name such as ``y`` gives it away."""
+    label = companions.label_column(described)
+    if label is None or "label" in columns_of(name, list(described), columns) or label in columns.values():
+        return dict(columns)
+    return {**columns, "label": label}
 
 
 def opened(path: Path, name: str = "") -> Frames:
@@ -183,20 +226,19 @@ def _of_zip(path: Path, name: str) -> Frames:
         raise InputError("file", str(path), f"is not a complete .npz file: {error}") from None
     numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
     chosen = members[_chosen(path, numbers, name)]
-    columns = {}
+    columns: dict[str, list[str]] = {}
     for word, member in members.items():
-        if len(member.shape) == 1 and member.shape == chosen.shape[:1] and member.dtype.kind in "biufUS":
-            door.require_within(
-                word, member.shape[0] * member.dtype.itemsize / 1e6, door.MAX_MB["table"], "MB", str(path)
-            )
+        if member.dtype.kind in "biufUS" and companions.describes(word, member.shape, chosen.shape):
+            size = float(np.prod(member.shape, dtype=float)) * member.dtype.itemsize / 1e6
+            door.require_within(word, size, door.MAX_MB["table"], "MB", str(path))
             with suppress(CheckFailedError):
-                columns[word] = _texts(_whole(member))
+                columns |= companions.columns_of(word, _whole(member))
     _require_frames(path, chosen.shape)
     return Frames(shape=chosen.shape, frame=chosen.frame, columns=columns)
 
 
 def _whole(member: _Member) -> NDArray[Any]:
-    return np.array([member.frame(index)[()] for index in range(member.shape[0])])
+    return np.stack([member.frame(index) for index in range(member.shape[0])])
 
 
 def _of_hdf5(path: Path, name: str) -> Frames:
@@ -241,12 +283,11 @@ def _hdf5_content(path: Path, name: str) -> tuple[str, tuple[int, ...], dict[str
             if not shapes and any(item.dtype.hasobject for item in sets.values()):
                 raise InputError("array", str(path), "has objects or texts, but no array of numbers")
             chosen = _chosen(path, shapes, name.strip("/"))
-            columns = {
-                word: _texts(item.asstr()[:] if h5py.check_string_dtype(item.dtype) else item[:])
-                for word, item in sets.items()
-                if item.shape == shapes[chosen][:1]
-                and (item.dtype.kind in "biuf" or h5py.check_string_dtype(item.dtype))
-            }
+            columns: dict[str, list[str]] = {}
+            for word, item in sets.items():
+                is_text = bool(h5py.check_string_dtype(item.dtype))
+                if (is_text or item.dtype.kind in "biuf") and companions.describes(word, item.shape, shapes[chosen]):
+                    columns |= companions.columns_of(word, item.asstr()[:] if is_text else item[:])
     except InputError:
         raise
     except Exception as error:  # h5py can raise almost any exception for a damaged file
@@ -262,7 +303,3 @@ def _hdf5_frame(path: Path, name: str, index: int) -> NDArray[Any]:
             return np.asarray(file[name][index])
     except Exception as error:
         raise CheckFailedError(f"cannot be read: {str(error)[:120]}") from None
-
-
-def _texts(values: NDArray[Any]) -> list[str]:
-    return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values.tolist()]

@@ -3,7 +3,7 @@
 The file names have the form ``<filament>_z<number>[.<copy>]_P<level>_<printer>.npy``, for example
 ``PLAminus_z0_P30_Bambu.npy``. z0 to z5 are textures 1 to 6. Other numbers occur too, and ``flat`` instead of
 ``z<number>``. An array has the shape (1, repeats, 5, 5, height, width, 3) or (repeats * 25, height, width[, 3]), and
-contains uint8 or other real numbers.
+contains uint8 or other real numbers. The colours of a frame are in the order blue, green, red.
 
 The authors do not state which axis of the 5 x 5 positions is x. By default, the first index counts the rows (y) and
 the second counts the columns (x), both in increasing order, as in our own runs. The scripts that the authors published
@@ -27,6 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.rig.colours import Channels
 from tacbench_cad.lab.runs.importing.samples import Loaded, Sample, Source
 from tacbench_cad.lab.runs.npyfile import mapped
 from tacbench_cad.spec.block import Block
@@ -38,6 +39,8 @@ FirstAxis = Literal["x", "y"]
 LEVELS: Mapping[str, int] = {"P30": 1, "P40": 2, "P50": 3}
 #: The number of press positions of a block.
 POSITIONS = PER_SIDE * PER_SIDE
+#: The order of the colours in the authors' arrays, which OpenCV recorded.
+CHANNELS: Channels = "bgr"
 #: The name of a print without a number.
 UNNUMBERED = "unnumbered"
 _NAME = re.compile(
@@ -115,7 +118,9 @@ def of_authors(path: Path, options: AuthorsOptions) -> Source:
             "y": repr(y_mm),
         }
         where = f"{path.name} repeat {repeat + 1} position {position}"
-        samples.append(Sample(name=where, fields=fields, load=load, block=block))
+        samples.append(
+            Sample(name=where, fields=fields, load=load, file=path, index=index, channels=CHANNELS, block=block)
+        )
     facts = {
         "first_axis": options.first_axis,
         "forces": "the paper's, nominal, not measured",

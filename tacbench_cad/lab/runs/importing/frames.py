@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.rig.colours import INSIDE, Channels, from_outside
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.importing.samples import Loaded
 from tacbench_cad.lab.runs.pictures import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
@@ -25,16 +26,20 @@ class Prepared(NamedTuple):
     simulated: str
 
 
-def prepared(loaded: Loaded) -> Prepared:
+def prepared(loaded: Loaded, channels: Channels) -> Prepared:
     """Return the file of a frame.
 
     PNG and JPEG files with grey or colour pixels of 8 bits are kept unchanged. Other frames are converted without loss.
+
+    Args:
+        loaded: The loaded frame.
+        channels: The order of the colours of an array. The order in the file of an image is known.
 
     Raises:
         CheckFailedError: The image is incomplete or too large, or the array does not contain real numbers.
     """
     if not isinstance(loaded, bytes):
-        frame, simulated = loaded, ""
+        frame, simulated = from_outside(loaded, channels), ""
     else:
         suffix = next((suffix for start, suffix in ((PNG, ".png"), (JPEG, ".jpg")) if loaded.startswith(start)), "")
         frame = decoded(loaded, suffix) if suffix else _other_image(loaded)
@@ -45,6 +50,7 @@ def prepared(loaded: Loaded) -> Prepared:
             if not (frame[..., 3] == np.iinfo(frame.dtype).max).all():
                 raise CheckFailedError("has transparent pixels, whose colour is unknown")
             frame = np.ascontiguousarray(frame[..., :3])
+        frame = from_outside(frame, INSIDE)
     if frame.dtype.kind not in "iufb" or not frame.size:
         raise CheckFailedError(f"contains {frame.dtype} of shape {frame.shape}; it must contain real numbers")
     file = FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ()))

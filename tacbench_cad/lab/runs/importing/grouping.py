@@ -6,17 +6,19 @@ import hashlib
 import json
 import math
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Sample, Source
+from tacbench_cad.lab.runs.importing.samples import MEASURED, LeftOut, Sample, Source
+from tacbench_cad.lab.runs.origins import FILE, INDEX, column_of
 from tacbench_cad.lab.study.spec import Specimen
 from tacbench_cad.spec.protocol import FORCES_N
 from tacbench_cad.util.convert import Word, read_toml
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import natural
 
 #: The largest number of force levels. If there are more different forces than this, and more than one for every two
 #: samples, they are taken for measured forces.
@@ -57,12 +59,14 @@ class Group:
     Args:
         specimen: The pressed specimen.
         samples: The number of each sample (from 1), the sample, and the fields of its row.
+        origins: What the sources say about each sample, by its number and by column.
         sources: The sources of the samples.
         source: The description of the sources for ``run.json``, without the checksums of files.
     """
 
     specimen: Specimen
     samples: Sequence[tuple[int, Sample, Mapping[str, Any]]]
+    origins: Mapping[int, Mapping[str, str]]
     sources: Sequence[Source]
     source: Mapping[str, Any]
 
@@ -121,7 +125,9 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
     for specimen, members in groups.items():
         numbers: dict[tuple[Any, ...], str] = {}
         kept: list[tuple[int, Sample, Mapping[str, Any]]] = []
-        for number, (_, sample) in enumerate(members, start=1):
+        origins = {}
+        for number, (source, sample) in enumerate(members, start=1):
+            origins[number] = _origin(source, sample)
             row = _row(sample, positions, repeats, forces)
             key = (row["position"], row["force_level"], row["repeat"])
             if row["position"] and row["repeat"] and numbers.setdefault(key, sample.where) != sample.where:
@@ -131,7 +137,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
                 kept.append((number, sample, row))
         mine = list(dict.fromkeys(map(id, (source for source, _ in members))))
         of_group = [source for source in sources if id(source) in mine]
-        described = [[sample.name, dict(sample.fields)] for _, sample, _ in kept]
+        described = [[sample.name, dict(sample.fields), origins[number]] for number, sample, _ in kept]
         document: dict[str, Any] = {"kind": "; ".join(dict.fromkeys(source.kind for source in of_group))}
         for source in of_group:
             document |= source.facts
@@ -140,18 +146,18 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
             name: {word: code for word, code in of.items() if word != str(code)} for name, of in codes.items()
         }
         document["samples_sha256"] = hashlib.sha256(json.dumps(described).encode()).hexdigest()
-        result.append(Group(specimen=specimen, samples=kept, sources=of_group, source=document))
-    _require_apart(result)
-    return result, left_out
+        result.append(Group(specimen=specimen, samples=kept, origins=origins, sources=of_group, source=document))
+    alike = Counter(group.specimen.name.lower() for group in result)  # some file systems ignore case
+    distinct = (replace(group.specimen, distinct=alike[group.specimen.name.lower()] > 1) for group in result)
+    return [replace(group, specimen=specimen) for group, specimen in zip(result, distinct, strict=True)], left_out
 
 
-def _require_apart(groups: Iterable[Group]) -> None:
-    """Check that no two groups have folders with the same name on a file system that ignores case."""
-    folders: dict[str, Specimen] = {}
-    for group in groups:
-        other = folders.setdefault(group.specimen.name.lower(), group.specimen)
-        if other is not group.specimen:
-            raise InputError("print", group.specimen.name, f"has the same folder name as {other.name}; rename one")
+def _origin(source: Source, sample: Sample) -> dict[str, str]:
+    """Return the row of a sample in the table of its run's origins, without the name of the frame."""
+    file = sample.file.absolute()
+    name = file.relative_to(source.base).as_posix() if file.is_relative_to(source.base) else file.name
+    place = {FILE: name} | ({} if sample.index is None else {INDEX: str(sample.index)})
+    return place | {column_of(name): text for name, text in sample.columns.items()}
 
 
 def _fault(sample: Sample) -> str:
@@ -159,7 +165,7 @@ def _fault(sample: Sample) -> str:
     for name, text in sample.fields.items():
         if len(text) > MAX_WORD or not text.isprintable():
             return f"{name} has more than {MAX_WORD} characters, or characters that cannot be printed (a line break)"
-    for name in ("x", "y", "z", "measured_force"):
+    for name in MEASURED:
         if name in sample.fields and _number(sample.fields[name]) is None:
             return f"{name} = {sample.fields[name]!r} is not a number"
     return ""
@@ -187,7 +193,7 @@ def numbered(words: Sequence[str]) -> dict[str, int]:
         return {word: int(word) for word in words}
     values = [_number(word) for word in words]
     if None in values:
-        return {word: number for number, word in enumerate(sorted(words), start=1)}
+        return {word: number for number, word in enumerate(sorted(words, key=natural), start=1)}
     order = sorted({value for value in values if value is not None})
     return {word: order.index(value) + 1 for word, value in zip(words, values, strict=True) if value is not None}
 
@@ -221,17 +227,14 @@ def _row(
     """Return the values in a sample's row of ``targets.csv`` that do not follow from its run."""
     known = sample.fields
     level, force_n = forces[known["force"]] if "force" in known else (None, None)
-    measured = {name: _number(known[name]) if name in known else None for name in ("x", "y", "z", "measured_force")}
-    turns = dict.fromkeys(f"{what}_r{axis}" for what in ("pose", "shear") for axis in "xyz")
+    measured = {name: _number(known[field]) if field in known else None for field, name in MEASURED.items()}
     return {
-        **{f"pose_{axis}": measured[axis] for axis in "xyz"},
-        **turns,
-        **dict.fromkeys(f"shear_{axis}" for axis in "xyz"),
+        **measured,
+        **dict.fromkeys(f"shear_{turn}{axis}" for turn in ("", "r") for axis in "xyz"),
         "position": positions.get(known.get("position", "")),
         "repeat": repeats.get(known.get("repeat", "")),
         "force_level": level,
         "target_force_n": force_n,
-        "measured_force_n": measured["measured_force"],
         **dict.fromkeys(("force_after_n", "in_band", "time_utc", "reference_age_s")),
     }
 

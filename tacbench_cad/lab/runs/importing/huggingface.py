@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.lab.rig.colours import Channels
 from tacbench_cad.lab.runs.importing.samples import Loaded, Rows, Sample, Source, columns_of
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
@@ -16,9 +18,13 @@ from tacbench_cad.util.packages import require
 
 #: The files that identify such a folder: with a single split, and with several splits.
 SPLIT_FILE, SPLITS_FILE = "dataset_info.json", "dataset_dict.json"
+#: The types of numbers of a data set.
+NUMBER_TYPES = ("bool", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)), "float32", "float64")
+#: The largest number of values of a list that is kept with a frame.
+MAX_NUMBERS = 64
 
 
-def of_dataset(folder: Path, columns: Mapping[str, str]) -> Source:
+def of_dataset(folder: Path, columns: Mapping[str, str], channels: Channels) -> Source:
     """Read the samples of all splits.
 
     Raises:
@@ -46,16 +52,27 @@ def of_dataset(folder: Path, columns: Mapping[str, str]) -> Source:
         if isinstance(split.features[image], datasets.Image):
             split = split.cast_column(image, datasets.Image(decode=False))
         names = {name: split.features[name].names for name in rest if hasattr(split.features[name], "names")}
-        words = {name: [_text(value, names.get(name)) for value in split[name]] for name in rest if _plain(split, name)}
+        words = {name: [_text(value, names.get(name)) for value in split[name]] for name in rest if _kept(split, name)}
+        words |= _file_names(split, image)
         texts = list(zip(*words.values(), strict=True)) if words else [()] * len(split)
         chosen = {field: column for field, column in columns.items() if column != image}
         rows = Rows.of(f"{folder.name} {word}".strip(), list(words), texts, chosen, line=0)
-        for index, (where, fields) in enumerate(rows.rows):
+        for index, (where, fields, texts_of_row) in enumerate(rows.rows):
             fields.pop("image", None)
             load: Callable[[], Loaded] = partial(_frame, split, image, index, folder)
-            samples.append(Sample(name=where.replace(" line ", " row "), fields=fields, load=load))
+            samples.append(
+                Sample(
+                    name=where.replace(" line ", " row "),
+                    fields=fields,
+                    load=load,
+                    file=folder / word,
+                    index=index,
+                    columns=texts_of_row,
+                    channels=channels,
+                )
+            )
         notes.append(rows.note)
-        facts = {"columns": {"image": image, **rows.columns}}
+        facts = {"columns": {"image": image, **rows.columns}, "channels": channels}
     return Source(kind="a Hugging Face data set", path=folder, samples=samples, facts=facts, notes=tuple(notes))
 
 
@@ -71,6 +88,35 @@ def _image_column(folder: Path, split: Any, columns: Mapping[str, str]) -> str:
     return name
 
 
+def _kept(split: Any, name: str) -> bool:
+    """Return whether the values of a column are kept as texts: plain values, and short lists of numbers."""
+    import datasets
+
+    if _plain(split, name) or not len(split) or isinstance(split.features[name], datasets.Image):
+        return _plain(split, name)
+    first = split[0][name]
+    return (
+        isinstance(first, list) and len(first) <= MAX_NUMBERS and all(isinstance(value, int | float) for value in first)
+    )
+
+
+def _dtype(feature: Any) -> str | None:
+    """Return the type of the numbers in a column of arrays, which are loaded as lists; None if it is unknown."""
+    while hasattr(feature, "feature"):
+        feature = feature.feature
+    dtype = getattr(feature, "dtype", None)
+    return dtype if dtype in NUMBER_TYPES else None
+
+
+def _file_names(split: Any, image: str) -> dict[str, list[str]]:
+    """Return the column with the names of the image files, if the data set has them."""
+    try:
+        paths = [path for chunk in split.data[image].chunks for path in chunk.field("path").to_pylist()]
+    except (AttributeError, KeyError, TypeError, ValueError):  # a column of arrays
+        return {}
+    return {image: [path or "" for path in paths]} if len(paths) == len(split) and any(paths) else {}
+
+
 def _plain(split: Any, name: str) -> bool:
     kind = getattr(split.features[name], "dtype", "")
     return kind in ("string", "large_string", "bool") or kind.startswith(("int", "uint", "float"))
@@ -79,13 +125,15 @@ def _plain(split: Any, name: str) -> bool:
 def _text(value: Any, names: list[str] | None) -> str:
     if value is None:
         return ""
+    if isinstance(value, list):
+        return json.dumps(value)
     return names[value] if names and isinstance(value, int) and 0 <= value < len(names) else str(value)
 
 
 def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
     try:
         value = split[index][column]
-        array = None if isinstance(value, dict) else np.asarray(value)
+        array = None if isinstance(value, dict) else np.asarray(value, dtype=_dtype(split.features[column]))
     except Exception as error:
         raise CheckFailedError(f"cannot be read: {one_line(error, 200)}") from None
     if array is not None:

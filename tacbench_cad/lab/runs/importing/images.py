@@ -2,30 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 
 from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted, natural
 
 #: The suffixes of images that can be read.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+#: The number of kinds of other files that a note names.
+MAX_KINDS = 8
 #: The names of folders that are parts of a split, not classes.
 SPLITS = ("train", "training", "val", "valid", "validation", "dev", "test")
-#: The tables and folders of TacTip toolchains. The first that exists is used.
+#: The tables of TacTip toolchains, of which the first that exists is used, and the usual names of folders of images.
 TACTIP_TABLES = ("targets_images.csv", "targets.csv")
-TACTIP_FOLDERS = ("processed_images", "sensor_images")
+TACTIP_FOLDERS = ("processed_images", "sensor_images", "images", "frames_bw")
+#: The number of names of images by which the folder of the images is found.
+MAX_PROBES = 100
 
 
 def is_image_file(path: Path) -> bool:
     """Return whether a file has the suffix of an image."""
-    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    return path.suffix.lower() in SUFFIXES and not is_hidden(path)
+
+
+def is_hidden(path: Path) -> bool:
+    """Return whether the name of a file says that people should not see it: ``.DS_Store``."""
+    return path.name.startswith(".")
+
+
+def natural_path(path: Path) -> tuple[object, ...]:
+    """Return the key that sorts paths as people do."""
+    return tuple(natural(part) for part in path.parts)
 
 
 def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str = "images with a table") -> Source:
-    """Read images that a table lists by their paths, relative to a folder.
+    """Read images that a table lists by their paths, relative to a folder or to one of the folders in it.
 
     Raises:
         InputError: The table cannot be read, or has no column of images.
@@ -33,39 +51,93 @@ def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str 
     rows = Rows.read(table, columns)
     if "image" not in rows.columns:
         what = f"has no column of images; choose one with --columns image=COLUMN ({', '.join(rows.unused)})"
-        raise InputError("table", str(table), what)
+        raise InputError("table", str(table), f"{what}, or leave the table aside with --kind folders")
+    names = [_inside(fields.get("image", ""), folder) for _, fields, _ in rows.rows]
+    folder, notes = _folder_of(names, folder)
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
     seen: dict[str, str] = {}
-    for where, fields in rows.rows:
-        name = _inside(fields.pop("image", ""), folder)
+    for name, (where, fields, texts) in zip(names, rows.rows, strict=True):
+        fields.pop("image", "")
         reason = name_fault(name, "image")
         if not reason and seen.setdefault(name, where) != where:
             reason = f"has the same image as {seen[name]}"
         if reason:
             left_out.append(LeftOut(where=f"{where} ({name})", reason=reason))
         else:
-            samples.append(_sample(name, fields, folder / name, folder, where))
+            samples.append(_sample(name, fields, folder / name, folder, where, texts))
     return Source(
         kind=kind,
         path=table,
         samples=samples,
         left_out=tuple(left_out),
         facts={"columns": dict(rows.columns)},
-        notes=(rows.note,),
+        notes=(rows.note, *notes),
         threads=True,
     )
 
 
-def of_toolchain(folder: Path, columns: Mapping[str, str]) -> Source:
-    """Read a folder of a TacTip toolchain, which contains a table of targets and a folder of images.
+def _folder_of(names: Sequence[str], folder: Path) -> tuple[Path, tuple[str, ...]]:
+    """Return the folder that the names of images are relative to, and a note if it could be another.
+
+    It is the folder itself if it has one of the images, else the folder in it that has the most of them. Of several, it
+    is the first of :data:`TACTIP_FOLDERS`, or else the first by name.
+    """
+    good = [name for name in dict.fromkeys(names) if not name_fault(name, "image")]
+    probes = good[:: max(1, len(good) // MAX_PROBES)]
+    if any(_is_file(folder / name) for name in probes):
+        return folder, ()
+    order = {name: number for number, name in enumerate(TACTIP_FOLDERS)}
+    below = [path for path in _listed(folder) if path.is_dir()]
+    below.sort(key=lambda path: (order.get(path.name, len(order)), natural(path.name)))
+    counts = {path: sum(_is_file(path / name) for name in probes) for path in below}
+    most = max(counts.values(), default=0)
+    best, *others = [path for path in below if counts[path] == most > 0] or [folder]
+    rest = ", ".join(path.name for path in others)
+    note = f"{folder.name}: the images in {best.name} are used; images of the same names are in {rest}"
+    return best, (note,) if others else ()
+
+
+def _is_file(path: Path) -> bool:
+    with suppress(OSError):  # a name can be too long
+        return path.is_file()
+    return False
+
+
+def toolchain_table(folder: Path) -> Path | None:
+    """Return the table of a TacTip toolchain in a folder; None if there is none."""
+    return next((folder / name for name in TACTIP_TABLES if (folder / name).is_file()), None)
+
+
+def toolchain_folders(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Find the folders of TacTip toolchains below a folder, at any depth.
+
+    Returns:
+        The folders, and the images in no such folder.
 
     Raises:
-        InputError: The table cannot be read.
+        InputError: A folder cannot be listed.
     """
-    table = next(folder / name for name in TACTIP_TABLES if (folder / name).is_file())
-    images = next(folder / name for name in TACTIP_FOLDERS if (folder / name).is_dir())
-    return with_table(table, images, columns, "a TacTip toolchain's folder")
+    files = sorted(files_below(folder), key=natural_path)
+    folders = list(dict.fromkeys(path.parent for path in files if path.name in TACTIP_TABLES))
+    images = filter(is_image_file, files if folders else ())
+    return folders, [path for path in images if not any(path.is_relative_to(each) for each in folders)]
+
+
+def of_toolchain(path: Path, columns: Mapping[str, str]) -> Source:
+    """Read a folder of a TacTip toolchain, which contains a table of targets and images, mostly in a folder.
+
+    Args:
+        path: The folder, or its table.
+        columns: The columns, by field.
+
+    Raises:
+        InputError: There is no table, or it cannot be read.
+    """
+    table = toolchain_table(path) if path.is_dir() else path
+    if table is None:
+        raise InputError("folder", str(path), f"has no {' or '.join(TACTIP_TABLES)}")
+    return with_table(table, table.parent, columns, "a TacTip toolchain's folder")
 
 
 def of_classes(folder: Path) -> Source:
@@ -78,21 +150,22 @@ def of_classes(folder: Path) -> Source:
         InputError: The folder cannot be listed.
     """
     samples: list[Sample] = []
-    left_out: list[LeftOut] = []
-    files = sorted(files_below(folder))
-    folders = {path.relative_to(folder).parts[0] for path in files if path.parent != folder}
+    files = sorted(files_below(folder), key=natural_path)
+    images = [path for path in files if is_image_file(path)]
+    others = Counter(path.suffix.lower() or path.name for path in files if not (is_image_file(path) or is_hidden(path)))
+    folders = {path.relative_to(folder).parts[0] for path in images if path.parent != folder}
     depth = 1 if folders and all(name.lower() in SPLITS for name in folders) else 0
     note = f"{folder.name}: {', '.join(sorted(folders))} are parts of a split; the folders within them are the classes"
-    for path in files:
+    for path in images:
         name = path.relative_to(folder)
-        if is_image_file(path):
-            fields = {"label": name.parts[depth]} if len(name.parts) > depth + 1 else {}
-            samples.append(_sample(str(name), fields, path, folder))
-        elif not path.name.startswith("."):
-            left_out.append(LeftOut(where=str(name), reason=f"is not an image ({', '.join(SUFFIXES)})"))
+        fields = {"label": name.parts[depth]} if len(name.parts) > depth + 1 else {}
+        samples.append(_sample(str(name), fields, path, folder))
     kind = "one folder of images for each class" if any(sample.fields for sample in samples) else "a folder of images"
-    notes = (note,) if depth else ()
-    return Source(kind=kind, path=folder, samples=samples, left_out=tuple(left_out), notes=notes, threads=True)
+    notes = [note] if depth else []
+    if others:
+        kinds = ", ".join(f"{count:,} {suffix}" for suffix, count in others.most_common(MAX_KINDS))
+        notes.append(f"{folder.name}: {counted(others.total(), 'other file')} not imported: {kinds}")
+    return Source(kind=kind, path=folder, samples=samples, notes=tuple(notes), threads=True)
 
 
 def files_below(folder: Path) -> Iterator[Path]:
@@ -101,12 +174,16 @@ def files_below(folder: Path) -> Iterator[Path]:
     Raises:
         InputError: A folder cannot be listed.
     """
+    for path in _listed(folder):
+        if path.is_dir() and not path.is_symlink():
+            yield from files_below(path)
+        else:
+            yield path
+
+
+def _listed(folder: Path) -> list[Path]:
     try:
-        for path in folder.iterdir():
-            if path.is_dir() and not path.is_symlink():
-                yield from files_below(path)
-            else:
-                yield path
+        return list(folder.iterdir())
     except OSError as error:
         raise InputError("folder", str(folder), f"cannot be listed: {error.strerror or error}") from None
 
@@ -127,6 +204,13 @@ def _inside(name: str, folder: Path) -> str:
     return str(path.relative_to(folder.absolute())) if path.is_relative_to(folder.absolute()) else name
 
 
-def _sample(name: str, fields: Mapping[str, str], path: Path, within: Path, row: str = "") -> Sample:
+def _sample(
+    name: str,
+    fields: Mapping[str, str],
+    path: Path,
+    within: Path,
+    row: str = "",
+    columns: Mapping[str, str] = MappingProxyType({}),
+) -> Sample:
     load: Callable[[], Loaded] = partial(door.read_bytes, path, "image", "image", within=within)
-    return Sample(name=name, row=row, fields=fields, load=load)
+    return Sample(name=name, row=row, fields=fields, load=load, file=path, columns=columns)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -16,6 +17,7 @@ from tacbench_cad.lab.runs.importing.grouping import Group, Names, grouped
 from tacbench_cad.lab.runs.importing.kinds import ImportOptions, sources_of
 from tacbench_cad.lab.runs.importing.samples import LeftOut, Sample, Source
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.origins import IMAGE, write_origins
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, RUN_FILE
 from tacbench_cad.lab.runs.writing import RunWriter
@@ -151,8 +153,9 @@ class _Work:
         imported = present = 0
         try:
             info = self._info(group, folder, pool)
-            with RunWriter.open(folder, info, durable=False) as writer:
+            with RunWriter.open(folder, info, durable=False) as writer, ExitStack() as on_leaving:
                 present = len(writer.done)
+                on_leaving.callback(_write_origins, writer, group)
                 missing = [each for each in group.samples if each[0] not in writer.done]
                 self._done += len(group.samples) - len(missing)
                 threads = all(source.threads for source in group.sources)
@@ -236,6 +239,12 @@ class _Work:
         return self._digests[path]
 
 
+def _write_origins(writer: RunWriter, group: Group) -> None:
+    """Write the table of the origins of all frames that the run has."""
+    rows = sorted(writer.rows, key=lambda row: row.number)
+    write_origins(writer.folder, [{IMAGE: row.sensor_image, **group.origins[row.number]} for row in rows])
+
+
 def _loaded(
     samples: Iterable[tuple[int, Sample, Mapping[str, Any]]],
     pool: Executor,
@@ -269,7 +278,7 @@ def _load(sample: Sample, known: Mapping[int, Outcome]) -> Outcome:
     if id(sample) in known:
         return known[id(sample)]
     try:
-        return prepared(sample.load())
+        return prepared(sample.load(), sample.channels)
     except (InputError, CheckFailedError) as error:
         return error
 

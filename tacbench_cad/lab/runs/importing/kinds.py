@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from tacbench_cad.lab.rig.colours import CHANNELS, OUTSIDE, Channels
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.importing import arrays, authors, huggingface, images, videos
+from tacbench_cad.lab.runs.importing import arrays, authors, companions, huggingface, images, videos
 from tacbench_cad.lab.runs.importing.samples import LeftOut, Rows, Source
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError, one_of
 
@@ -21,25 +22,30 @@ class ImportOptions:
         columns: The columns of tables, by field: ``{"label": "material"}``. See
             :data:`~tacbench_cad.lab.runs.importing.samples.FIELDS` for the fields.
         names: A TOML file that gives the names of the printers, filaments and labels for the words in the data.
+        channels: The order of the colours in arrays, except in those of the paper's authors, which is known.
         authors: The options for files of the paper's authors.
     """
 
     kind: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     names: Path | None = None
+    channels: Channels = OUTSIDE
     authors: authors.AuthorsOptions = field(default_factory=authors.AuthorsOptions)
 
     def __post_init__(self) -> None:
         if self.kind is not None:
             one_of("kind", self.kind, KINDS)
+        one_of("channels", self.channels, CHANNELS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Paths:
-    """The tables and the videos among the paths that the user gave."""
+    """The tables, the videos and the ``.npy`` files among the paths that the user gave."""
 
     tables: tuple[Path, ...]
     videos: tuple[Path, ...]
+    arrays: tuple[Path, ...]
+    _pairs: dict[Path, dict[Path, list[Path]]] = field(default_factory=dict)
 
     def table(self, path: Path) -> Path | None:
         """Return the table that belongs to a path.
@@ -53,6 +59,13 @@ class Paths:
             return _only_table(path)
         beside = path.with_suffix(".csv")
         return beside if beside.is_file() else None
+
+    def describing(self, path: Path) -> list[Path]:
+        """Return the ``.npy`` files that describe the frames in a file: other paths of the user, or files beside it."""
+        if path.parent not in self._pairs:
+            files = dict.fromkeys([*self.arrays, *sorted(path.parent.glob("[!.]*.npy"))])
+            self._pairs[path.parent] = companions.pairs(list(files))
+        return self._pairs[path.parent].get(path, [])
 
 
 def _with_table(path: Path, paths: Paths, options: ImportOptions) -> Source:
@@ -70,14 +83,19 @@ def _of_videos(path: Path, paths: Paths, options: ImportOptions) -> Source:
     return videos.of_videos(named, table, options.columns)
 
 
+def _of_arrays(path: Path, paths: Paths, options: ImportOptions) -> Source:
+    alone, beside = options.kind == "arrays", paths.describing(path)
+    return arrays.of_array(path, paths.table(path), options.columns, beside, options.channels, alone)
+
+
 #: The functions that read a source, by the values of ``--kind``.
 KINDS: Mapping[str, Callable[[Path, Paths, ImportOptions], Source]] = {
     "images": _with_table,
     "folders": lambda path, paths, options: images.of_classes(path),
     "tactip": lambda path, paths, options: images.of_toolchain(path, options.columns),
-    "arrays": lambda path, paths, options: arrays.of_array(path, paths.table(path), options.columns),
+    "arrays": _of_arrays,
     "videos": _of_videos,
-    "huggingface": lambda path, paths, options: huggingface.of_dataset(path, options.columns),
+    "huggingface": lambda path, paths, options: huggingface.of_dataset(path, options.columns, options.channels),
     "authors": lambda path, paths, options: authors.of_authors(path, options.authors),
 }
 
@@ -98,7 +116,10 @@ def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source
     tables = tuple(path for path in paths if path.suffix.lower() == ".csv")
     of_videos = tuple(path for path in paths if path.suffix.lower() in videos.SUFFIXES)
     rest = [path for path in paths if path not in tables and path not in of_videos]
-    named = Paths(tables=tables, videos=of_videos)
+    of_arrays = [path for path in rest if path.suffix.lower() == ".npy"]
+    named = Paths(tables=tables, videos=of_videos, arrays=tuple(of_arrays))
+    described = [] if tables else set(of_arrays) - set(companions.pairs(of_arrays))
+    rest = [path for path in rest if path not in described]
     if not paths:
         raise InputError("paths", None, "there are none; give the folders or files to import")
     if len(tables) > 1 and (rest or of_videos):
@@ -106,10 +127,12 @@ def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source
     units = [*rest, *of_videos[:1]] or list(tables)
     for unit in units:
         try:
-            for path in _unfolded(unit, options):
+            paths_of_unit, left_out = _unfolded(unit, named, options)
+            yield from left_out
+            for path in paths_of_unit:
                 try:
                     kind = options.kind or _recognised(path, named, options)
-                    yield KINDS[kind](path, named, options)
+                    yield replace(KINDS[kind](path, named, options), base=unit.absolute().parent)
                 except (InputError, CheckFailedError) as error:
                     yield _left_out(path, error)
         except (InputError, CheckFailedError) as error:
@@ -122,14 +145,30 @@ def _left_out(path: Path, error: TacbenchError) -> LeftOut:
     return LeftOut(where=str(path), reason=error.allowed if repeated and isinstance(error, InputError) else str(error))
 
 
-def _unfolded(path: Path, options: ImportOptions) -> list[Path]:
-    """Return the files of a folder of arrays, or else the path itself."""
-    if not path.is_dir() or options.kind not in (None, "arrays", "authors"):
-        return [path]
-    files = [each for each in sorted(path.iterdir()) if not each.name.startswith(".")]
-    of_arrays = [each for each in files if each.suffix.lower() in arrays.SUFFIXES]
-    # The folder may also contain tables. If it contains anything else, it is not a folder of arrays.
-    return of_arrays if of_arrays and all(each in of_arrays or each.suffix == ".csv" for each in files) else [path]
+def _unfolded(path: Path, paths: Paths, options: ImportOptions) -> tuple[list[Path], list[LeftOut]]:
+    """Return the files of a folder of arrays, or the folders of toolchains in a folder, or else the path itself.
+
+    Returns:
+        The paths, and images in the folder that belong to none of them.
+    """
+    if not path.is_dir() or (path / schema.RUN_FILE).is_file():
+        return [path], []
+    if options.kind in (None, "tactip") and not paths.tables and images.toolchain_table(path) is None:
+        folders, others = images.toolchain_folders(path)
+        folders = [folder for folder in folders if not (folder / schema.RUN_FILE).is_file()]
+        reason = "is not in a folder with a table of targets; import it separately"
+        if folders:
+            return folders, [
+                LeftOut(where=f"{each} and others" if len(others) > 1 else str(each), reason=reason, count=len(others))
+                for each in others[:1]
+            ]
+    if options.kind in (None, "arrays", "authors"):
+        files = sorted((each for each in path.iterdir() if not images.is_hidden(each)), key=images.natural_path)
+        of_arrays = [each for each in files if each.suffix.lower() in arrays.SUFFIXES]
+        # Beside arrays, the folder may have tables and notes. If it has images or folders, the user must say the kind.
+        if of_arrays and (options.kind or not any(each.is_dir() or images.is_image_file(each) for each in files)):
+            return (of_arrays if options.kind == "authors" else list(companions.pairs(of_arrays))), []
+    return [path], []
 
 
 def _only_table(folder: Path) -> Path | None:
@@ -175,8 +214,7 @@ def _recognised_folder(folder: Path, paths: Paths, options: ImportOptions) -> st
         raise InputError("path", str(folder), "is already a run folder")
     if any((folder / name).is_file() for name in (huggingface.SPLIT_FILE, huggingface.SPLITS_FILE)):
         return "huggingface"
-    tables = any((folder / name).is_file() for name in images.TACTIP_TABLES)
-    if tables and any((folder / name).is_dir() for name in images.TACTIP_FOLDERS):
+    if images.toolchain_table(folder) is not None and not paths.tables:
         return "tactip"
     table = paths.table(folder)
     if table is not None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.rig.colours import OUTSIDE, Channels
+from tacbench_cad.lab.runs.origins import ORIGINS_FILE
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import InputError, nearest, one_line
@@ -28,13 +30,22 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "x": ("x_mm", "pose_x"),
     "y": ("y_mm", "pose_y"),
     "z": ("z_mm", "pose_z"),
+    "Rx": ("rx_deg", "pose_rx"),
+    "Ry": ("ry_deg", "pose_ry"),
+    "Rz": ("rz_deg", "pose_rz"),
     "index": ("index",),
     "video": ("video",),
     "time": ("time_s", "time"),
     "array": (),
 }
+#: The fields that must be numbers, each with its attribute of a row of ``targets.csv``.
+MEASURED: Mapping[str, str] = {
+    **{axis: f"pose_{axis}" for axis in "xyz"},
+    **{f"R{axis}": f"pose_r{axis}" for axis in "xyz"},
+    "measured_force": "measured_force_n",
+}
 #: Other names of fields in ``--columns``.
-SYNONYMS = {"texture": "label", "copy": "print"}
+SYNONYMS = {"texture": "label", "copy": "print", "rx": "Rx", "ry": "Ry", "rz": "Rz"}
 
 #: The largest number of characters of a line of the report.
 MAX_LINE = 1500
@@ -52,6 +63,10 @@ class Sample:
         row: The row of a table that lists it: ``labels.csv line 7``; empty if there is none.
         fields: The values by the names of :data:`FIELDS`; never an empty text.
         load: A function that returns the frame, or raises an InputError or a CheckFailedError.
+        file: The file with the frame.
+        index: The number of the frame in the file, from 0; None if the file has only one frame.
+        columns: Everything that the source says about the frame, by the source's own names.
+        channels: The order of the colours, if ``load`` returns an array.
         block: The geometry of the block, if it was published.
     """
 
@@ -59,6 +74,10 @@ class Sample:
     row: str = ""
     fields: Mapping[str, str]
     load: Callable[[], Loaded]
+    file: Path
+    index: int | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    channels: Channels = OUTSIDE
     block: Block | None = None
 
     @property
@@ -101,6 +120,7 @@ class Source:
         notes: Notes for the user: the meaning that was given to each column.
         threads: Whether several threads may load frames, in any order.
         whole: Whether each file has only frames of a single print, so that it must not be imported as two prints.
+        base: The folder that contains the path that the user gave. The names of files are recorded relative to it.
     """
 
     kind: str
@@ -112,6 +132,15 @@ class Source:
     notes: tuple[str, ...] = ()
     threads: bool = False
     whole: bool = False
+    base: Path = Path()
+
+
+class Line(NamedTuple):
+    """A row of a table: its place, for messages; its non-empty fields; and its texts by column."""
+
+    where: str
+    fields: dict[str, str]
+    texts: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,13 +149,13 @@ class Rows:
 
     Args:
         name: The name of the table, for messages.
-        rows: The place of each row, for messages, and its non-empty fields.
+        rows: The rows.
         columns: The column of each field.
         unused: The columns that are not used.
     """
 
     name: str
-    rows: tuple[tuple[str, dict[str, str]], ...]
+    rows: tuple[Line, ...]
     columns: Mapping[str, str]
     unused: tuple[str, ...]
 
@@ -149,9 +178,10 @@ class Rows:
         columns = columns_of(name, header, chosen)
         places = {field: header.index(column) for field, column in columns.items()}
         mapped = tuple(
-            (
+            Line(
                 f"{name} line {number}",
                 {field: text for field, place in places.items() if (text := row[place].strip())},
+                dict(zip(header, row, strict=True)),
             )
             for number, row in enumerate(rows, start=line)
         )
@@ -172,7 +202,7 @@ class Rows:
     def note(self) -> str:
         """A note for the user with the column of each field."""
         used = ", ".join(f"{field}={column}" for field, column in self.columns.items())
-        rest = f"; not used: {', '.join(self.unused[:12])}" if self.unused else ""
+        rest = f"; kept in {ORIGINS_FILE}: {', '.join(self.unused[:12])}" if self.unused else ""
         return one_line(f"{self.name}: {used or 'no column'}{rest}", MAX_LINE)
 
 
@@ -206,7 +236,7 @@ def field_of(word: str) -> str:
     Raises:
         InputError: The field is unknown.
     """
-    name = SYNONYMS.get(word, word)
+    name = SYNONYMS.get(word.lower(), word)
     if name not in FIELDS:
         raise InputError("columns", word, nearest(word, FIELDS))
     return name

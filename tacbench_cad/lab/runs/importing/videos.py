@@ -1,9 +1,15 @@
-"""Import of frames of videos, with a table of their times."""
+"""Import of frames of videos, with a table of their times.
+
+The frame at a time is the frame whose own time is nearest, and the earlier one if two are equally near. The own time of
+a frame is the time that the file states for it: the first frame is at 0 s, and frame ``n`` of a video with a constant
+rate is at ``n`` divided by the rate.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,12 +23,18 @@ from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.packages import require
 
+#: The largest number of times that the warning about times far from every frame names.
+MAX_FAR = 5
+#: The difference of two times that is only rounding, in s.
+TIE_S = 1e-6
 #: The suffixes of videos.
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm")
 
 
 class Video:
     """A video whose frames are read in order. Reading an earlier frame opens the video again.
+
+    The times of the frames are read ahead, as far as they are needed.
 
     Args:
         path: The file.
@@ -37,37 +49,62 @@ class Video:
         self.path = path
         self._lock = threading.Lock()
         door.open_input(path, "video", kind="array").close()
-        self._open()
+        self._ahead: Any = self._opened()
+        self._capture: Any = None
+        self._next = 0
+        self._times_s: list[float] = []
         import cv2
 
-        self.frames_per_s = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.frames_per_s = float(self._ahead.get(cv2.CAP_PROP_FPS))
         if not 0.0 < self.frames_per_s < 1e5:
             raise InputError("video", str(path), "does not state its number of frames per second")
 
-    def _open(self) -> None:
+    def _opened(self) -> Any:
         import cv2
 
-        self._capture = cv2.VideoCapture(str(self.path.absolute()))
-        self._next = 0
-        if not self._capture.isOpened():
+        capture = cv2.VideoCapture(str(self.path.absolute()))
+        if not capture.isOpened():
             raise InputError("video", str(self.path), "is not a video that OpenCV can read")
+        return capture
 
-    def frame(self, time_s: float) -> NDArray[Any]:
-        """Return the frame at a time, in s: uint8, (height, width, 3), BGR.
+    def nearest(self, time_s: float) -> tuple[int, float]:
+        """Return the number of the frame that is nearest to a time in s, from 0, and its own time.
 
         Raises:
-            CheckFailedError: The video is shorter, or is damaged.
+            InputError: The video ends more than one frame before this time.
         """
-        index = int(time_s * self.frames_per_s + 1e-6)
+        import cv2
+
+        times_s, period_s = self._times_s, 1.0 / self.frames_per_s
+        while self._ahead is not None and (not times_s or times_s[-1] < time_s):
+            if not self._ahead.grab():
+                self._ahead = None
+                break
+            stated_s = self._ahead.get(cv2.CAP_PROP_POS_MSEC) / 1000.0
+            # A file without times states 0 for every frame.
+            times_s.append(stated_s if not times_s or stated_s > times_s[-1] else times_s[-1] + period_s)
+        if not times_s or time_s > times_s[-1] + period_s:
+            end = f"its last frame is at {times_s[-1]:.6g} s" if times_s else "no frame can be read"
+            raise InputError("video", self.path.name, f"has no frame at {time_s:g} s; {end}")
+        after = min(bisect_left(times_s, time_s), len(times_s) - 1)
+        before = max(0, after - 1)
+        index = before if time_s - times_s[before] <= times_s[after] - time_s + TIE_S else after
+        return index, times_s[index]
+
+    def frame(self, index: int) -> NDArray[Any]:
+        """Return the frame with a number from 0: uint8, (height, width, 3), BGR.
+
+        Raises:
+            CheckFailedError: The video is damaged.
+        """
         with self._lock:
-            if index < self._next:
-                self._open()
+            if self._capture is None or index < self._next:
+                self._capture, self._next = self._opened(), 0
             while self._next < index and self._capture.grab():
                 self._next += 1
             read, image = self._capture.read() if self._next == index else (False, None)
             if not read or image is None:
-                seconds = self._next / self.frames_per_s
-                raise CheckFailedError(f"has no frame at {time_s:g} s; it can be read up to {seconds:.6g} s")
+                raise CheckFailedError(f"frame {index} cannot be read; the file is damaged")
             self._next += 1
             return np.asarray(image)
 
@@ -97,7 +134,8 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
     videos: dict[Path, Video | InputError] = {}
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
-    for row, fields in rows.rows:
+    far: list[str] = []
+    for row, fields, texts in rows.rows:
         name, text = fields.pop("video", first), fields.pop("time", "")
         shown = f"{Path(name).name} at {text} s"
         path = paths[0] if "video" not in rows.columns else named.get(name, table.parent / name)
@@ -111,11 +149,25 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
             video = videos[path]
             if isinstance(video, InputError):
                 raise video
+            index, own_s = video.nearest(time_s)
         except InputError as error:
             left_out.append(LeftOut(where=f"{row} ({shown})", reason=str(error)))
             continue
-        load: Callable[[], Loaded] = partial(video.frame, time_s)
-        samples.append(Sample(name=shown, row=row, fields=fields, load=load))
+        if abs(time_s - own_s) > 0.5 / video.frames_per_s + TIE_S:
+            far.append(f"{row}: {time_s:g} s, nearest frame at {own_s:.6g} s")
+        load: Callable[[], Loaded] = partial(video.frame, index)
+        samples.append(
+            Sample(
+                name=shown,
+                row=row,
+                fields=fields,
+                load=load,
+                file=path,
+                index=index,
+                columns=texts,
+                channels="bgr",
+            )
+        )
     return Source(
         kind="videos with a table of times",
         path=table,
@@ -123,8 +175,15 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
         left_out=tuple(left_out),
         files=tuple(path for path, video in videos.items() if isinstance(video, Video)),
         facts={"columns": dict(rows.columns)},
-        notes=(rows.note,),
+        notes=(rows.note, *_far_note(far)),
     )
+
+
+def _far_note(far: Sequence[str]) -> Iterator[str]:
+    """Yield the warning about times that are far from every frame, if there are any."""
+    if far:
+        rows = "1 time is" if len(far) == 1 else f"{len(far):,} times are"
+        yield f"warning: {rows} more than half a frame from every frame of the video: {'; '.join(far[:MAX_FAR])}"
 
 
 def _video(path: Path) -> Video | InputError:

@@ -134,7 +134,7 @@ def test_one_folder_for_each_class(images: Any, tmp_path: Path) -> None:
     (tmp_path / "classes/felt/notes.txt").write_text("by hand")
     report = import_samples([tmp_path / "classes"], tmp_path / "out")
     assert [(run.folder.name, run.imported) for run in report.runs] == [("cork", 3), ("felt", 3)]
-    assert [sample.where for sample in report.left_out] == [str(Path("felt/notes.txt"))]
+    assert report.ok and report.notes == ("classes: 1 other file not imported: 1 .txt",)
 
 
 def test_folders_of_a_split_are_not_classes(images: Any, tmp_path: Path) -> None:
@@ -303,13 +303,15 @@ def test_an_interrupted_import_is_resumed(
     monkeypatch.setattr(writing.RunWriter, "sample", interrupted)
     with pytest.raises(KeyboardInterrupt):
         import_samples([folder, labels], out, OPTIONS)
+    assert len((out / "cork_b0" / "source.csv").read_text().splitlines()) == 1 + 3
     monkeypatch.undo()
     report = import_samples([folder, labels], out, OPTIONS)
     assert report.ok and [(run.present, run.imported) for run in report.runs] == [(3, 3), (0, 6), (0, 6), (0, 6)]
     complete = import_samples([folder, labels], tmp_path / "whole", OPTIONS)
     for run in complete.runs:
         ours = out / run.folder.name
-        assert (ours / "targets.csv").read_bytes() == (run.folder / "targets.csv").read_bytes()
+        for name in ("targets.csv", "source.csv"):
+            assert (ours / name).read_bytes() == (run.folder / name).read_bytes()
     shutil.copy(folder / "0.png", folder / "new.png")
     table(labels, HEADER, [*rows_of(24), ("new.png", "cork", "b0", "a", 0.5)])
     changed = import_samples([folder, labels], out, OPTIONS)
