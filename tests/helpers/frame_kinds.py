@@ -53,7 +53,9 @@ def tactip_binary(seed: int, contact: float) -> Shot:
     y, x = np.mgrid[:480, :640]
     dome = np.hypot(x - LOOKS["A"].centre[0], y - LOOKS["A"].centre[1]) < 0.97 * LOOKS["A"].radius
     pins = (cv2.cvtColor(shot.image, cv2.COLOR_BGR2GRAY) > 85) & dome
-    grey = cut(replace(shot, image=np.repeat(pins[..., None].astype(np.uint8) * 255, 3, axis=2)), LOOKS["A"].centre, 480, 128)
+    grey = cut(
+        replace(shot, image=np.repeat(pins[..., None].astype(np.uint8) * 255, 3, axis=2)), LOOKS["A"].centre, 480, 128
+    )
     return replace(grey, image=np.where(grey.image > 127, np.uint8(255), np.uint8(0)))
 
 

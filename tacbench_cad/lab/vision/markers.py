@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.vision.pattern import MIN_MARKERS, no_pattern
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
 
@@ -34,8 +35,6 @@ SCALES_PX = 1.5 * 1.2 ** np.arange(-4, 13)
 _ENLARGED_BELOW_PX = 1.5
 #: The smallest response of a peak when the scale is estimated, in standard deviations of the response to noise.
 _MIN_PEAK_NOISE = 4.0
-#: The smallest number of equal spots that are taken for markers.
-MIN_MARKERS = 12
 #: The smallest score ``quality + weight min(1, 2 contrast / usual contrast)`` of a marker, and the weight. A weak spot
 #: must look like the template; a strong spot may be partly covered by a reflection.
 _MIN_SCORE, _CONTRAST_WEIGHT = 1.1, 0.35
@@ -142,7 +141,8 @@ class MarkerFinder:
             mask: The pixels in which markers are searched; None for all pixels.
 
         Raises:
-            InputError: There is no frame, a frame is not an image, or no frame has at least 12 equal spots.
+            InputError: There is no frame, a frame is not an image, or the frames show no pattern of markers. Whether
+                there is a pattern is not examined if the scale or the threshold is known.
         """
         known = settings or MarkerSettings()
         if not frames:
@@ -170,10 +170,13 @@ class MarkerFinder:
         ceiling = np.inf if first.dark else float(np.median(high)) + _CEILING * contrast
         spots = replace(first, contrast=contrast, threshold=threshold, ceiling=ceiling)
         ellipses = replace(spots, ellipses=True)
-        more = sum(len(ellipses.find(frame)) for frame in frames) > _MANY_MORE * sum(
-            len(spots.find(frame)) for frame in frames
-        )
-        return ellipses if more else spots
+        found, more = ([each.find(frame).centres_px for frame in frames] for each in (spots, ellipses))
+        if sum(map(len, more)) > _MANY_MORE * sum(map(len, found)):
+            spots, found = ellipses, more
+        reason = no_pattern(found, contrast) if known.sigma_px is None and known.threshold is None else ""
+        if reason:
+            raise _no_markers(reason)
+        return spots
 
     def find(self, frame: Frame) -> Markers:
         """Find the markers of a frame, in no particular order.
@@ -327,7 +330,8 @@ class MarkerFinder:
 
 
 def _no_markers(reason: str) -> InputError:
-    return InputError("markers", None, f"there are no markers in these frames: {reason}; use --features pixels")
+    advice = "use --features pixels, or give --marker-sigma if the sensor has markers"
+    return InputError("markers", None, f"there are no markers in these frames: {reason}; {advice}")
 
 
 def grey(frame: Frame) -> Floats32:

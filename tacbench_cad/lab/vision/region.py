@@ -19,7 +19,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.pictures import MAX_MEGAPIXELS, decoded, write_png
-from tacbench_cad.lab.vision.markers import MIN_MARKERS, MarkerFinder, grey
+from tacbench_cad.lab.vision.markers import MarkerFinder, grey
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, read_json
@@ -188,13 +188,12 @@ def _around_markers(frames: Sequence[Frame]) -> str:
     """Return the circle around the markers, enlarged by a spacing, for domes whose surroundings are equally dark.
 
     Raises:
-        InputError: There are too few markers.
+        InputError: There are no markers.
     """
     import cv2
 
-    centres = MarkerFinder.learn(frames[:1]).find(frames[0]).centres_px
-    if len(centres) < MIN_MARKERS:
-        raise InputError("markers", len(centres), "are too few")
+    finder = MarkerFinder.learn(frames)
+    centres = max((finder.find(frame).centres_px for frame in frames), key=len)
     (x, y), radius = cv2.minEnclosingCircle(centres.astype(np.float32))
     return f"circle:{x:.1f},{y:.1f},{radius + MarkerTracker(reference_px=centres).spacing_px:.1f}"
 
