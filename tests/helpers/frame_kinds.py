@@ -12,9 +12,10 @@ from functools import cache
 
 import cv2
 import numpy as np
-from helpers.lookalikes import LOOKS, Image, Points, Shot, draw
 from numpy.typing import NDArray
 from scipy.special import expit
+
+from helpers.lookalikes import LOOKS, Image, Points, Shot, draw
 
 Floats = NDArray[np.float64]
 NONE: Points = np.zeros((0, 2))
@@ -77,7 +78,9 @@ def _gradient(axis: Floats, low: float, high: float, reach: float) -> Floats:
 def _lit(height_px: Floats, sides: tuple[tuple[float, float, float], ...], levels: Floats) -> Floats:
     """Shade a soft gel of some height by a coloured lamp from each side; shape (height, width, 3), BGR."""
     slope_y, slope_x = np.gradient(height_px)
-    colours = [level * (1.0 + gain * (x * slope_x + y * slope_y)) for level, (x, y, gain) in zip(levels, sides)]
+    colours = [
+        level * (1.0 + gain * (x * slope_x + y * slope_y)) for level, (x, y, gain) in zip(levels, sides, strict=True)
+    ]
     return np.stack(colours, axis=-1)
 
 
