@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, print_table
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import refusing
 from tacbench_cad.util.text import counted
 
@@ -37,8 +38,9 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
     each run folder (roi.json). After that, variance, classify, report and check-runs use only the pixels inside the
     region. --roi none removes the stored region.
 
-    --roi auto finds a dome or a gel in frames without contact. It stores the region only if the result is certain.
-    Without --roi, the command shows the region that auto finds and stores nothing.
+    --roi auto finds a dome or a gel, in frames without contact if there are any. It stores the region only if the result
+    is certain. If the frames show neither a dome nor a gel, the whole frame is used. Without --roi, the command shows
+    the region that auto finds and stores nothing.
 
     Examples:
       tacbench runs roi runs/ -o pictures
@@ -46,11 +48,18 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
       tacbench runs roi runs/ --roi circle:304,248,210
     """
     from tacbench_cad.lab.runs.reading import Run, find_runs
-    from tacbench_cad.lab.vision.region import remove_region, store_region
+    from tacbench_cad.lab.vision.region import NONE_FOUND, remove_region, store_region
     from tacbench_cad.lab.vision.resting import NO_REGION, found_region, region_of, resting_frames
 
     opened = [Run.open(folder) for folder in find_runs(runs)]
-    region = found_region(opened) if roi is None else region_of(opened, roi)
+    none_found = False
+    try:
+        region = found_region(opened) if roi is None else region_of(opened, roi)
+    except InputError as error:
+        none_found = error.allowed == NONE_FOUND
+        if not none_found:
+            raise
+        region = None
     files = []
     for run in opened:
         if roi == NO_REGION:
@@ -60,10 +69,12 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
         if out is not None and region is not None:
             for frame in resting_frames(run, 1):
                 files.append(_picture(out / f"{run.folder.name}_roi.png", region.drawn(frame)))
-    kept = len(opened) if roi is not None else 0
+    kept = len(opened) if roi is not None and not none_found else 0
     if json:
         known = None if region is None else {"roi": region.text, "sureness": region.sureness, "outside": region.outside}
         print_json({"region": known, "kept": kept, "files": [str(path) for path in files]})
+    elif none_found:
+        print_lines("no dome or gel was found: the whole frame is used")
     elif region is None:
         print_lines(f"no region is stored with {counted(len(opened), 'run')}")
     else:

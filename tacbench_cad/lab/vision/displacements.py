@@ -5,8 +5,8 @@ runs can be compared. The displacements of a run are measured from its own frame
 if the camera is mounted again between two runs.
 
 Imported runs often have no frame without contact. Their displacements are measured from the median position of each
-marker over frames of all such runs. A median over the frames of a single run would remove what distinguishes its texture
-from the others.
+marker over frames of all such runs. A median over the frames of a single run would remove what distinguishes its
+texture from the others.
 """
 
 from __future__ import annotations
