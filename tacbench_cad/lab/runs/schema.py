@@ -223,14 +223,14 @@ class Reference(_FrameRow):
 
     Args:
         path: The path of the file, relative to the run folder.
-        time_utc: The time of the frame.
+        time_utc: The time of the frame; None if it is unknown.
         after_press: The number of the press before it; 0 if there is none.
         image_sha256: The SHA-256 of the file.
     """
 
     FILE = REFERENCES_FILE
     path: str = field(metadata={"column": "reference"})
-    time_utc: datetime
+    time_utc: datetime | None
     after_press: int = field(metadata={"low": 0})
     image_sha256: str
 

@@ -141,12 +141,12 @@ class RunWriter:
         """Return the numbers, from 1 to ``count``, of a group's frames without motion that are still missing."""
         return tuple(index for index in range(1, count + 1) if (when, in_contact, index) not in self._still)
 
-    def reference(self, frame: Frame, time_utc: datetime) -> None:
+    def reference(self, frame: Frame, time_utc: datetime | None) -> None:
         """Store a frame without contact.
 
         Args:
             frame: The frame.
-            time_utc: The time of the frame.
+            time_utc: The time of the frame; None if it is unknown.
 
         Raises:
             SensorError: The frame has another shape than the sensor's.

@@ -26,13 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.vision.pattern import MIN_MARKERS, no_pattern
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
 
-#: The scales that are tried, in pixels.
-SCALES_PX = 1.5 * 1.2 ** np.arange(13)
-#: The smallest number of equal spots that are taken for markers.
-MIN_MARKERS = 12
+#: The scales that are tried, in pixels. Below the limit, markers are searched in frames that are enlarged twice.
+SCALES_PX = 1.5 * 1.2 ** np.arange(-4, 13)
+_ENLARGED_BELOW_PX = 1.5
+#: The smallest response of a peak when the scale is estimated, in standard deviations of the response to noise.
+_MIN_PEAK_NOISE = 4.0
 #: The smallest score ``quality + weight min(1, 2 contrast / usual contrast)`` of a marker, and the weight. A weak spot
 #: must look like the template; a strong spot may be partly covered by a reflection.
 _MIN_SCORE, _CONTRAST_WEIGHT = 1.1, 0.35
@@ -64,7 +66,7 @@ class MarkerSettings:
     """The known properties of markers. Values of None are estimated from the frames.
 
     Args:
-        sigma_px: The scale of the Laplacian of Gaussian, from 1 to 20: the width of a marker divided by 2.8.
+        sigma_px: The scale of the Laplacian of Gaussian, from 0.7 to 20: the width of a marker divided by 2.8.
         threshold: The smallest contrast of a marker with its surroundings, in counts.
         dark: Whether the markers are darker than their surroundings.
     """
@@ -74,8 +76,8 @@ class MarkerSettings:
     dark: bool | None = None
 
     def __post_init__(self) -> None:
-        if self.sigma_px is not None and not 1.0 <= self.sigma_px <= 20.0:
-            raise InputError("sigma_px", self.sigma_px, "must be from 1 to 20")
+        if self.sigma_px is not None and not 0.7 <= self.sigma_px <= 20.0:
+            raise InputError("sigma_px", self.sigma_px, "must be from 0.7 to 20")
         if self.threshold is not None and not 0.0 < self.threshold <= 255.0:
             raise InputError("threshold", self.threshold, "must be above 0 and at most 255")
 
@@ -139,7 +141,8 @@ class MarkerFinder:
             mask: The pixels in which markers are searched; None for all pixels.
 
         Raises:
-            InputError: There is no frame, a frame is not an image, or no frame has at least 12 equal spots.
+            InputError: There is no frame, a frame is not an image, or the frames show no pattern of markers. Whether
+                there is a pattern is not examined if the scale or the threshold is known.
         """
         known = settings or MarkerSettings()
         if not frames:
@@ -147,33 +150,33 @@ class MarkerFinder:
         greys = [grey(frame) for frame in frames]
         scales = SCALES_PX if known.sigma_px is None else np.array([known.sigma_px])
         signs = (False, True) if known.dark is None else (known.dark,)
-        best = max(
-            ((*_strength(greys, scale, dark, mask), scale, dark) for scale in scales.tolist() for dark in signs),
-            key=lambda each: each[0],
-        )
-        strength, response, sigma_px, dark = best
+        noise = float(np.median([_noise(image) for image in greys]))
+        unknown = cls(sigma_px=1.0, threshold=0.0, dark=False, contrast=0.0, template=np.zeros((1, 1)), mask=mask)
+        tried = [replace(unknown, sigma_px=scale, dark=dark) for scale in scales.tolist() for dark in signs]
+        strengths = [each._strength(greys, noise) for each in tried]
+        at = int(np.argmax([strength for strength, _ in strengths]))
+        strength, response = strengths[at]
         if strength == 0.0:
-            raise InputError(
-                "markers", None, f"not found: no frame has {MIN_MARKERS} equal spots; use --features pixels"
-            )
-        first = cls(
-            sigma_px=sigma_px, threshold=0.0, dark=dark, contrast=response, template=np.zeros((1, 1)), mask=mask
-        )
+            raise _no_markers(f"there are fewer than {MIN_MARKERS} equal spots")
+        first = replace(tried[at], contrast=response)
         response *= 0.99  # so that the weakest marker is above it
+        greys = [first._enlarged(image) for image in greys]
         patches = np.concatenate([first._strong_patches(image, response) for image in greys])
         low, high = (np.quantile(patches, part, axis=(1, 2), keepdims=True) for part in (0.15, 0.98))
-        heights = (-1.0 if dark else 1.0) * (patches - low) / np.maximum(high - low, 1.0)
+        heights = (-1.0 if first.dark else 1.0) * (patches - low) / np.maximum(high - low, 1.0)
         first = replace(first, template=_symmetric(np.median(heights, axis=0)))
         contrast = float(np.median(np.concatenate([first._usual(image, response) for image in greys])))
-        noise = float(np.median([_noise(image) for image in greys]))
         threshold = known.threshold or max(_MIN_CONTRAST * contrast, _MIN_NOISE_RATIO * noise)
-        ceiling = np.inf if dark else float(np.median(high)) + _CEILING * contrast
+        ceiling = np.inf if first.dark else float(np.median(high)) + _CEILING * contrast
         spots = replace(first, contrast=contrast, threshold=threshold, ceiling=ceiling)
         ellipses = replace(spots, ellipses=True)
-        more = sum(len(ellipses.find(frame)) for frame in frames) > _MANY_MORE * sum(
-            len(spots.find(frame)) for frame in frames
-        )
-        return ellipses if more else spots
+        found, more = ([each.find(frame).centres_px for frame in frames] for each in (spots, ellipses))
+        if sum(map(len, more)) > _MANY_MORE * sum(map(len, found)):
+            spots, found = ellipses, more
+        reason = no_pattern(found, contrast) if known.sigma_px is None and known.threshold is None else ""
+        if reason:
+            raise _no_markers(reason)
+        return spots
 
     def find(self, frame: Frame) -> Markers:
         """Find the markers of a frame, in no particular order.
@@ -187,13 +190,54 @@ class MarkerFinder:
         image = grey(frame)
         if self.mask is not None and self.mask.shape != image.shape:
             raise InputError("frame", image.shape, f"must be {self.mask.shape}, the shape of the region of interest")
+        image = self._enlarged(image)
         # The factor 0.5 allows for a reflection or neighbours that lower the response to the weakest marker.
         cut = np.minimum(image, np.float32(self.ceiling))
-        candidates, _ = _peaks(cut, self.sigma_px, self.dark, 0.5 * self.threshold, self.mask)
+        candidates, _ = _peaks(cut, self._scale, self.dark, 0.5 * self.threshold, self._mask)
         fitted = self._fit(image, candidates)
         fitted = fitted.chosen(self._are_markers(fitted))
-        fitted = _thinned(fitted, _MIN_DISTANCE * self.sigma_px)
-        return fitted.chosen(_field(fitted.centres_px))
+        fitted = _thinned(fitted, _MIN_DISTANCE * self._scale)
+        fitted = fitted.chosen(_field(fitted.centres_px))
+        return replace(fitted, centres_px=(fitted.centres_px + 0.5) / self._zoom - 0.5)
+
+    @property
+    def _zoom(self) -> int:
+        """The factor by which frames are enlarged: a fit needs spots that are wider than a few pixels."""
+        return 2 if self.sigma_px < _ENLARGED_BELOW_PX else 1
+
+    @property
+    def _scale(self) -> float:
+        """The scale in pixels of the enlarged frame."""
+        return self.sigma_px * self._zoom
+
+    @cached_property
+    def _mask(self) -> Bools | None:
+        """The mask of the enlarged frame."""
+        return None if self.mask is None else np.kron(self.mask, np.ones((self._zoom, self._zoom), dtype=bool))
+
+    def _enlarged(self, image: Floats32) -> Floats32:
+        """Enlarge a grey frame if the markers are small."""
+        import cv2
+
+        if self._zoom == 1:
+            return image
+        return np.asarray(cv2.resize(image, None, fx=self._zoom, fy=self._zoom, interpolation=cv2.INTER_CUBIC))
+
+    def _strength(self, greys: Sequence[Floats32], noise: float) -> tuple[float, float]:
+        """Return the measure ``n r^3`` of this scale, and the response r that the n peaks reach.
+
+        White noise with standard deviation s gives responses with standard deviation ``s / (sqrt(2 pi) scale)``.
+        """
+        low = max(1.0, _MIN_PEAK_NOISE * noise / (math.sqrt(2.0 * math.pi) * self.sigma_px))
+        images = (self._enlarged(image) for image in greys)
+        responses = np.concatenate([_peaks(image, self._scale, self.dark, low, self._mask)[1] for image in images])
+        falling = np.sort(responses)[::-1].astype(np.float64)
+        value = np.arange(1, len(falling) + 1) * falling**3
+        value[: MIN_MARKERS * len(greys) - 1] = 0.0
+        if not value.any():
+            return 0.0, 0.0
+        place = int(np.argmax(value))
+        return float(value[place]), float(falling[place])
 
     @cached_property
     def _model(self) -> tuple[Bools, Floats32, Floats32]:
@@ -230,7 +274,7 @@ class MarkerFinder:
             ellipses = self._step(smooth, first.centres_px[likely][others], loose=True, robust=True)
             second.centres_px[others], second.contrast[others] = ellipses.centres_px, ellipses.contrast
             second.quality[others] = ellipses.quality
-        stray = np.max(np.abs(second.centres_px - places[likely]), axis=1, initial=0.0) > self.sigma_px
+        stray = np.max(np.abs(second.centres_px - places[likely]), axis=1, initial=0.0) > self._scale
         return second.chosen(~stray)
 
     def _are_markers(self, fitted: Markers) -> Bools:
@@ -272,8 +316,8 @@ class MarkerFinder:
         """Return patches around the peaks with at least the response of most markers."""
         import cv2
 
-        places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
-        half = math.ceil(_PATCH * self.sigma_px)
+        places, _ = _peaks(image, self._scale, self.dark, response, self._mask)
+        half = math.ceil(_PATCH * self._scale)
         smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX)
         return _patches(smooth, np.rint(places).astype(np.int64), half).astype(np.float64)
 
@@ -281,8 +325,13 @@ class MarkerFinder:
         """Return the contrasts of the peaks with at least the response of most markers."""
         import cv2
 
-        places, _ = _peaks(image, self.sigma_px, self.dark, response, self.mask)
+        places, _ = _peaks(image, self._scale, self.dark, response, self._mask)
         return self._step(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), places, loose=True, robust=False).contrast
+
+
+def _no_markers(reason: str) -> InputError:
+    advice = "use --features pixels, or give --marker-sigma if the sensor has markers"
+    return InputError("markers", None, f"there are no markers in these frames: {reason}; {advice}")
 
 
 def grey(frame: Frame) -> Floats32:
@@ -326,18 +375,6 @@ def _peaks(image: Floats32, scale: float, dark: bool, low: float, mask: Bools | 
     xy = (at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4
     round_ = 4 * (xx * yy - xy**2) > 0.5 * (xx + yy) ** 2
     return np.column_stack([x, y])[round_].astype(np.float64), response[y, x][round_]
-
-
-def _strength(greys: Sequence[Floats32], scale: float, dark: bool, mask: Bools | None) -> tuple[float, float]:
-    """Return the measure ``n r^3`` of a scale, and the response r that the n peaks reach."""
-    responses = np.concatenate([_peaks(image, scale, dark, 1.0, mask)[1] for image in greys])
-    falling = np.sort(responses)[::-1].astype(np.float64)
-    value = np.arange(1, len(falling) + 1) * falling**3
-    value[: MIN_MARKERS * len(greys) - 1] = 0.0
-    if not value.any():
-        return 0.0, 0.0
-    place = int(np.argmax(value))
-    return float(value[place]), float(falling[place])
 
 
 def _patches(image: Floats32, middle: NDArray[np.int64], half: int) -> Floats32:

@@ -19,7 +19,7 @@ def markers_drawn(frame: Frame, reference_px: Floats, markers: Markers, track: T
 
     Args:
         frame: The frame.
-        reference_px: The positions of the markers without contact, shape (n, 2).
+        reference_px: The positions from which displacements are measured, shape (n, 2).
         markers: The markers that were found in the frame.
         track: The reference's markers in the frame.
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.pictures import MAX_MEGAPIXELS, decoded, write_png
-from tacbench_cad.lab.vision.markers import MIN_MARKERS, MarkerFinder, grey
+from tacbench_cad.lab.vision.markers import MarkerFinder, grey
 from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, read_json
@@ -35,6 +35,8 @@ REGION_FILE, MASK_FILE = "roi.json", "roi.png"
 SURE = 0.8
 #: The smallest allowed number of pixels of a region.
 MIN_PIXELS = 100
+#: What is said if there is no outline.
+NONE_FOUND = "found no dome or gel in these frames; leave it out to use the whole frame, or give a circle or a rect"
 _NUMBER = r"(-?\d+(?:\.\d+)?)"
 _CIRCLE = re.compile(rf"circle[: ]{_NUMBER},{_NUMBER},{_NUMBER}")
 _RECTANGLE = re.compile(rf"rect[: ]{_NUMBER},{_NUMBER},{_NUMBER},{_NUMBER}")
@@ -44,6 +46,11 @@ _COARSE_PX, _RAYS = 160, 72
 _SURE_STEP, _WEAKEST = 12.0, 0.25
 #: The radii of circles and the smallest side of rectangles that are tried, as fractions of the frame's shorter side.
 _RADII, _MIN_SIDE = (0.18, 0.62), 0.4
+#: Two distances from an outline, in pixels, and the smallest ratio of the steps across them. It was 0.56 or more at
+#: domes and gels, and 0.33 to 0.36 at patches of light, whose brightness changes gradually.
+_SHARP_PX, _MIN_SHARP = (4.0, 12.0), 0.45
+#: The smallest fraction of the frame's pixels that a circle around markers leaves out.
+_MIN_OUTSIDE = 0.05
 #: The fraction of a circle that must lie in the frame.
 _IN_FRAME = 0.7
 
@@ -173,28 +180,42 @@ def find_region(frames: Sequence[Frame]) -> Region:
     candidates = [_circle(small, smooth, scale), _rectangle(small, smooth, scale)]
     step, agreeing, text = max(candidates, key=lambda each: each[0] * each[1] ** 2)
     sureness = round(agreeing * min(1.0, step / _SURE_STEP), 3)
-    if sureness < _OF_MARKERS:
-        try:
-            text, sureness = _around_markers(frames), _OF_MARKERS
-        except InputError:
-            if step <= 1.0:
-                raise InputError(
-                    "roi", "auto", "neither a dome nor a gel was found; give the region as circle or rect"
-                ) from None
-    return replace(parse_region(text, height, width), sureness=sureness)
+    if sureness >= _OF_MARKERS and _is_sharp(smooth, text):
+        return replace(parse_region(text, height, width), sureness=sureness)
+    try:
+        region = replace(parse_region(_around_markers(frames), height, width), sureness=_OF_MARKERS)
+    except InputError:
+        region = None
+    if region is None or region.outside < _MIN_OUTSIDE:
+        raise InputError("roi", "auto", NONE_FOUND)
+    return region
+
+
+def _is_sharp(smooth: Floats32, text: str) -> bool:
+    """Return whether the brightness changes suddenly at an outline."""
+    kind, _, numbers = text.partition(":")
+    place = [float(number) for number in numbers.split(",")]
+    if kind == "circle":
+        column, row, radius = place
+        x, y = column + radius * _RAY[0], row + radius * _RAY[1]
+        steps = [_steps(smooth, x, y, _RAY, reach) for reach in _SHARP_PX]
+    else:
+        steps = [_box_steps(smooth, place, reach) for reach in _SHARP_PX]
+    known = np.isfinite(steps).all(axis=0)
+    near, far = (abs(float(np.median(step[known]))) if known.any() else 0.0 for step in steps)
+    return near >= _MIN_SHARP * far > 0.0
 
 
 def _around_markers(frames: Sequence[Frame]) -> str:
     """Return the circle around the markers, enlarged by a spacing, for domes whose surroundings are equally dark.
 
     Raises:
-        InputError: There are too few markers.
+        InputError: There are no markers.
     """
     import cv2
 
-    centres = MarkerFinder.learn(frames[:1]).find(frames[0]).centres_px
-    if len(centres) < MIN_MARKERS:
-        raise InputError("markers", len(centres), "are too few")
+    finder = MarkerFinder.learn(frames)
+    centres = max((finder.find(frame).centres_px for frame in frames), key=len)
     (x, y), radius = cv2.minEnclosingCircle(centres.astype(np.float32))
     return f"circle:{x:.1f},{y:.1f},{radius + MarkerTracker(reference_px=centres).spacing_px:.1f}"
 

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.runs.pictures import decoded
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES
+from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.vision.region import SURE, Region, find_region, parse_region, stored_region
+from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: The value of ``--roi`` for no region. A region that is stored with the runs is then not used either.
@@ -20,7 +25,7 @@ _RUNS, _FRAMES = 6, 3
 def resting_frames(run: Run, most: int) -> list[Frame]:
     """Return images without contact at regular intervals of a run.
 
-    If the run has no frames without contact, frames of presses are returned. The list is empty if the sensor's frames
+    If the run has no frames without contact, other frames are returned. The list is empty if the sensor's frames
     are not images.
 
     Args:
@@ -39,6 +44,42 @@ def resting_frames(run: Run, most: int) -> list[Frame]:
         except CheckFailedError:
             continue  # check-runs reports the fault
     return [frame for frame in frames if is_image(frame)]
+
+
+def add_references(runs: Sequence[Run], path: Path) -> list[Run]:
+    """Store frames without contact with the runs that have none, which are mostly imported runs.
+
+    Args:
+        runs: The runs.
+        path: An image, or a folder of images.
+
+    Returns:
+        All runs, with their frames without contact.
+
+    Raises:
+        InputError: There is no image, an image cannot be read or has another size, or no run lacks such frames.
+    """
+    without = [run for run in runs if not run.references]
+    if not without:
+        raise InputError("reference", str(path), "is not needed: every run has frames without contact")
+    files = sorted(file for file in path.iterdir() if file.suffix in IMAGE_SUFFIXES) if path.is_dir() else [path]
+    if not files:
+        raise InputError("reference", str(path), f"contains no image ({', '.join(IMAGE_SUFFIXES)})")
+    frames = []
+    for file in files:
+        try:
+            frames.append(decoded(read_bytes(file, "reference", "image"), str(file)))
+        except CheckFailedError as error:
+            raise InputError("reference", str(file), str(error)) from None
+        for run in without:
+            if frames[-1].shape != run.info.frame_shape:
+                shapes = f"has shape {frames[-1].shape}, but the frames of {run.folder} have {run.info.frame_shape}"
+                raise InputError("reference", str(file), shapes)
+    for run in without:
+        with RunWriter.open(run.folder, run.info, durable=False) as writer:
+            for frame in frames:
+                writer.reference(frame, None)
+    return [Run.open(run.folder) for run in runs]
 
 
 def region_of(runs: Sequence[Run], roi: str | None = None) -> Region | None:

@@ -330,6 +330,7 @@ def _track(shown: _Shown) -> None:
         "lines": np.round(lines, 1).tolist() if good else [],
         "found": int(track.found.sum()),
         "count": len(start),
+        "origin": shown.features.origin,
         "median_px": round(float(np.median(length)), 2),
         "max_px": round(float(length.max()), 2),
     }

@@ -150,7 +150,7 @@
       byId("markers").setAttribute("viewBox", `-0.5 -0.5 ${markers.size.join(" ")}`);
       const times = Math.min(10, Math.max(1, Math.floor(MARKER_LINE_PX / (markers.max_px || 1))));
       byId("markers").replaceChildren(shape("path", { d: markers.lines.map(([x, y, a, b]) => `M${x},${y}l${times * (a - x)},${times * (b - y)}`).join("") }));
-      say("marker-words", `${markers.found} of ${markers.count} markers found. Displacement: median ${markers.median_px} px, largest ${markers.max_px} px. The lines begin at the positions without contact${times > 1 ? ` and are ${times} times as long as the displacements` : ""}.`);
+      say("marker-words", `${markers.found} of ${markers.count} markers found. Displacement: median ${markers.median_px} px, largest ${markers.max_px} px. Each line begins at the ${markers.origin}${times > 1 ? ` and is ${times} times as long as the displacement` : ""}.`);
     } else if (!run || !run.newest || (run.markers && run.markers.path === run.newest.path)) {
       byId("markers").replaceChildren();
       say("marker-words", run && run.newest && run.newest.image ? "No markers were found in this frame." : "");

@@ -16,6 +16,7 @@ from tacbench_cad.lab.analysis.figures import save, styled
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
 from tacbench_cad.lab.analysis.variance.figures import displacement_figure
 from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.lab.vision.displacements import MarkerFeatures
 from tacbench_cad.lab.vision.region import parse_region, store_region
@@ -107,6 +108,21 @@ def test_worker_processes_give_the_same_marker_table_and_a_figure(pressed: Path,
     with styled():
         for path in save(displacement_figure(together), tmp_path / "displacements", ()):
             assert path.stat().st_size > 5000
+
+
+def test_the_results_say_where_the_displacements_begin(tmp_path: Path) -> None:
+    size = {"textures": (1,), "prints": (("form-3", "grey-v4"),), "levels": (1,)}
+    folders = write_study(tmp_path, shape=SHAPE, image=dots_image, resting=dots_at_rest, **size)
+    for origin in ("position without contact", "median position"):
+        collection = Collection.open([tmp_path])
+        result = variance_table(collection, preprocess_of(collection, "markers"))
+        with styled():
+            labels = [axes.get_ylabel() for axes in displacement_figure(result).axes]
+        assert f"displacement from the {origin} (px)" in labels
+        assert any(f"49 markers from its {origin}, mean" in note for note in VarianceView.of(result).notes)
+        for folder in folders:  # without the frames at rest, as in an imported run
+            table = folder / "references" / "references.csv"
+            table.write_text(table.read_text().splitlines()[0] + "\n")
 
 
 @pytest.mark.usefixtures("no_figures")

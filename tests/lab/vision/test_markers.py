@@ -92,7 +92,7 @@ def test_given_values_are_not_estimated_and_a_mask_is_used() -> None:
 
 def test_images_without_markers_are_refused() -> None:
     noise = np.random.default_rng(0).integers(100, 102, (64, 64), dtype=np.uint8)
-    with pytest.raises(InputError, match="not found"):
+    with pytest.raises(InputError, match="no markers in these frames: there are fewer than 12"):
         MarkerFinder.learn([noise])
     with pytest.raises(InputError, match="at least one"):
         MarkerFinder.learn([])

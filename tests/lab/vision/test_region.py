@@ -8,8 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.frame_kinds import frames_of
 from helpers.lookalikes import LOOKS, Look, draw, gel
 
+from tacbench_cad.cli import main
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.vision.region import SURE, Region, find_region, parse_region, store_region, stored_region
 from tacbench_cad.util.errors import InputError
@@ -56,6 +58,21 @@ def test_without_an_outline_the_markers_give_an_uncertain_region() -> None:
     region = find_region([dots()])
     assert numbers(region) == pytest.approx([320.0, 240.0, 145.0], abs=12.0)
     assert region.sureness < SURE
+
+
+@pytest.mark.parametrize("kind", ["digit", "gelsight_mini", "gelsight_dots"])
+def test_a_patch_of_light_is_no_dome(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = [shot.image for shot in frames_of(kind, 3, seed=4)]
+    with pytest.raises(InputError, match="found no dome or gel in these frames; leave it out to use the whole frame"):
+        find_region(frames)
+    (tmp_path / "class").mkdir()
+    for number, frame in enumerate(frames):
+        cv2.imwrite(str(tmp_path / "class" / f"{number}.png"), frame)
+    assert main(["import-frames", str(tmp_path / "class"), "-o", str(tmp_path / "runs")]) == 0
+    for more in ([], ["--roi", "auto"]):
+        assert main(["runs", "roi", str(tmp_path / "runs"), *more]) == 0
+        assert "no dome or gel was found: the whole frame is used" in capsys.readouterr().out
+    assert not list(tmp_path.glob("runs/*/roi.json"))
 
 
 def test_an_empty_image_has_no_region() -> None:

@@ -110,6 +110,8 @@ def _outcomes(
     """Yield the outcomes of all trials. Each is read from its file, or computed and stored there."""
     region = region_of(collection.runs, settings.roi)
     data = f"{collection.data_key} {region.digest if region else ''}"
+    if settings.features == "markers":  # whose displacements are measured from the frames without contact
+        data += " ".join(frame.image_sha256 for run in collection.runs for frame in run.references)
     key = f"{settings.protocol}-{replace(settings, train_on=()).key(data)}"
     groups = {name: f"{key}-{name}" for name in settings.train_on} or {"": key}
     files = {

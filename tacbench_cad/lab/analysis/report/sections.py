@@ -26,6 +26,7 @@ from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.scans import SCANNED, answer
 from tacbench_cad.lab.analysis.report.summary import next_steps
+from tacbench_cad.lab.vision.displacements import origin_of
 from tacbench_cad.util.text import counted
 
 #: The largest number of findings of a run on the page; the CSV file contains all of them.
@@ -159,13 +160,15 @@ def _maps(results: Results) -> Iterator[Part]:
     settings = results.variance.settings
     markers = settings.features == "markers"
     if settings.roi:
-        where = f"The region of interest, {settings.roi}, in a frame without contact. Only its pixels are analysed."
+        contact = " without contact" if results.collection.runs[0].references else ""
+        where = f"The region of interest, {settings.roi}, in a frame{contact}. Only its pixels are analysed."
         yield figure_part("variance/region", where)
     if settings.series:
         caption = "Variance of each frame of the series, along the motion of the sensor: mean over positions."
         yield figure_part("variance/variance_motion", caption, "variance/motion.csv")
     if markers:
-        caption = "Displacements of the markers at the largest force, mean over positions, prints and repeats."
+        origin = f"each from its {origin_of(results.collection.runs)}"
+        caption = f"Displacements of the markers at the largest force, {origin}; mean over positions, prints, repeats."
         yield figure_part("variance/displacements", caption, "variance/displacements.csv")
     what = "markers" if markers else "pixels"
     yield figure_part("variance/variance_pixels", f"Variance of the {what}: mean over positions and forces.")

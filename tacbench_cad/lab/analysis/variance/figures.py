@@ -229,7 +229,7 @@ def pixel_figure(result: VarianceResult) -> Figure:
 
 
 def region_figure(result: VarianceResult) -> Figure:
-    """Draw the region of interest in a frame without contact."""
+    """Draw the region of interest in a frame, if possible without contact."""
     region = result.preprocess.region
     assert region is not None  # the figure is only drawn with a region
     figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
@@ -265,7 +265,7 @@ def displacement_figure(result: VarianceResult) -> Figure:
     _name_panels(panels, textures, combinations)
     drawn = [collection for axes in figure.axes for collection in axes.collections]
     bar = figure.colorbar(drawn[-1], ax=figure.axes, pad=0.01, shrink=0.9)
-    bar.set_label("displacement (px)")
+    bar.set_label(f"displacement from the {markers.origin} (px)")
     bar.outline.set_linewidth(0.5)
     scale = "" if longer == 1.0 else f", arrows {longer:g} times as long"
     figure.suptitle(f"{_title(result, level)}{scale}", x=0.01, ha="left", fontsize=8.0)

@@ -35,6 +35,7 @@ from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
+from tacbench_cad.lab.vision.displacements import origin_of
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted, interval, short
@@ -322,9 +323,9 @@ class VarianceView:
         if self.settings.features == "markers":
             notes.append(
                 f"The figures are variances of displacements: of each of {self.settings.markers} markers from its "
-                "position without contact, mean over the markers and both axes of the image. The position of a hidden "
-                "marker is predicted from its neighbours. Lighting does not change these figures. They cannot be "
-                "compared with the paper's figures in counts^2."
+                f"{origin_of(self.collection.runs)}, mean over the markers and both axes of the image. The position of "
+                "a hidden marker is predicted from its neighbours. Lighting does not change these figures. They cannot "
+                "be compared with the paper's figures in counts^2."
             )
         if self.settings.roi:
             notes.append(f"The region of interest is {self.settings.roi}; pixels outside of it are not used.")
