@@ -106,7 +106,8 @@ class DesignPage:
 
     def __init__(self, out: Path, uploads: Path, first: Design, name: str = "") -> None:
         self._out, self._uploads, self._first, self._start = out, uploads, first, name
-        self._folder = first.folder
+        # A state names its height map, because every tab of the browser, and every state of a tab, can have another one.
+        self._folders = {"": first.folder}
         self._slow = asyncio.Lock()
 
     @property
@@ -162,15 +163,18 @@ class DesignPage:
         """Return the state of the page, with the folder of its files."""
         if question.design is None:
             raise InputError("design", None, "is missing")
-        return replace(question.design, folder=self._folder)
+        folder = self._folders.get(question.design.upload)
+        if folder is None:
+            raise InputError("upload", question.design.upload, "is unknown; open the height map again")
+        return replace(question.design, folder=folder)
 
     def _upload(self, upload: Upload) -> dict[str, Any]:
         """Keep a height map and return the state that shows it."""
         folder = Path(tempfile.mkdtemp(dir=self._uploads))
         (folder / upload.name).write_bytes(upload.content)
         state = of_image(folder, upload.name)
-        self._folder = folder
-        return _state(state)
+        self._folders[folder.name] = folder
+        return _state(replace(state, upload=folder.name))
 
     def answer(self, question: Question) -> dict[str, Any]:
         """Return the answer to a question that is not about a picture.
@@ -198,10 +202,18 @@ class DesignPage:
 
     def _write(self, design: Design, formats: tuple[str, ...]) -> dict[str, Any]:
         """Write the files of the block, and its texture file."""
-        text = toml(design)
+        sources = {f"{design.name}.toml": toml(design).encode()}
+        design.require_files()
+        for name in design.files:
+            sources[name] = (design.folder / name).read_bytes()
+            path = self._out / name
+            if path.exists() and path.read_bytes() != sources[name]:
+                raise InputError(
+                    "output file",
+                    str(path),
+                    "already has another content, and texture files may name it; rename your file, or move this one away",
+                )
         result = build(design.request(formats=formats, out=self._out))
-        sources = {f"{design.name}.toml": text.encode()}
-        sources |= {name: (design.folder / name).read_bytes() for name in design.files}
         for name, content in sources.items():
             path = self._out / name
             path.parent.mkdir(parents=True, exist_ok=True)
