@@ -106,7 +106,7 @@ class DesignPage:
 
     def __init__(self, out: Path, uploads: Path, first: Design, name: str = "") -> None:
         self._out, self._uploads, self._first, self._start = out, uploads, first, name
-        # A state names its height map, because every tab of the browser, and every state of a tab, can have another one.
+        # A state names its height map, because every tab, and every state of a tab, can have another.
         self._folders = {"": first.folder}
         self._slow = asyncio.Lock()
 
@@ -211,7 +211,7 @@ class DesignPage:
                 raise InputError(
                     "output file",
                     str(path),
-                    "already has another content, and texture files may name it; rename your file, or move this one away",
+                    "already has another content, and a texture file may name it; rename yours, or move this away",
                 )
         result = build(design.request(formats=formats, out=self._out))
         for name, content in sources.items():
