@@ -140,7 +140,7 @@ def test_a_bad_message_is_refused_in_one_line(text: str, allowed: str) -> None:
         question_of(text)
 
 
-@pytest.mark.parametrize("file", ["/etc/passwd", "../secret.png", "a/../../secret.csv"])
+@pytest.mark.parametrize("file", ["x\0.png", "/etc/passwd", "../secret.png", "a/../../secret.csv"])
 def test_files_outside_of_the_folder_are_not_read(file: str, tmp_path: Path) -> None:
     for table in ({"family": "image", "file": file}, {"family": "sum", "of": [f"{file}.toml"]}):
         design = Design(texture=table, folder=tmp_path)
@@ -209,6 +209,10 @@ def test_the_page_gets_states_pictures_facts_and_errors(page: Page) -> None:
     assert "a-z" in page.ask(do="toml", design=design | {"name": "../x"})["error"]
     page.connection.send_text("nonsense")
     assert "not valid JSON" in json.loads(page.connection.receive_text())["error"]
+    for file in ("x\0.png", "a" * 5000, ".", ""):
+        assert page.ask(do="picture", design=design | {"texture": {"family": "image", "file": file}, "wave": []})[
+            "error"
+        ]
     assert page.ask(do="hello")["start"] == "texture 2", "the connection works after errors"
 
 

@@ -121,6 +121,14 @@ class DesignPage:
     async def _talk(self, socket: WebSocket) -> None:
         await socket.accept()
         waiting: set[asyncio.Task[None]] = set()
+        try:
+            await self._answer_all(socket, waiting)
+        finally:
+            for task in waiting:
+                task.cancel()
+
+    async def _answer_all(self, socket: WebSocket, waiting: set[asyncio.Task[None]]) -> None:
+        """Answer the messages of a page until it is closed."""
         while (message := await socket.receive())["type"] == "websocket.receive":
             data = message.get("text") or message.get("bytes") or b""
             try:
@@ -136,8 +144,6 @@ class DesignPage:
                 task = asyncio.create_task(self._answer_slowly(socket, question))
                 waiting.add(task)
                 task.add_done_callback(waiting.discard)
-        for task in waiting:
-            task.cancel()
 
     async def _answer_slowly(self, socket: WebSocket, question: Question | Upload) -> None:
         """Answer a question when all earlier slow questions are answered."""
@@ -146,18 +152,23 @@ class DesignPage:
                 await self._answer(socket, question)
 
     async def _answer(self, socket: WebSocket, question: Question | Upload) -> None:
+        answer: dict[str, Any] | None
         try:
             if isinstance(question, Upload):
                 answer = await asyncio.to_thread(self._upload, question)
             elif question.do == "picture":
                 data = await asyncio.to_thread(picture, self._state_of(question))
-                await socket.send_bytes(struct.pack("<I", question.id) + data)
-                return
+                answer = None
             else:
                 answer = await asyncio.to_thread(self.answer, question)
         except TacbenchError as error:
             answer = {"error": one_line(error)}
-        await socket.send_text(json.dumps({"id": question.id, **answer}, allow_nan=False))
+        except Exception as error:  # a fault of this program, or of the system: the page says so and goes on
+            answer = {"error": f"unexpected error: {type(error).__name__}: {one_line(error, 200)}"}
+        if answer is None:
+            await socket.send_bytes(struct.pack("<I", question.id) + data)
+        else:
+            await socket.send_text(json.dumps({"id": question.id, **answer}, allow_nan=False))
 
     def _state_of(self, question: Question) -> Design:
         """Return the state of the page, with the folder of its files."""

@@ -152,7 +152,7 @@ class Design(Checked):
             InputError: A file is outside of the folder.
         """
         for name in self.files:
-            if not (self.folder / name).resolve().is_relative_to(self.folder.resolve()):
+            if "\0" in name or not (self.folder / name).resolve().is_relative_to(self.folder.resolve()):
                 raise InputError("[texture] file", name, "must be in the folder of the texture file")
 
     @property
