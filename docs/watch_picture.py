@@ -49,6 +49,7 @@ def main(page: str, block: str) -> None:
             tab.get_by_role("button", name="Block is in").wait_for()
             tab.locator("#question").screenshot(path=block)
             tab.set_viewport_size({"width": 1280, "height": 900})
+            tab.get_by_label("Its label").fill("T4 PAPER X1 01")
             tab.get_by_role("button", name="Block is in").click()
             tab.locator("#counts", has_text="number 44").wait_for()
             tab.locator("#marker-words", has_text="markers found").wait_for()

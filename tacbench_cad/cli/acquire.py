@@ -71,7 +71,8 @@ def command(
     and asks for its label. While it runs, the newest frame is in last.png in the output folder.
 
     With --page, a page in the browser shows the run. Its buttons do the same as Ctrl-C (Stop), wait before the next
-    press (Pause) and confirm a block (Block is in). The run goes on if the page is closed.
+    press (Pause) and confirm a block by its typed label (Block is in). They work only on this machine: with the second
+    printed address, and from other machines, the page can only be watched. The run goes on if the page is closed.
 
     You can interrupt a run at any time with Ctrl-C. The same command resumes it at the first missing press. If the
     block, the protocol, the rig or the sensor settings have changed since then, the command names the change and

@@ -379,7 +379,7 @@ LOCAL = "127.0.0.1"
 host = option(
     "--host",
     text("ADDRESS"),
-    "Address of this machine on which the page can be opened, so that a phone in the same network can show it.",
+    "Address of this machine at which others in the same network can watch the page, for example on a phone.",
     PAGE,
     default=LOCAL,
 )

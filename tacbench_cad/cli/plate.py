@@ -62,7 +62,7 @@ def command(
 
     The copies of a texture are spread over the bed. So an effect of the position on the bed is not mistaken for an
     effect of the texture. The column imbalance has the distance from the middle of the copies of a texture to the
-    middle of all blocks, for the texture with the largest distance.
+    middle of all blocks, for the texture with the largest distance. It needs at least two copies of each texture.
 
     You can use the layouts in the study file of "tacbench acquire". The key layouts then lists the layout files and
     replaces the keys textures and prints.
@@ -121,8 +121,9 @@ def command(
         rows = zip(plates, written, pictures, strict=True)
         print_json({"printer": machine.name, "filament": material, "plates": [_row(*row) for row in rows]})
     else:
-        heads = (">plate", ">blocks", ">imbalance (mm)", "labels")
-        print_table(f"{machine.name}, {material}", heads, map(_cells, plates))
+        balanced = any(plate.imbalance_mm is not None for plate in plates)
+        heads = (">plate", ">blocks", *([">imbalance (mm)"] if balanced else []), "labels")
+        print_table(f"{machine.name}, {material}", heads, [_cells(plate, balanced) for plate in plates])
         print_next("acquire", "--init", "study.toml")
 
 
@@ -141,9 +142,11 @@ def _row(plate: Plate, files: PlateFiles, drawn: bool) -> dict[str, object]:
     }
 
 
-def _cells(plate: Plate) -> tuple[object, ...]:
+def _cells(plate: Plate, balanced: bool) -> tuple[object, ...]:
+    """Return the cells of a plate's row, with its imbalance if a plate has one."""
     copies: dict[tuple[str, ...], list[str]] = {}
     for *words, copy in sorted(placed.block.label_words for placed in plate.blocks):
         copies.setdefault(tuple(words), []).append(copy)
     labels = "\n".join(" ".join([*words, *numbers]) for words, numbers in copies.items())
-    return plate.number, len(plate.blocks), f"{plate.imbalance_mm:.1f}", labels
+    imbalance = "-" if plate.imbalance_mm is None else f"{plate.imbalance_mm:.1f}"
+    return plate.number, len(plate.blocks), *([imbalance] if balanced else []), labels

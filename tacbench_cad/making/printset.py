@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ from tacbench_cad.making.writing import Failure, Outcome, make_files, make_in_ch
 from tacbench_cad.util import plotting
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError
-from tacbench_cad.util.files import MANIFEST_NAME, TEMPORARY_PREFIX, locked
+from tacbench_cad.util.files import MANIFEST_NAME, locked, remove_leftovers
 from tacbench_cad.util.packages import require, why_missing
 from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
 from tacbench_cad.util.text import report
@@ -193,9 +192,7 @@ class _Making:
                 self._preview()
         finally:
             self._workers.close()
-            for leftover in self._out.glob(f"{TEMPORARY_PREFIX}*"):
-                with contextlib.suppress(OSError):
-                    leftover.unlink()
+            remove_leftovers(self._out)
             self._write_manifest()
         return self._result
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.slicing.surface import Frame, frames_of, printed_heights, staircase
+from tacbench_cad.slicing.surface import Frame, frames_of, places_of, printed_heights, staircase
 from tacbench_cad.spec import crests
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.crests import Extrema
@@ -247,14 +247,20 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
         pitch_mm: The distance of the points that are compared.
 
     Raises:
-        InputError: The G-code is for another part, or prints nothing at the given position.
+        InputError: The G-code is for another part, prints nothing at the given position, or has the block elsewhere.
     """
     frames = [frame] if frame is not None else frames_of(sliced, block)
     x, y = points_of(block, _COARSE_MM)
     looks = [printed_heights(sliced, block, place, x, y) for place in frames]
     inside = without_edge(block, x, y)
     best = min(range(len(frames)), key=lambda i: _distance(block, block.texture, x, y, looks[i], inside))
-    _require_likeness(sliced, block, x, y, looks[best], inside)
+    fault = _unlike(sliced, block, x, y, looks[best], inside)
+    if fault is not None and frame is not None:
+        for place in sorted(places_of(sliced, block), key=lambda place: _away_mm(place, frame)):
+            if _unlike(sliced, block, x, y, printed_heights(sliced, block, place, x, y), inside) is None:
+                raise _moved(sliced, block, place, frame)
+    if fault is not None:
+        raise fault
     x, y = points_of(block, pitch_mm)
     formula = block.datum_mm + block.surface.grid(x, y)
     return AsSliced(
@@ -276,9 +282,10 @@ def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Flo
     return float(np.std((printed - formula)[inside]))
 
 
-def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Bools) -> None:
+def _unlike(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Bools) -> InputError | None:
+    """Return the error for a print that does not resemble the block; None if it does."""
     if not printed[inside].any():
-        raise InputError(
+        return InputError(
             "frame", None, f"{sliced.path} prints nothing there; give the position of the block's corner on the bed"
         )
     own = _distance(block, block.texture, x, y, printed, inside)
@@ -290,14 +297,31 @@ def _require_likeness(sliced: Sliced, block: Block, x: Floats, y: Floats, printe
     name = min(others, key=others.__getitem__)
     nearer = others[name] < 0.5 * own
     relief_sd = float(np.std(block.surface.grid(x, y)[inside]))
-    if own > UNLIKE * relief_sd or (nearer and own > sliced.layer_mm):
-        hint = f", but only {others[name]:.3g} mm from {name}" if nearer else ""
-        raise InputError(
-            "file",
-            str(sliced.path),
-            f"is for another part: the rms distance of its top is {own:.3g} mm from {block.texture.name}{hint}; "
-            "give the --texture, --preset and --scale of the sliced block",
-        )
+    if own <= UNLIKE * relief_sd and not (nearer and own > sliced.layer_mm):
+        return None
+    hint = f", but only {others[name]:.3g} mm from {name}" if nearer else ""
+    return InputError(
+        "file",
+        str(sliced.path),
+        f"is for another part: the rms distance of its top is {own:.3g} mm from {block.texture.name}{hint}; "
+        "give the --texture, --preset and --scale of the sliced block",
+    )
+
+
+def _moved(sliced: Sliced, block: Block, place: Frame, frame: Frame) -> InputError:
+    """Return the error for a plate on which the block lies at another place than the given one."""
+    turned = f",{90 * place.quarters}" if place.quarters else ""
+    return InputError(
+        "file",
+        str(sliced.path),
+        f"the blocks were moved: {block.texture.name} lies at {place.x_mm:.2f},{place.y_mm:.2f}{turned} and not at "
+        f"{frame.x_mm:g},{frame.y_mm:g}; slice the plate without moving its blocks (PrusaSlicer: --dont-arrange), or "
+        "give the --frame where this block lies now",
+    )
+
+
+def _away_mm(place: Frame, frame: Frame) -> float:
+    return math.hypot(place.x_mm - frame.x_mm, place.y_mm - frame.y_mm)
 
 
 def _rms(values: Floats) -> float | None:

@@ -74,11 +74,14 @@ class Plate:
         return f"{self.printer.name}_plate{self.number:02d}"
 
     @property
-    def imbalance_mm(self) -> float:
-        """The largest distance between the middle of a texture's copies and the middle of the plate, in mm."""
+    def imbalance_mm(self) -> float | None:
+        """The largest distance between the middle of a texture's copies and the middle of the plate, in mm.
+
+        None if a texture has a single copy on the plate: one place cannot be spread over the bed.
+        """
         places = np.array([[placed.x_mm, placed.y_mm] for placed in self.blocks])
-        names = [placed.block.texture.name for placed in self.blocks]
-        return _imbalance(places, _index(names))
+        texture = _index([placed.block.texture.name for placed in self.blocks])
+        return None if np.bincount(texture).min() < 2 else float(_off(places, texture).max())
 
 
 def arrange_plates(
@@ -178,10 +181,6 @@ def _off(places: Floats, texture: Ints) -> Floats:
     counts = np.bincount(texture)
     middles = np.column_stack([np.bincount(texture, weights=places[:, axis]) / counts for axis in (0, 1)])
     return np.asarray(np.hypot(*(middles - places.mean(axis=0)).T), dtype=np.float64)
-
-
-def _imbalance(places: Floats, texture: Ints) -> float:
-    return float(_off(places, texture).max())
 
 
 def _confounding(places: Floats, texture: Ints) -> float:

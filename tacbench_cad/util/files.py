@@ -11,7 +11,9 @@ import hashlib
 import json
 import os
 import shutil
+import socket
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,8 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: The prefix of every temporary file. The next process that locks the folder deletes those that a killed process left.
 TEMPORARY_PREFIX = ".tacbench-unfinished-"
+#: The age in s from which a temporary file is left over, also if its process cannot be looked for: on another machine.
+_LEFT_AFTER_S = 24 * 3600.0
 #: The prefix of the temporary folders of :func:`replacing_folder`.
 _FOLDER_PREFIX = f"{TEMPORARY_PREFIX}folder-"
 #: The file that a running process locks. The file may remain after a process was killed, but the lock does not.
@@ -83,7 +87,7 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
         raise InputError("output file", str(path), "is a folder; move it or choose another output folder")
     if not folder.is_dir():
         raise InputError("output folder", str(folder), "is not a folder" if folder.exists() else "does not exist")
-    temporary = folder / f"{TEMPORARY_PREFIX}{os.getpid()}-{path.name}"
+    temporary = folder / f"{TEMPORARY_PREFIX}{_own_mark()}{path.name}"
     try:
         yield temporary
         if durable:
@@ -112,9 +116,9 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     """
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise InputError("output folder", str(path), "already exists; remove it or choose another folder")
-    temporary = path.parent / f"{_FOLDER_PREFIX}{os.getpid()}-{path.name}"
+    temporary = path.parent / f"{_FOLDER_PREFIX}{_own_mark()}{path.name}"
     with locked(path.parent), refusing(path.parent):
-        for leftover in path.parent.glob(f"{_FOLDER_PREFIX}*"):
+        for leftover in _leftovers(path.parent, _FOLDER_PREFIX):
             shutil.rmtree(leftover, ignore_errors=True)
         temporary.mkdir()
         try:
@@ -151,7 +155,7 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
     If the folder was created here and is still empty at the end, it is removed again.
 
     The operating system holds the lock (``flock``; ``msvcrt.locking`` on Windows), so it always ends with the process.
-    After locking, unfinished files of killed processes are deleted.
+    After locking, :func:`remove_leftovers` is called.
 
     Args:
         folder: The folder to write to.
@@ -172,15 +176,49 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
     if handle is None:
         raise FolderInUseError("output folder", str(folder), "another tacbench is writing to it; wait for it to end")
     try:
-        for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-            with contextlib.suppress(OSError):
-                leftover.unlink()
+        remove_leftovers(folder)
         yield
     finally:
         _leave(path, handle)
         with contextlib.suppress(OSError):  # the folder is not empty
             for level in created:
                 level.rmdir()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete the temporary files of killed processes. Those of running processes, at any station, are kept."""
+    for leftover in _leftovers(folder, TEMPORARY_PREFIX):
+        with contextlib.suppress(OSError):
+            leftover.unlink()
+
+
+def _leftovers(folder: Path, prefix: str) -> Iterator[Path]:
+    """Yield the temporary files or folders of processes that have ended on this machine, and those that are old."""
+    host = _own_mark().partition("-")[2]
+    for path in folder.glob(f"{prefix}*"):
+        process, _, rest = path.name.removeprefix(prefix).partition("-")
+        is_dead = process.isdecimal() and rest.startswith(host) and not is_running(int(process))
+        with contextlib.suppress(OSError):
+            if is_dead or time.time() - path.stat().st_mtime > _LEFT_AFTER_S:
+                yield path
+
+
+def _own_mark() -> str:
+    """Return the part of a temporary file's name that says which process of which machine writes it."""
+    return f"{os.getpid()}-{hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]}-"
+
+
+def is_running(process: int) -> bool:
+    """Return whether a process of this machine is running; True if this cannot be found out."""
+    if sys.platform == "win32":  # there, os.kill would end the process
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
 
 
 def sha256(path: Path) -> str:

@@ -4,6 +4,8 @@ A page in the browser must be safe from other users of the machine and from othe
 
 - The server listens on 127.0.0.1, unless the user gives another address of the machine.
 - The address contains a random token. A request without it is refused.
+- A page with buttons has a second address, whose token only allows to watch. The server answers the address with the
+  buttons on 127.0.0.1 only, so that its token never crosses a network, where others could read it.
 - Other users of the machine can read the command line of the browser. The browser is therefore started with an address
   that works once and leads to the page.
 - The header Host must name the address of the server. A page of another site that points its own name to this address
@@ -16,8 +18,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import secrets
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -29,8 +33,9 @@ from starlette.applications import Starlette
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketDisconnect
 
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, one_line
 
 HOST = "127.0.0.1"
 #: The addresses that mean all networks of the machine. A page of another site could then send any name.
@@ -52,16 +57,32 @@ class Guard:
         port: The port of the server.
         host: The address of the server.
         once: A path that leads to the page the first time it is requested; empty for none.
+        watch: A second token, which only allows to watch: the application finds ``may_order`` False in the scope of its
+            requests. Empty for none.
+        watch_at: The address and the port at which only this token is valid; None if there is no such address.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int, host: str = HOST, once: str = "") -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        token: str,
+        port: int,
+        host: str = HOST,
+        once: str = "",
+        *,
+        watch: str = "",
+        watch_at: tuple[str, int] | None = None,
+    ) -> None:
         self.app = app
         self._token = token.encode()
         self._once = once
-        self._hosts = tuple(f"{name}:{port}" for name in ((HOST, "localhost") if host == HOST else (in_url(host),)))
+        here = _names(host, port)
+        self._hosts = here if watch_at is None else (*here, *_names(*watch_at))
+        #: The values of the header Host with which each token is valid.
+        self._valid = {self._token: here} | ({watch.encode(): self._hosts} if watch else {})
         policy = (
             f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' "
-            f"{' '.join(f'ws://{host}' for host in self._hosts)}; base-uri 'none'; form-action 'none'; "
+            f"{' '.join(f'ws://{name}' for name in self._hosts)}; base-uri 'none'; form-action 'none'; "
             "frame-ancestors 'none'"
         )
         self._headers = [
@@ -80,8 +101,10 @@ class Guard:
             self._once = ""
             await RedirectResponse(f"/{self._token.decode()}/")(scope, receive, self._with_headers(send))
         elif refusal is None:
-            scope = {**scope, "root_path": f"/{self._token.decode()}"}
-            await self.app(scope, receive, self._with_headers(send))
+            token = _token(scope)
+            scope = {**scope, "root_path": f"/{token.decode()}", "may_order": token == self._token}
+            with contextlib.suppress(WebSocketDisconnect):  # the page was closed before it got its answer
+                await self.app(scope, receive, self._with_headers(send))
         elif scope["type"] == "http":
             await PlainTextResponse(refusal, 403)(scope, receive, self._with_headers(send))
         else:
@@ -101,8 +124,9 @@ class Guard:
         hosts = headers.get(b"host", [])
         if len(hosts) != 1 or hosts[0] not in self._hosts:
             return "The header Host must be the address and the port of this server."
-        first = scope["path"].encode("utf-8", "surrogateescape").split(b"/")[1:2]
-        if not self._opens(scope) and (not first or not secrets.compare_digest(first[0], self._token)):
+        given = _token(scope)
+        valid = [secrets.compare_digest(given, token) and hosts[0] in names for token, names in self._valid.items()]
+        if not self._opens(scope) and not any(valid):
             return "The address has no valid token. Use the whole address that the command printed."
         origins = headers.get(b"origin", [])
         needed = scope["type"] == "websocket"
@@ -119,6 +143,26 @@ class Guard:
             await send(message)
 
         return answer
+
+
+def _names(host: str, port: int) -> tuple[str, ...]:
+    """Return the values of the header Host that mean an address of the server."""
+    return tuple(f"{name}:{port}" for name in ((HOST, "localhost") if host == HOST else (in_url(host),)))
+
+
+def _token(scope: Scope) -> bytes:
+    """Return the first part of the path of a request."""
+    path: str = scope["path"]
+    return path.encode("utf-8", "surrogateescape").partition(b"/")[2].partition(b"/")[0]
+
+
+class _OneLine(logging.Handler):
+    """Shows the faults of the server in the terminal, each in one line and without a traceback."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = (record.exc_info or (None, None))[1]
+        shown = record.getMessage() if error is None else f"{type(error).__name__}: {error}"
+        print(f"page: {one_line(shown, 200)}", file=sys.stderr)
 
 
 def file_routes(package: str, page: str, *others: str) -> list[BaseRoute]:
@@ -186,8 +230,9 @@ def serve(
     port: int = 0,
     host: str = HOST,
     browser: bool = True,
-    announce: Callable[[str], None] = print,
+    announce: Callable[..., None] = print,
     end: threading.Event | None = None,
+    has_buttons: bool = False,
 ) -> None:
     """Serve a page until Ctrl-C is pressed.
 
@@ -196,17 +241,28 @@ def serve(
         port: The port; 0 for a free one.
         host: The address on which the server listens.
         browser: Whether the page is opened in the browser.
-        announce: Receives the address of the page.
+        announce: Receives the address of the page and, if it has buttons, the address for people who only watch.
         end: An event that ends the server.
+        has_buttons: Whether the page has buttons that not everybody may use. At another address than 127.0.0.1, it can
+            then only be watched.
 
     Raises:
         InputError: The address or the port cannot be used.
     """
-    with bound_socket(port, host) as listener:
-        token, once, port = secrets.token_urlsafe(24), secrets.token_urlsafe(24), listener.getsockname()[1]
+    with contextlib.ExitStack() as stack:
+        outside = stack.enter_context(bound_socket(port, host))
+        listeners, watch, watch_at = [outside], "", None
+        if has_buttons:
+            watch, outside_port = secrets.token_urlsafe(24), outside.getsockname()[1]
+            watch_address = f"http://{in_url(host)}:{outside_port}/{watch}/"
+            if host != HOST:
+                listeners.append(stack.enter_context(bound_socket(port, HOST)))
+                host, watch_at = HOST, (host, outside_port)
+        token, once, port = secrets.token_urlsafe(24), secrets.token_urlsafe(24), listeners[-1].getsockname()[1]
         server_address = f"http://{in_url(host)}:{port}"
+        app = Starlette(routes=list(routes))
         settings = uvicorn.Config(
-            Guard(Starlette(routes=list(routes)), token, port, host, once if browser else ""),
+            Guard(app, token, port, host, once if browser else "", watch=watch, watch_at=watch_at),
             log_config=None,
             log_level="warning",
             access_log=False,
@@ -218,14 +274,17 @@ def serve(
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=_CLOSING_S,
         )
-        announce(f"{server_address}/{token}/")
+        logger = logging.getLogger("uvicorn.error")
+        logger.handlers, logger.propagate = [_OneLine()], False
+        announce(f"{server_address}/{token}/", *([watch_address] if has_buttons else []))
         if browser:  # a browser without windows keeps the thread busy until it is closed
             threading.Thread(target=webbrowser.open, args=(f"{server_address}/{once}",), daemon=True).start()
         server = uvicorn.Server(settings)
-        if end is not None:
+        if end is not None:  # then a signal does not end it
+            server.capture_signals = contextlib.nullcontext  # type: ignore[assignment]
             threading.Thread(target=_stop_after, args=(end, server), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
-            server.run(sockets=[listener])
+            server.run(sockets=listeners)
 
 
 def _stop_after(end: threading.Event, server: uvicorn.Server) -> None:

@@ -294,8 +294,9 @@ def test_locked_removes_the_folders_that_it_made_if_they_stay_empty(tmp_path: Pa
 _HOLD = """
 import sys, time
 from pathlib import Path
-from tacbench_cad.util.files import locked
-with locked(Path(sys.argv[1])):
+from tacbench_cad.util.files import locked, replacing
+with locked(Path(sys.argv[1])), replacing(Path(sys.argv[1]) / "a.stl") as path:
+    path.write_text("half")
     print("held", flush=True)
     time.sleep(60)
 """
@@ -308,16 +309,28 @@ def test_a_second_process_is_refused_and_the_lock_of_a_killed_process_ends(tmp_p
         assert holder.stdout.readline() == "held\n"
         with pytest.raises(InputError, match="another tacbench"), locked(tmp_path):
             pass
-        (tmp_path / f"{TEMPORARY_PREFIX}1-a.stl").write_text("half")
+        (left,) = tmp_path.glob(f"{TEMPORARY_PREFIX}*")
+        assert left.name.endswith("-a.stl")
+        with locked(tmp_path, "another-station"):
+            assert left.read_text() == "half", "the process that writes this file is running"
         holder.send_signal(signal.SIGKILL)
         holder.wait(timeout=10)
         assert (tmp_path / LOCK_NAME).exists()  # the killed process leaves the file, but no lock on it
         with locked(tmp_path):
-            assert not (tmp_path / f"{TEMPORARY_PREFIX}1-a.stl").exists()
+            assert not left.exists()
         assert list(tmp_path.iterdir()) == []
     finally:
         holder.kill()
         holder.wait()
+
+
+def test_temporary_files_of_other_machines_are_deleted_after_a_day(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{TEMPORARY_PREFIX}{name}" for name in ("1-0123abcd-a.csv", "2-0123abcd-b.csv", "last.png")]
+    for path in paths:
+        path.touch()
+    os.utime(paths[1], (0.0, time.time() - 25 * 3600.0))
+    with locked(tmp_path):
+        assert [path.exists() for path in paths] == [True, False, True]
 
 
 def test_only_one_process_at_a_time_holds_the_lock(tmp_path: Path) -> None:

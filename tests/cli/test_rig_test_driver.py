@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 from pathlib import Path
 
 import pytest
 from helpers import wrong_drivers
+from helpers.checkout import ROOT
 
 from tacbench_cad.cli import main
 
@@ -71,3 +73,45 @@ def test_wrong_words_are_explained_in_one_line(words: list[str], message: str, c
 def test_an_exception_while_the_device_is_opened_is_a_failed_check(capsys: Capture) -> None:
     assert main(["rig", "test-driver", "wrong_drivers:GoodSensor", "--set", "gain=3"]) == 1
     assert "raised TypeError instead of a RigError" in capsys.readouterr().out
+
+
+#: The checks that the example drivers of the manual fail on purpose: one is full of defects, one only stores positions.
+FAILING = {
+    "hasty_arm:HastyArm": {"unit", "blocking", "small move", "stop"},
+    "dry_stage:DryStage": {"blocking", "stop"},
+}
+
+
+def manual_files() -> dict[str, str]:
+    """Return the Python files that the pages of the manual write, by their names."""
+    text = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+    return dict(re.findall(r"```python write=(\w+\.py)\n(.*?)```", text, re.DOTALL))
+
+
+DRIVERS = [
+    f"{Path(name).stem}:{word}"
+    for name, code in manual_files().items()
+    for word in re.findall(r"^class (\w+)\(Closing\):", code, re.MULTILINE)
+]
+
+
+def test_the_manual_has_these_drivers() -> None:
+    assert {*FAILING, "my_arm:MyStage", "my_skin:Skin"} <= set(DRIVERS)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_the_drivers_of_the_manual_pass(
+    driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    for name, code in manual_files().items():
+        (tmp_path / name).write_text(code, encoding="utf-8")
+        monkeypatch.delitem(sys.modules, Path(name).stem, raising=False)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
+    is_stage = "def move(" in (tmp_path / f"{driver.partition(':')[0]}.py").read_text()
+    limits = ["--set", "limits_mm=[[0,300],[0,300],[0,100]]"] if is_stage else []
+    code = main(["rig", "test-driver", driver, *limits, "--json"])
+    checks = json.loads(capsys.readouterr().out)["checks"]
+    assert {check["name"] for check in checks if check["result"] == "failed"} == FAILING.get(driver, set())
+    assert code == int(driver in FAILING)
+    assert sum(check["result"] == "passed" for check in checks) >= 7

@@ -173,6 +173,31 @@ def test_files_are_opened_and_dropped_and_errors_are_announced(page: Any, tmp_pa
     assert not alert.is_visible()
 
 
+def test_two_tabs_show_and_write_their_own_height_maps(page: Any, address: str, out: Path, tmp_path: Path) -> None:
+    """Both tabs get a file of the same name; the second is three times as high."""
+    other = page.context.new_page()
+    other.goto(address)
+    other.wait_for_selector("body[data-ready]", state="attached", timeout=MAX_MS)
+    ramp = np.tile(np.linspace(0.0, 1.0, 41), (31, 1))
+    for tab, mm in ((page, 1), (other, 3)):
+        np.savetxt(tmp_path / "map.csv", mm * ramp, delimiter=",")
+        picture_after(tab, lambda tab=tab: tab.get_by_label("or open a file").set_input_files(tmp_path / "map.csv"))
+        settle(tab, f"Relief {mm} mm")
+    picture_after(page, lambda: page.get_by_label("Position of the cut (0 to 1), number").fill("0.4"))
+    settle(page, "Relief 1 mm")
+    page.get_by_label("Name").fill("low")
+    picture_after(page, lambda: page.get_by_label("Tolerance (mm), number").fill("0.1"))
+    settle(page, "Relief 1 mm")
+    for box in ("3MF", "STEP"):
+        page.get_by_role("checkbox", name=box).uncheck()
+    page.get_by_role("button", name="Write the files").click()
+    settle(page, "Wrote 3 files")
+    assert np.loadtxt(out / "map.csv", delimiter=",").max() == 1.0
+    heights = load(next(out.glob("low_*.stl"))).vertices[:, 2]
+    assert np.ptp(heights[heights > 1.0]) == pytest.approx(1.0, abs=0.21)
+    other.close()
+
+
 def test_controls_have_names_and_texts_have_contrast(page: Any) -> None:
     page.get_by_label("Begin with").select_option("three waves")
     settle(page)

@@ -86,6 +86,7 @@ def open_tab(browser: Any, address: str, **options: Any) -> Any:
 def confirm(tab: Any, label: str) -> None:
     tab.get_by_text(f"Put the block with the label {label} into the holder").wait_for()
     assert tab.get_by_role("img", name=f"The underside of the block, with the label {label}").is_visible()
+    tab.get_by_label("Its label").fill(label)
     tab.get_by_role("button", name="Block is in").click()
 
 
@@ -197,10 +198,15 @@ def test_the_run_goes_on_when_the_browser_or_the_page_goes_away(browser: Any, tm
 def test_the_keyboard_pauses_and_continues_and_controls_have_names(browser: Any, tmp_path: Path) -> None:
     with pressing(tmp_path, 10.0) as (_, address):
         tab = open_tab(browser, address)
-        button = tab.get_by_role("button", name="Block is in")
-        button.wait_for()
+        field = tab.get_by_label("Its label")
+        field.wait_for()
         assert tab.locator("#question-text").get_attribute("role") == "alert"
-        button.focus()
+        field.focus()
+        tab.keyboard.type("T4 PAPER X1 01")
+        tab.keyboard.press("Enter")
+        tab.get_by_role("alert").filter(has_text="is not the label of this block").wait_for()
+        assert not list((tmp_path / "runs").glob("*/run.json"))
+        field.fill("t1 paper x1 01")
         tab.keyboard.press("Enter")
         tab.locator("#newest").wait_for()
         tab.get_by_role("button", name="Pause").focus()
@@ -227,6 +233,25 @@ def test_the_keyboard_pauses_and_continues_and_controls_have_names(browser: Any,
         tab.keyboard.press("Space")
         tab.get_by_role("button", name="Pause").wait_for()
         until(lambda: rows(tmp_path) > held)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux has many addresses of its own")
+def test_another_machine_can_only_watch(browser: Any, tmp_path: Path) -> None:
+    with command("acquire", str(file_of(tmp_path, 25.0)), "--page", "--host", "127.0.0.2") as process:
+        try:
+            address = address_of(process)
+            assert process.stderr is not None
+            line = process.stderr.readline()
+            assert line.startswith("for others, who can only watch: http://127.0.0.2:")
+            phone, tab = open_tab(browser, line.split()[-1]), open_tab(browser, address)
+            phone.get_by_text("Put the block with the label T1 PAPER X1 01 into the holder").wait_for()
+            phone.get_by_text("Confirm it where the run was started").wait_for()
+            assert [phone.locator(name).is_visible() for name in ("#buttons", "#confirm")] == [False, False]
+            confirm(tab, "T1 PAPER X1 01")
+            phone.locator("#newest").wait_for()
+            assert not phone.locator("#stop").is_visible()
+        finally:
+            process.kill()
 
 
 def test_watch_shows_a_study_that_is_over_without_buttons(browser: Any, tmp_path: Path) -> None:

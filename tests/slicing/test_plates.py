@@ -70,6 +70,21 @@ def test_every_texture_has_the_same_mean_distance_from_the_middle() -> None:
     assert plate.imbalance_mm < 2.0 and np.ptp(means) < 5.0
 
 
+@pytest.mark.parametrize(("textures", "copies"), [((1, 4), 1), ((1,), 1), ((1, 2, 3, 4, 5, 6), 1)])
+def test_one_copy_has_no_imbalance(
+    textures: tuple[int, ...], copies: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """One place of a texture cannot be spread over the bed, so a distance from the middle says nothing."""
+    (plate,) = arrange_plates([Block.of(number) for number in textures], copies, printers()["bambu-p1p"])
+    assert plate.imbalance_mm is None
+    monkeypatch.chdir(tmp_path)
+    words = ["plate", "--printer", "bambu-p1p", "--texture", ",".join(map(str, textures)), "--copies", str(copies)]
+    assert main(words) == 0
+    assert "imbalance" not in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["plates"][0]["imbalance_mm"] is None
+
+
 def test_the_same_request_gives_the_same_plates() -> None:
     assert arrange_plates(SIX, 3, printers()["form-3"]) == arrange_plates(SIX, 3, printers()["form-3"])
 

@@ -17,6 +17,7 @@ pytest.importorskip("httpx2", reason="the test client of Starlette needs httpx2"
 
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
+from trimesh import load
 
 from tacbench_cad.checks.check import check
 from tacbench_cad.spec.later import EQUATIONS
@@ -139,7 +140,7 @@ def test_a_bad_message_is_refused_in_one_line(text: str, allowed: str) -> None:
         question_of(text)
 
 
-@pytest.mark.parametrize("file", ["/etc/passwd", "../secret.png", "a/../../secret.csv"])
+@pytest.mark.parametrize("file", ["x\0.png", "/etc/passwd", "../secret.png", "a/../../secret.csv"])
 def test_files_outside_of_the_folder_are_not_read(file: str, tmp_path: Path) -> None:
     for table in ({"family": "image", "file": file}, {"family": "sum", "of": [f"{file}.toml"]}):
         design = Design(texture=table, folder=tmp_path)
@@ -178,11 +179,17 @@ class Page:
 
 
 @pytest.fixture
-def page(tmp_path: Path) -> Any:
+def server(tmp_path: Path) -> Any:
     (tmp_path / "uploads").mkdir()
     first, name = first_state("2")
     routes = DesignPage(tmp_path / "out", tmp_path / "uploads", first, name).routes
-    with TestClient(Starlette(routes=routes)).websocket_connect("/socket") as connection:
+    with TestClient(Starlette(routes=routes)) as client:  # all connections have the same event loop
+        yield client
+
+
+@pytest.fixture
+def page(server: TestClient) -> Any:
+    with server.websocket_connect("/socket") as connection:
         yield Page(connection)
 
 
@@ -202,6 +209,10 @@ def test_the_page_gets_states_pictures_facts_and_errors(page: Page) -> None:
     assert "a-z" in page.ask(do="toml", design=design | {"name": "../x"})["error"]
     page.connection.send_text("nonsense")
     assert "not valid JSON" in json.loads(page.connection.receive_text())["error"]
+    for file in ("x\0.png", "a" * 5000, ".", ""):
+        assert page.ask(do="picture", design=design | {"texture": {"family": "image", "file": file}, "wave": []})[
+            "error"
+        ]
     assert page.ask(do="hello")["start"] == "texture 2", "the connection works after errors"
 
 
@@ -231,6 +242,43 @@ def test_a_height_map_becomes_a_block(page: Page, tmp_path: Path) -> None:
     assert answer["files"][1:] == ["my-texture.toml", "map.npy"]
     assert read_texture(tmp_path / "out" / "my-texture.toml").block.size_mm == pytest.approx((20.0, 30.0))
     assert "height map" in page.upload("bad.png", b"no picture")["error"]
+
+
+def lines(values: Floats) -> bytes:
+    """Return heights (rows, columns) in mm as a CSV file."""
+    return "\n".join(",".join(f"{value:.6g}" for value in row) for row in values).encode()
+
+
+def shown(page: Page, design: Any) -> float:
+    """Return the relief of the picture of a state, in mm."""
+    page.connection.send_text(json.dumps({"id": 9, "do": "picture", "design": design}))
+    return float(np.ptp(unpacked(page.connection.receive_bytes()[4:])[1][0]))
+
+
+@pytest.mark.usefixtures("no_preview")
+def test_every_tab_keeps_its_own_height_map(page: Page, server: TestClient, tmp_path: Path) -> None:
+    """Both files have the same name; the relief, 1 mm or 3 mm, says which one is shown and written."""
+    ramp = np.tile(np.linspace(0.0, 1.0, 41), (31, 1))
+    with server.websocket_connect("/socket") as connection:
+        other = Page(connection)
+        first = page.upload("map.csv", lines(ramp))["design"]
+        second = other.upload("map.csv", lines(3.0 * ramp))["design"]
+        assert shown(page, first) == pytest.approx(1.0, abs=0.02)
+        assert shown(other, second) == pytest.approx(3.0, abs=0.02)
+        assert dict(page.ask(do="facts", design=first)["facts"])["relief"].startswith("1 mm")
+        third = page.upload("map.csv", lines(2.0 * ramp))["design"]
+        assert shown(page, first) == pytest.approx(1.0, abs=0.02), "a state that came before the next upload"
+        assert shown(page, third) == pytest.approx(2.0, abs=0.02)
+        made = {"do": "write", "formats": ["stl"]}
+        answer = page.ask(**made, design=first | {"tolerance_mm": 0.1, "name": "mm1"})
+        assert answer["files"][1:] == ["mm1.toml", "map.csv"]
+        heights = load(tmp_path / "out" / answer["files"][0]).vertices[:, 2]
+        assert heights.max() - heights[heights > 1.0].min() == pytest.approx(1.0, abs=0.11)
+        answer = other.ask(**made, design=second | {"tolerance_mm": 0.1, "name": "mm3"})
+        assert "already has another content" in answer["error"], "mm1.toml needs its own map.csv"
+        assert (tmp_path / "out" / "map.csv").read_bytes() == lines(ramp)
+        assert not list((tmp_path / "out").glob("mm3*"))
+        assert "is unknown" in other.ask(do="facts", design=second | {"upload": "../out"})["error"]
 
 
 def test_slow_questions_are_limited(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:

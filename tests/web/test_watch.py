@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +27,8 @@ from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_o
 from helpers.studies import write_study
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
 from tacbench_cad.lab.acquire.person import Typing
@@ -211,21 +214,72 @@ def test_frames_are_served_only_for_known_runs(session: tuple[Path, Watched, dic
     assert client.get(f"/{TOKEN}/frame/..%2f..%2frun.json", params={"run": name}, headers=HEADERS).status_code == 404
 
 
-def test_the_socket_sends_the_contents_and_takes_four_messages(session: tuple[Path, Watched, dict[str, Any]]) -> None:
-    _, watched, _ = session
+def error_of(socket: Any, text: str) -> str:
+    """Send a message that is not allowed, and return the answer."""
+    socket.send_text(text)
+    while "error" not in (answer := json.loads(socket.receive_text())):
+        pass
+    assert "\n" not in answer["error"]
+    return str(answer["error"])
+
+
+@pytest.fixture
+def asking(tmp_path: Path) -> Watched:
+    """Return the runs of a session that asks for the first block."""
+    file = ProgressFile(tmp_path)
+    file.start(study_of(PROTOCOL, 1), 0)
+    file.write("ask", run=printed(1).name, label="T1 PAPER X1 01", slot=None, picture=None)
+    file.close()
+    return Watched(tmp_path)
+
+
+def test_the_socket_sends_the_contents_and_takes_four_messages(asking: Watched) -> None:
     orders: list[Order] = []
-    with client_of(watched, orders.append).websocket_connect(f"/{TOKEN}/socket", headers=HEADERS) as socket:
+    with client_of(asking, orders.append).websocket_connect(f"/{TOKEN}/socket", headers=HEADERS) as socket:
         state = json.loads(socket.receive_text())
-        assert state["buttons"] and state["run"]["name"] == printed(4).name
-        for message in ({"do": "stop"}, {"do": "pause"}, {"do": "continue"}, {"do": "in", "label": "T1"}):
+        assert state["buttons"] and state["session"]["question"]["label"] == "T1 PAPER X1 01"
+        for message in ({"do": "stop"}, {"do": "pause"}, {"do": "continue"}, {"do": "in", "label": "t1 paper x101"}):
             socket.send_text(json.dumps(message))
         for text in ('{"do": "home"}', "[]", "{", '{"do": "in", "run": "x"}', "x" * 2000):
-            socket.send_text(text)
-            while "error" not in (answer := json.loads(socket.receive_text())):
-                pass
-            assert "\n" not in answer["error"]
+            error_of(socket, text)
     assert [order.do for order in orders] == ["stop", "pause", "continue", "in"]
-    assert orders[3].label == "T1"
+
+
+def test_the_page_needs_the_typed_label_of_the_block_as_the_terminal_does(asking: Watched) -> None:
+    orders: list[Order] = []
+    with client_of(asking, orders.append).websocket_connect(f"/{TOKEN}/socket", headers=HEADERS) as socket:
+        socket.receive_text()
+        for typed in ("", "T4 PAPER X1 01", "T1", printed(4).name):
+            error = error_of(socket, json.dumps({"do": "in", "label": typed}))
+            assert "is not the label of this block, which must have T1 PAPER X1 01" in error
+        assert orders == []
+        socket.send_text(json.dumps({"do": "in", "label": printed(1).name}))
+        error_of(socket, "{")
+    assert len(orders) == 1
+    with pytest.raises(InputError, match="no block is asked for"):
+        WatchPage(Watched(asking.folder / "empty"), orders.append).obey('{"do": "in", "label": "T1 PAPER X1 01"}')
+
+
+WATCHING = "a-token-to-watch"
+
+
+def test_the_address_for_watching_has_no_buttons_and_takes_no_order(asking: Watched) -> None:
+    orders: list[Order] = []
+    app = Starlette(routes=WatchPage(asking, orders.append).routes)
+    client = TestClient(Guard(app, TOKEN, 8080, watch=WATCHING, watch_at=("192.168.1.20", 8081)))
+    there = {"host": "192.168.1.20:8081", "origin": "http://192.168.1.20:8081"}
+    for headers in (HEADERS, there):
+        with client.websocket_connect(f"/{WATCHING}/socket", headers=headers) as socket:
+            state = json.loads(socket.receive_text())
+            assert state["buttons"] is False and state["session"]["question"]
+            for do in ("stop", "pause", "continue", "in"):
+                error = error_of(socket, json.dumps({"do": do, "label": "T1 PAPER X1 01"}))
+                assert "is not allowed, because this page only watches" in error
+    with client.websocket_connect(f"/{TOKEN}/socket", headers=HEADERS) as socket:
+        assert json.loads(socket.receive_text())["buttons"] is True
+    assert client.get(f"/{TOKEN}/", headers=there).status_code == 403, "the token with the buttons stays on the machine"
+    assert client.get(f"/{WATCHING}/", headers=there).status_code == 200
+    assert orders == []
 
 
 def test_a_page_that_only_watches_takes_no_message(session: tuple[Path, Watched, dict[str, Any]]) -> None:
@@ -233,6 +287,55 @@ def test_a_page_that_only_watches_takes_no_message(session: tuple[Path, Watched,
     for do in ("stop", "pause", "continue", "in"):
         with pytest.raises(InputError, match="is not allowed, because this page only watches"):
             page.obey(json.dumps({"do": do}))
+
+
+def test_orders_of_any_kind_never_print_a_traceback(tmp_path: Path) -> None:
+    """Wrong orders, wrong frames, and clients that go away before the answer, at the real server."""
+    (tmp_path / "serve.py").write_text(SERVER)
+    server = subprocess.Popen(
+        [sys.executable, "serve.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert server.stdout is not None and server.stderr is not None
+    address = server.stdout.readline().strip()
+    origin = address.rsplit("/", 2)[0]
+    for order in ('{"do": "home"}', '{"do": ["stop"]}', "[" * 900, "null", '{"do": "\\ud800"}', b"\xff"):
+        with connect(f"{address.replace('http', 'ws')}socket", origin=origin) as socket:
+            socket.send(order)
+            while "error" not in (answer := json.loads(socket.recv(timeout=60.0))):
+                pass
+            assert "Traceback" not in answer["error"]
+        gone = connect(f"{address.replace('http', 'ws')}socket", origin=origin).__enter__()
+        gone.send(order)
+        gone.socket.shutdown(2)
+        gone.socket.close()
+    not_text = bytes([0x81, 0x82, 0, 0, 0, 0, 0xFF, 0xFE])  # a text frame that is not UTF-8
+    for data in (not_text, None):
+        with connect(f"{address.replace('http', 'ws')}socket", origin=origin) as socket:
+            socket.send('{"do": "stop"}') if data is None else socket.socket.sendall(data)
+            with pytest.raises(ConnectionClosed):
+                while True:
+                    socket.recv(timeout=60.0)
+    with urllib.request.urlopen(address, timeout=60.0) as answer:
+        assert answer.status == 200, "the server still works"
+    server.send_signal(signal.SIGINT)
+    output = server.communicate(timeout=60.0)[1]
+    assert "page: RuntimeError: a fault of the program" in output.splitlines()
+    assert [line for line in output.splitlines() if not line.startswith("page: ")] == []
+    assert len(output.splitlines()) <= 2, "one for the fault, and one for the frame that is not UTF-8"
+
+
+#: A server of a page whose order "stop" meets a fault of the program itself.
+SERVER = """
+from pathlib import Path
+from tacbench_cad.web.server import serve
+from tacbench_cad.web.watch.app import WatchPage
+from tacbench_cad.web.watch.model import Watched
+
+def fail(order):
+    raise RuntimeError("a fault of the program")
+
+serve(WatchPage(Watched(Path("runs")), fail).routes, browser=False, announce=lambda address: print(address, flush=True))
+"""
 
 
 # ---- the connection to a run ----
@@ -255,7 +358,7 @@ class Page:
         )
         self.link = PageLink(process, self.file, Typing(self._type, self.said.append), self.said.append)
         self.send(settings=None)
-        self.send(address="http://there/")
+        self.send(address="http://there/", watch="http://there/watch/")
 
     def _type(self, prompt: str) -> str:
         self.typed.append(prompt)
@@ -272,7 +375,7 @@ class Page:
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Page]:
     page = Page(tmp_path / "runs")
-    assert page.link.address() == "http://there/"
+    assert page.link.addresses() == ("http://there/", "http://there/watch/")
     yield page
     page.link.close()
     page.file.close()
@@ -288,10 +391,39 @@ PRESS = plan_presses(PROTOCOL, (1, 2), "a")[0]
 def test_a_block_is_confirmed_by_its_label(page: Page) -> None:
     start = time.monotonic()
     later(0.1, page.order, "in", "T4 PAPER X1 01")
-    later(0.4, page.order, "in", "T1 PAPER X1 01")
+    later(0.4, page.order, "in", "t1 paperx1 01")
     page.link.put_in(printed(1), "T1 PAPER X1 01", 2)
     assert time.monotonic() - start >= 0.35, "the label of another block does not confirm this one"
-    assert page.said == ["put T1 PAPER X1 01 into slot 2, and confirm it on the page"] and page.typed == []
+    assert page.said == ["put T1 PAPER X1 01 into slot 2, and type its label on the page"] and page.typed == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["WARNING: a library speaks", "", "5", "{}", '{"do": "stop"}', '{"do": 1, "label": ""}', "[" * 100_000],
+)
+def test_a_line_that_is_no_message_is_shown_and_the_page_goes_on(page: Page, line: str) -> None:
+    assert page.link.process.stdin is not None
+    page.link.process.stdin.write(f"{line}\n")
+    later(0.2, page.order, "in", "T1 PAPER X1 01")
+    page.link.put_in(printed(1), "T1 PAPER X1 01", None)
+    assert f"page: {line[:200]}" in page.said and page.typed == []
+
+
+def test_what_a_library_prints_in_the_process_of_the_page_does_not_reach_the_run() -> None:
+    program = """
+import os
+from tacbench_cad.web.watch import serving
+def watch(*_, announce, **__):
+    print("a library prints", flush=True)
+    os.write(1, b"another one writes\\n")
+    announce("http://there/", "http://there/watch/")
+serving.watch = watch
+serving.launched()
+"""
+    settings = json.dumps({"folder": "x", "station": "", "port": 0, "host": "127.0.0.1", "browser": False})
+    result = subprocess.run([sys.executable, "-c", program], input=f"{settings}\n", capture_output=True, text=True)
+    assert json.loads(result.stdout) == {"address": "http://there/", "watch": "http://there/watch/"}
+    assert result.stderr.splitlines() == ["a library prints", "another one writes"]
 
 
 def test_a_pause_waits_before_the_next_press_and_a_signal_ends_it(page: Page) -> None:
@@ -373,12 +505,21 @@ def test_the_real_process_gives_its_address_survives_ctrl_c_and_ends_with_the_ru
     said: list[str] = []
     host = "127.0.0.2" if sys.platform == "linux" else "127.0.0.1"  # Linux has many addresses of its own
     with opened(tmp_path, said, host=host) as link:
-        assert said[0].startswith(f"open http://{host}:")
-        with urllib.request.urlopen(said[0].split()[1], timeout=20.0) as answer:
-            assert b"<title>Watch the presses" in answer.read()
+        here, there = (line.split()[-1] for line in said[0].splitlines())
+        assert said[0] == f"open {here}\nfor others, who can only watch: {there}"
+        assert here.startswith("http://127.0.0.1:") and there.startswith(f"http://{host}:")
+        for address, buttons in ((here, True), (there, False)):
+            with urllib.request.urlopen(address, timeout=20.0) as answer:
+                assert b"<title>Watch the presses" in answer.read()
+            where = address.replace("http", "ws")
+            with connect(f"{where}socket", origin=address.rsplit("/", 2)[0]) as socket:
+                assert json.loads(socket.recv(timeout=20.0))["buttons"] is buttons
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(there.rsplit("/", 2)[0] + "/" + here.split("/")[-2] + "/", timeout=20.0)
         os.kill(link.process.pid, signal.SIGINT)
-        time.sleep(0.2)
-        assert link.process.poll() is None
+        time.sleep(1.0)
+        with urllib.request.urlopen(here, timeout=20.0) as answer:
+            assert answer.status == 200
     assert link.process.returncode == 0 and said[1:] == []
 
 

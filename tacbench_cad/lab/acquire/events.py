@@ -10,7 +10,6 @@ import contextlib
 import json
 import os
 import socket
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock, Study
 from tacbench_cad.spec.label import engrave
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.files import is_running
 
 #: The name of the progress file, in the folder of the runs.
 PROGRESS_FILE = "progress.jsonl"
@@ -206,7 +206,7 @@ class Progress:
         """Whether the process of the session is known to have ended without an outcome."""
         if self.over is not None or self.process is None or self.process[1] != socket.gethostname():
             return False
-        return not _is_running(self.process[0])
+        return not is_running(self.process[0])
 
     def add(self, event: dict[str, Any]) -> None:
         """Apply an event."""
@@ -251,19 +251,6 @@ class Progress:
 
     def _forget_press(self) -> None:
         self.press, self.curve = 0, []
-
-
-def _is_running(process: int) -> bool:
-    """Return whether a process of this machine is running; True if this cannot be found out."""
-    if sys.platform == "win32":  # there, os.kill would end the process
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
 
 
 class ProgressReader:

@@ -63,7 +63,7 @@ class Typing:
         self.say = say
 
     def put_in(self, printed: PrintedBlock, label: str, slot: int | None) -> None:
-        """See :class:`Person`. Case and blanks of the label are ignored; the name of the run is accepted too."""
+        """See :class:`Person` and :func:`is_label`."""
         where = "the holder" if slot is None else f"slot {slot}"
         self.say(
             f"Put into {where}: {printed.texture}, preset {printed.block.preset_word}, scale {printed.block.scale:g}, "
@@ -71,7 +71,7 @@ class Typing:
         )
         for _ in range(TRIES):
             typed = self.ask(f"Its label ({label}): ")
-            if _plain(typed) in (_plain(label), _plain(printed.name)):
+            if is_label(typed, label, printed.name):
                 return
             self.say(f"{typed!r} is the label of another block; this block must have {label}")
         raise InputError("label", typed, f"must be {label}; nothing was pressed")
@@ -87,5 +87,7 @@ class Typing:
             raise InputError("first touch", typed, "must be numbers separated by commas") from None
 
 
-def _plain(text: str) -> str:
-    return "".join(text.split()).casefold()
+def is_label(typed: str, label: str, run: str) -> bool:
+    """Return whether a typed text is the label of a block, or the name of its run. Case and blanks are ignored."""
+    plain, *allowed = ("".join(text.split()).casefold() for text in (typed, label, run))
+    return plain in allowed

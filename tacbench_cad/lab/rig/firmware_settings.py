@@ -83,7 +83,10 @@ def grbl_settings(
             add(number, meaning, change=f"${number}={needed:g}", reason=reason)
 
     for number, (meaning, needed, reason) in _GRBL_NEEDS.items():
-        require(number, meaning, values.get(number) == needed, needed, reason)
+        value = values.get(number)
+        if number in _FLAGS:  # grblHAL's own options in the other bits are kept
+            value, needed = value and float(int(value) & 1), float(int(value or 0) | 1)
+        require(number, meaning, value == (1.0 if number in _FLAGS else needed), needed, reason)
     inverted, pull_off_mm = int(values.get(23, 0.0)), values.get(27, 0.0)
     upwards = "z must be homed upwards, because homing lifts the sensor after an alarm"
     require(23, "directions of homing", not inverted & 4, inverted & ~4, upwards)
@@ -151,6 +154,8 @@ def marlin_settings(
     return tuple(rows)
 
 
+#: The settings whose bit 0 switches something on. Their other bits are options of grblHAL: ``$22=3`` has homing, too.
+_FLAGS = (20, 21, 22)
 #: The meaning, the needed value and the reason of settings that have one right value.
 _GRBL_NEEDS: Mapping[int, tuple[str, float, str]] = {
     1: ("time until the motors lose their power, in ms; 255: never", 255, "the sensor must not press without power"),

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Unpack
 
@@ -83,7 +83,8 @@ class GrblStage(SerialStage[GrblLink]):
         port: The path, name or pyserial URL of the port.
         tolerance_mm: The allowed distance of a coordinate from its target, in mm; None for half a motor step plus the
             rounding of the report.
-        checks_settings: Whether settings with which the sensor must not press are refused.
+        checks_settings: Whether settings with which the sensor must not press are refused, and the limits that a
+            killed program left switched off are switched on again. Otherwise, the settings are only read.
         options: See :class:`~tacbench_cad.lab.rig.serial_stage.SerialOptions`.
 
     Attributes:
@@ -111,7 +112,7 @@ class GrblStage(SerialStage[GrblLink]):
             self._link.greet()
             self.identity = f"grbl: {self._link.firmware} at {port}"
             self._look_around()
-            self.settings = self._restored_settings()
+            self.settings = self._restored_settings() if checks_settings else self._link.settings()
             if checks_settings:
                 self._require_settings()
             self._tolerance_mm = tuple(tolerance_mm or self._resolution(axis) for axis in range(3))
@@ -181,18 +182,18 @@ class GrblStage(SerialStage[GrblLink]):
             return self._search_switches(self._home_mm)
         finally:
             with suppress(RigError):
-                self._switch_on(limits)
+                self._switch_on({number: self.settings[number] for number in limits})
 
-    def _switch_on(self, limits: Iterable[int]) -> None:
+    def _switch_on(self, limits: Mapping[int, float]) -> None:
         """Switch the firmware's own limits on again, and remove the mark."""
-        for number in limits:
-            self._link.set(number, 1.0)
+        for number, value in limits.items():
+            self._link.set(number, value)
         self._link.mark(())
 
     def _restored_settings(self) -> dict[int, float]:
         """Read the settings, after switching on the limits that a killed program left switched off."""
         if self._link.marked:
-            self._switch_on(number for number in LIMITS if number in self._link.marked)
+            self._switch_on({number: 1.0 for number in LIMITS if number in self._link.marked})
         return self._link.settings()
 
     def _search_switches(self, home_mm: Point) -> Point:
@@ -269,7 +270,7 @@ class GrblStage(SerialStage[GrblLink]):
             ProtocolError: The firmware reports inches, switches its motors off at rest, or has homing without soft
                 limits.
         """
-        if self.settings.get(22) and self.settings.get(20) == 0.0:
+        if int(self.settings.get(22, 0.0)) & 1 and self.settings.get(20) == 0.0:
             raise ProtocolError(
                 f"{self._link.name}: has no soft limits ($20=0); send it $20=1, and $21=1 so that the end stops stop "
                 "moves"

@@ -106,7 +106,8 @@ class DesignPage:
 
     def __init__(self, out: Path, uploads: Path, first: Design, name: str = "") -> None:
         self._out, self._uploads, self._first, self._start = out, uploads, first, name
-        self._folder = first.folder
+        # A state names its height map, because every tab, and every state of a tab, can have another.
+        self._folders = {"": first.folder}
         self._slow = asyncio.Lock()
 
     @property
@@ -120,6 +121,14 @@ class DesignPage:
     async def _talk(self, socket: WebSocket) -> None:
         await socket.accept()
         waiting: set[asyncio.Task[None]] = set()
+        try:
+            await self._answer_all(socket, waiting)
+        finally:
+            for task in waiting:
+                task.cancel()
+
+    async def _answer_all(self, socket: WebSocket, waiting: set[asyncio.Task[None]]) -> None:
+        """Answer the messages of a page until it is closed."""
         while (message := await socket.receive())["type"] == "websocket.receive":
             data = message.get("text") or message.get("bytes") or b""
             try:
@@ -135,8 +144,6 @@ class DesignPage:
                 task = asyncio.create_task(self._answer_slowly(socket, question))
                 waiting.add(task)
                 task.add_done_callback(waiting.discard)
-        for task in waiting:
-            task.cancel()
 
     async def _answer_slowly(self, socket: WebSocket, question: Question | Upload) -> None:
         """Answer a question when all earlier slow questions are answered."""
@@ -145,32 +152,40 @@ class DesignPage:
                 await self._answer(socket, question)
 
     async def _answer(self, socket: WebSocket, question: Question | Upload) -> None:
+        answer: dict[str, Any] | None
         try:
             if isinstance(question, Upload):
                 answer = await asyncio.to_thread(self._upload, question)
             elif question.do == "picture":
                 data = await asyncio.to_thread(picture, self._state_of(question))
-                await socket.send_bytes(struct.pack("<I", question.id) + data)
-                return
+                answer = None
             else:
                 answer = await asyncio.to_thread(self.answer, question)
         except TacbenchError as error:
             answer = {"error": one_line(error)}
-        await socket.send_text(json.dumps({"id": question.id, **answer}, allow_nan=False))
+        except Exception as error:  # a fault of this program, or of the system: the page says so and goes on
+            answer = {"error": f"unexpected error: {type(error).__name__}: {one_line(error, 200)}"}
+        if answer is None:
+            await socket.send_bytes(struct.pack("<I", question.id) + data)
+        else:
+            await socket.send_text(json.dumps({"id": question.id, **answer}, allow_nan=False))
 
     def _state_of(self, question: Question) -> Design:
         """Return the state of the page, with the folder of its files."""
         if question.design is None:
             raise InputError("design", None, "is missing")
-        return replace(question.design, folder=self._folder)
+        folder = self._folders.get(question.design.upload)
+        if folder is None:
+            raise InputError("upload", question.design.upload, "is unknown; open the height map again")
+        return replace(question.design, folder=folder)
 
     def _upload(self, upload: Upload) -> dict[str, Any]:
         """Keep a height map and return the state that shows it."""
         folder = Path(tempfile.mkdtemp(dir=self._uploads))
         (folder / upload.name).write_bytes(upload.content)
         state = of_image(folder, upload.name)
-        self._folder = folder
-        return _state(state)
+        self._folders[folder.name] = folder
+        return _state(replace(state, upload=folder.name))
 
     def answer(self, question: Question) -> dict[str, Any]:
         """Return the answer to a question that is not about a picture.
@@ -198,10 +213,18 @@ class DesignPage:
 
     def _write(self, design: Design, formats: tuple[str, ...]) -> dict[str, Any]:
         """Write the files of the block, and its texture file."""
-        text = toml(design)
+        sources = {f"{design.name}.toml": toml(design).encode()}
+        design.require_files()
+        for name in design.files:
+            sources[name] = (design.folder / name).read_bytes()
+            path = self._out / name
+            if path.exists() and path.read_bytes() != sources[name]:
+                raise InputError(
+                    "output file",
+                    str(path),
+                    "already has another content, and a texture file may name it; rename yours, or move this away",
+                )
         result = build(design.request(formats=formats, out=self._out))
-        sources = {f"{design.name}.toml": text.encode()}
-        sources |= {name: (design.folder / name).read_bytes() for name in design.files}
         for name, content in sources.items():
             path = self._out / name
             path.parent.mkdir(parents=True, exist_ok=True)

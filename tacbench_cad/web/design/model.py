@@ -63,6 +63,7 @@ class Design(Checked):
         cut: The direction of the cut: along x or along y.
         cut_at: The position of the cut, as a fraction of the side across it.
         outline: The word of the outline, such as disc or hexagon, which is the largest one in the sides; or rectangle.
+        upload: The name that the server gave to an uploaded height map; empty for a state without one.
         folder: The folder of the files that the tables name. The server knows it, and the page does not.
     """
 
@@ -79,6 +80,7 @@ class Design(Checked):
     cut: Literal["x", "y"] = "x"
     cut_at: Annotated[float, Bounds(0.0, 1.0)] = 0.5
     outline: str = RECTANGLE
+    upload: str = ""
     folder: Path = field(default=Path(), metadata={"key": None})
 
     @property
@@ -150,7 +152,7 @@ class Design(Checked):
             InputError: A file is outside of the folder.
         """
         for name in self.files:
-            if not (self.folder / name).resolve().is_relative_to(self.folder.resolve()):
+            if "\0" in name or not (self.folder / name).resolve().is_relative_to(self.folder.resolve()):
                 raise InputError("[texture] file", name, "must be in the folder of the texture file")
 
     @property

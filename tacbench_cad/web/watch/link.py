@@ -15,14 +15,13 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from tacbench_cad.lab.acquire.events import ProgressFile
-from tacbench_cad.lab.acquire.person import Person
+from tacbench_cad.lab.acquire.person import Person, is_label
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.errors import InputError, MissingToolError, one_line
 
 #: The longest time until the page has an address, and from the end of the run to the end of the page's process, in s.
 START_S, END_S = 60.0, 10.0
@@ -48,18 +47,18 @@ class PageLink(PressProgress):
         self, process: subprocess.Popen[str], file: ProgressFile, terminal: Person, say: Callable[[str], None]
     ) -> None:
         self.process, self.file, self.terminal, self._say = process, file, terminal, say
-        self._label: str | None = None
+        self._asked: tuple[str, str] | None = None  # the label of the block, and the name of its run
         self._is_in = threading.Event()
         self._running = threading.Event()
         self._running.set()
         self._gone = self._closing = False
         self._started = threading.Event()
-        self._first: dict[str, Any] = {}
+        self._first: dict[str, str] = {}
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
-    def address(self) -> str:
-        """Wait for the address of the page.
+    def addresses(self) -> tuple[str, str]:
+        """Wait for the address of the page with its buttons, and for the one of the page that only watches.
 
         Raises:
             InputError: The address or the port cannot be used.
@@ -70,7 +69,7 @@ class PageLink(PressProgress):
             raise InputError("page", None, self._first["refused"])
         if "address" not in self._first:
             raise MissingToolError("the page could not be started; leave out --page, or look at the message above")
-        return str(self._first["address"])
+        return self._first["address"], self._first["watch"]
 
     def before(self, press: Press, check: Callable[[], None]) -> None:
         """Wait while the run is paused."""
@@ -81,12 +80,12 @@ class PageLink(PressProgress):
         """See :class:`~tacbench_cad.lab.acquire.person.Person`. The page confirms the block."""
         where = "the holder" if slot is None else f"slot {slot}"
         self._is_in.clear()
-        self._label = label
+        self._asked = (label, printed.name)
         if not self._gone:
-            self._say(f"put {label} into {where}, and confirm it on the page")
+            self._say(f"put {label} into {where}, and type its label on the page")
         while not self._gone and not self._is_in.wait(WAIT_S):
             pass
-        self._label = None
+        self._asked = None
         if not self._is_in.is_set():
             self.terminal.put_in(printed, label, slot)
 
@@ -109,33 +108,48 @@ class PageLink(PressProgress):
     def _listen(self) -> None:
         """Receive the messages of the page until its process ends."""
         assert self.process.stdout is not None
-        with self.process.stdout as lines:
-            for line in lines:
-                message: dict[str, Any] = json.loads(line)
-                if "do" in message:
-                    self._obey(message["do"], message["label"])
-                else:
-                    self._first = message
-                    self._started.set()
-        self._gone = True
-        self._started.set()
+        try:
+            with self.process.stdout as lines:
+                for line in lines:
+                    message = _message_of(line)
+                    if message is None:
+                        self._say(f"page: {one_line(line, 200)}")
+                    elif "do" in message:
+                        self._obey(message["do"], message["label"])
+                    else:
+                        self._first = message
+                        self._started.set()
+        finally:
+            self._gone = True
+            self._started.set()
+            self._pause(False)
         if not self._closing and "address" in self._first:
             self._say("the page has ended; the run goes on")
-        self._pause(False)
 
     def _obey(self, do: str, label: str) -> None:
         if do == "stop":
             press_ctrl_c()
         elif do == "in":
-            if label == self._label:  # an older question may still be open on another page
+            asked = self._asked
+            if asked is not None and is_label(label, *asked):  # an older question may still be open on another page
                 self._is_in.set()
-        else:
+        elif do in ("pause", "continue"):
             self._pause(do == "pause")
 
     def _pause(self, paused: bool) -> None:
         if paused == self._running.is_set():
             (self._running.clear if paused else self._running.set)()
             self.file.write("paused", paused=paused)
+
+
+def _message_of(line: str) -> dict[str, str] | None:
+    """Return a message of the process; None for a line that is not one, such as a warning of a library."""
+    try:
+        message = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    is_known = isinstance(message, dict) and set(message) in ({"do", "label"}, {"address", "watch"}, {"refused"})
+    return message if is_known and all(isinstance(value, str) for value in message.values()) else None
 
 
 def press_ctrl_c() -> None:
@@ -164,7 +178,7 @@ def opened_page(
     Args:
         folder: The folder of the runs.
         port: The port; 0 for a free one.
-        host: The address on which the server listens.
+        host: The address at which the page can be watched. It has its buttons only at 127.0.0.1.
         browser: Whether the page is opened in the browser.
         file: The progress file.
         terminal: The person in the terminal.
@@ -180,6 +194,7 @@ def opened_page(
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
+        errors="replace",
         env={**os.environ, "PYTHONSAFEPATH": "1"},
         start_new_session=True,
     )
@@ -190,7 +205,8 @@ def opened_page(
         assert process.stdin is not None
         process.stdin.write(json.dumps(settings) + "\n")
         process.stdin.flush()
-        say(f"open {link.address()}")
+        address, watching = link.addresses()
+        say(f"open {address}\nfor others, who can only watch: {watching}")
         yield link
     finally:
         link.close()

@@ -110,6 +110,11 @@ class Watched:
         self._work: Future[None] | None = None
         self._rest_s: dict[str, float] = {}
 
+    @property
+    def question(self) -> dict[str, Any] | None:
+        """The block that the last contents of the page asked for, with its ``run`` and ``label``; None for no block."""
+        return None if self._reader.progress is None else self._reader.progress.question
+
     def state(self, name: str = "", *, wait: bool = False) -> dict[str, Any]:
         """Return the contents of the page as plain values.
 

@@ -4,7 +4,7 @@
   const byId = (id) => document.getElementById(id);
   const SVG = "http://www.w3.org/2000/svg", RETRY_MS = 2000, MARKER_LINE_PX = 30, WIDE = 400, HIGH = 260, LEFT = 44, RIGHT = 10, TOP = 12, BOTTOM = 34;
   const chosen = new URLSearchParams(location.search).get("run") || "";
-  let socket, state = null, asked = "";
+  let socket, state = null, asked = "", refused = "";
 
   function say(id, text) {  // a text that did not change is not announced again
     if (byId(id).textContent !== text) byId(id).textContent = text;
@@ -36,7 +36,7 @@
     socket.onopen = () => complain("");
     socket.onmessage = ({ data }) => {
       const message = JSON.parse(data);
-      if (message.error) { complain(message.error); return; }
+      if (message.error) { refused = message.error; complain(refused); return; }
       state = message;
       show();
       document.body.dataset.states = 1 + Number(document.body.dataset.states || 0);
@@ -50,6 +50,8 @@
     };
   }
   function order(message) {
+    refused = "";
+    complain(state.fault);
     if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
   }
   function buttons(enabled) {
@@ -72,7 +74,7 @@
   function show() {
     const { session, run } = state, live = state.under_way;
     say("status", status());
-    complain(state.fault);
+    complain(refused || state.fault);
     byId("buttons").hidden = !(state.buttons && live);
     say("pause", session && session.paused ? "Continue" : "Pause");
     buttons(true);
@@ -98,11 +100,12 @@
   function question(asks) {
     byId("question").hidden = !asks;
     if (!asks) { asked = ""; say("question-text", ""); return; }
-    byId("in").hidden = !state.buttons;
+    byId("confirm").hidden = !state.buttons;
     if (asked === asks.run) return;
     asked = asks.run;
+    byId("typed").value = "";
     const where = asks.slot ? `slot ${asks.slot}` : "the holder";
-    say("question-text", `Put the block with the label ${asks.label} into ${where} (${asks.run.replaceAll("_", ", ")}).${state.buttons ? "" : " Confirm it where the run was started."}`);
+    say("question-text", `Put the block with the label ${asks.label} into ${where} (${asks.run.replaceAll("_", ", ")}).${state.buttons ? " Read the label on its underside and type it." : " Confirm it where the run was started."}`);
     byId("label").toggleAttribute("hidden", !asks.picture);  // SVG elements have no property "hidden"
     if (asks.picture) {
       const [width, height] = asks.picture.size, [plate, glyphs] = byId("label").children;
@@ -230,6 +233,6 @@
 
   byId("stop").addEventListener("click", () => { order({ do: "stop" }); say("status", "Stopping…"); });
   byId("pause").addEventListener("click", () => order({ do: state.session && state.session.paused ? "continue" : "pause" }));
-  byId("in").addEventListener("click", () => { if (state.session && state.session.question) order({ do: "in", label: state.session.question.label }); });
+  byId("confirm").addEventListener("submit", (event) => { event.preventDefault(); order({ do: "in", label: byId("typed").value }); });
   connect();
 })();

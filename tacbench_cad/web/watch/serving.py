@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TextIO
 
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.web.server import serve
@@ -33,7 +34,7 @@ def watch(
     port: int,
     host: str,
     browser: bool,
-    announce: Callable[[str], None],
+    announce: Callable[..., None],
     order: Callable[[Order], None] | None = None,
     end: threading.Event | None = None,
 ) -> None:
@@ -45,7 +46,7 @@ def watch(
         port: The port; 0 for a free one.
         host: The address on which the server listens.
         browser: Whether the page is opened in the browser.
-        announce: Receives the address of the page.
+        announce: See :func:`tacbench_cad.web.server.serve`; a page that takes messages has buttons.
         order: Receives the messages of the page; None if the page only watches.
         end: An event that ends the server.
 
@@ -56,7 +57,8 @@ def watch(
         os.nice(NICENESS)
     _use_one_thread()
     page = WatchPage(Watched(folder, station), order)
-    serve(page.routes, port=port, host=host, browser=browser, announce=announce, end=end)
+    where: dict[str, Any] = {"port": port, "host": host, "browser": browser}
+    serve(page.routes, **where, announce=announce, end=end, has_buttons=order is not None)
 
 
 def _use_one_thread() -> None:
@@ -68,11 +70,23 @@ def _use_one_thread() -> None:
 def launched() -> None:
     """Serve the page for ``tacbench acquire --page``, whose process is at the other end of the standard streams.
 
-    The first line of the standard input has the settings. The standard output gets lines of JSON: the address of the
-    page (``address``) or why there is none (``refused``), then the messages of the page. The process ends when its
-    standard input ends.
+    The first line of the standard input has the settings. The standard output gets lines of JSON: the addresses of the
+    page (``address`` and ``watch``) or why there is none (``refused``), then the messages of the page. What a library
+    prints goes to the standard error. The process ends when its standard input ends.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and the end of the run ends this process
+    with os.fdopen(os.dup(1), "w") as channel:
+        os.dup2(2, 1)
+        _serve(channel)
+
+
+def _serve(channel: TextIO) -> None:
+    """Serve the page; its messages go to the channel."""
+
+    def tell(**values: object) -> None:
+        with contextlib.suppress(OSError):  # the run has ended
+            print(json.dumps(values), file=channel, flush=True)
+
     settings = json.loads(sys.stdin.readline())
     end = threading.Event()
     threading.Thread(target=_end_with_input, args=(end,), daemon=True).start()
@@ -83,17 +97,12 @@ def launched() -> None:
             port=settings["port"],
             host=settings["host"],
             browser=settings["browser"],
-            announce=lambda address: _tell(address=address),
-            order=lambda order: _tell(**vars(order)),
+            announce=lambda address, watching: tell(address=address, watch=watching),
+            order=lambda order: tell(**vars(order)),
             end=end,
         )
     except InputError as error:
-        _tell(refused=one_line(error))
-
-
-def _tell(**values: object) -> None:
-    with contextlib.suppress(OSError):  # the run has ended
-        print(json.dumps(values), flush=True)
+        tell(refused=one_line(error))
 
 
 def _end_with_input(end: threading.Event) -> None:

@@ -38,11 +38,18 @@ def test_a_prepared_grbl_needs_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "value", "change"), [(23, 7, "$23=3"), (27, 0.1, "$27=1"), (13, 1, "$13=0"), (21, 0, "$21=1")]
+    ("number", "value", "change"),
+    [(23, 7, "$23=3"), (27, 0.1, "$27=1"), (13, 1, "$13=0"), (21, 0, "$21=1"), (22, 2, "$22=3"), (22, 32, "$22=33")],
 )
 def test_wrong_settings_have_a_command_and_a_reason(number: int, value: float, change: str) -> None:
     row = checked({**PREPARED, number: value})[f"${number}"]
     assert row.change == change and row.reason
+
+
+@pytest.mark.parametrize("value", [1, 3, 33, 127])
+def test_homing_of_grblhal_is_bit_0_of_a_field(value: int) -> None:
+    row = checked({**PREPARED, 22: value})["$22"]
+    assert (row.value, row.change, row.reason) == (str(value), "", "")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NotThereError, ProtocolError, SlipError
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.marlin import MarlinStage
+from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.rig.switches import SwitchCheck, offset_at_switch
 from tacbench_cad.virtual_rig.faults import Fault
 from tacbench_cad.virtual_rig.process import launch
@@ -68,14 +69,32 @@ def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkey
             monkeypatch.setattr(stage, "_search_switches", killed)
             with pytest.raises(DeviceLostError):
                 stage.home_offset_mm()
-        with GrblStage(virtual.port, clock=clock, checks_settings=False) as stage:
+        for _ in range(2):  # a probe writes nothing, so the second sees the same
+            rows = {row.name: row for row in identify(virtual.port).settings}
+            assert [(rows[name].value, rows[name].change) for name in ("$20", "$21")] == [
+                ("0", "$20=1"),
+                ("0", "$21=1"),
+            ]
+        with GrblStage(virtual.port, clock=clock) as stage:
             assert (stage.settings[20], stage.settings[21]) == (1, 1)
+            assert stage._link.marked == (20, 21), "the mark was there until now"
             assert "TACBENCH" not in stage.identity and identity.endswith(stage.identity.split(" 1.1")[1])
         with GrblStage(virtual.port, clock=clock) as stage:
             assert stage._link.marked == (), "the mark is gone"
             stage._link.set(20, 0.0)
         with pytest.raises(ProtocolError, match=r"has no soft limits \(\$20=0\); send it \$20=1"):
             GrblStage(virtual.port, clock=clock)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+def test_options_of_grblhal_in_the_limits_survive_a_check_of_the_end_stops() -> None:
+    """In ``$21=3`` of grblHAL, bit 0 switches the end stops on, and bit 1 is its strict mode."""
+    with launch("grblhal", speed=100.0, resets_on_open=False, settings={21: 3, 22: 33}) as virtual:
+        with GrblStage(virtual.port, clock=Clock(speed=100.0)) as stage:
+            stage.home()
+            assert stage.home_offset_mm() == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
+        rows = {row.name: row for row in identify(virtual.port).settings}
+    assert [(rows[name].value, rows[name].change) for name in ("$21", "$22")] == [("3", ""), ("33", "")]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")

@@ -7,6 +7,8 @@ import io
 import json
 import re
 import shutil
+import subprocess
+import sys
 import tarfile
 import tracemalloc
 from pathlib import Path
@@ -215,9 +217,11 @@ def test_an_interruption_leaves_nothing(to: str, run_folder: Path, tmp_path: Pat
 
 
 def test_remains_of_a_killed_export_are_removed_by_the_next(run_folder: Path, tmp_path: Path) -> None:
-    left = tmp_path / ".tacbench-unfinished-folder-1-out"
-    left.mkdir()
-    (left / "frames.npz").write_bytes(b"half")
+    program = "import os, sys, pathlib; from tacbench_cad.util.files import replacing_folder\n"
+    program += "with replacing_folder(pathlib.Path(sys.argv[1])) as left: (left / 'x').touch(); os.abort()"
+    subprocess.run([sys.executable, "-c", program, str(tmp_path / "out")])
+    (left,) = tmp_path.glob(".tacbench-unfinished-folder-*")
+    assert (left / "x").exists()
     export_runs([run_folder], "npz", tmp_path / "out")
     assert not left.exists()
 
