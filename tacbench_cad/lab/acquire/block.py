@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -123,6 +124,7 @@ class _BlockSession:
     #: The number of presses in this session at the last check.
     _checked_at: int = 0
     _previous: Frame | None = None
+    _reference_s: float = 0.0
 
     def __post_init__(self) -> None:
         self.protocol, gauge = self.run.info.plan.protocol, self.rig.gauge
@@ -169,14 +171,14 @@ class _BlockSession:
         while moving is None:
             attempts += 1
             contact = self.presser.press(press)
-            time_utc = datetime.now(UTC)
+            time_utc, age_s = datetime.now(UTC), self._reference_age_s
             frame, angles = self._read(), self.carriage.angles_deg
             after = None if self.force is None else self.force.again()
             moving = self._move_in_contact(press, is_last=attempts == MOTION_ATTEMPTS)
             # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
             self._lift()
         pose, read = contact.pose_mm, contact.measured
-        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, angles)
+        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, angles, age_s)
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
@@ -291,9 +293,7 @@ class _BlockSession:
             )
 
     def _reference_if_due(self, press: Press) -> None:
-        since = self.run.reference_time
-        age_s = (datetime.now(UTC) - since).total_seconds() * self.rig.clock.speed if since is not None else 0.0
-        if age_s >= self.protocol.reference_every_s:
+        if self._reference_age_s * self.rig.clock.speed >= self.protocol.reference_every_s:
             self.carriage.over(press.x_mm, press.y_mm)
             self._reference()
 
@@ -301,7 +301,13 @@ class _BlockSession:
         """Record a frame of the free sensor. Every session begins with one, since block and light may have changed."""
         self.rig.clock.sleep(self.protocol.settle_s)
         time_utc = datetime.now(UTC)
+        self._reference_s = time.monotonic()
         self.run.reference(self._read(), time_utc)
+
+    @property
+    def _reference_age_s(self) -> float:
+        """The age of the last reference in s of real time. The computer's clock may be set back meanwhile."""
+        return time.monotonic() - self._reference_s
 
     def _stationary(self, when: Literal["start", "end"], middle: Press) -> None:
         """Record the missing frames without motion, in contact at the middle force and free."""
