@@ -93,8 +93,12 @@ def press_block(
         session = _BlockSession(rig, run, carriage, progress, taught_mm)
         progress.begin(folder.name, len(run.done), len(info.presses))
         try:
-            with signals.sent_to(carriage), carriage.safely(progress.say):
+            with signals.sent_to(carriage, progress.say), carriage.safely(progress.say):
                 session.all()
+        except Exception as error:
+            if carriage.lifted:
+                error.add_note("the sensor is lifted")
+            raise
         finally:
             progress.end()
         return BlockResult(folder=folder, presses=session.presses, missed=session.missed, seconds=dict(run.seconds))
@@ -331,6 +335,8 @@ class _BlockSession:
         """Read a frame. An image identical to the previous one shows that the sensor is stuck."""
         self.carriage.check()
         frame = self.rig.sensor.read()
+        # Another thread may have lifted the sensor meanwhile.
+        self.carriage.check()
         previous, self._previous = self._previous, frame
         if previous is not None and is_image(frame) and np.array_equal(previous, frame):
             raise SensorError(
