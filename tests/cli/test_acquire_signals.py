@@ -1,4 +1,4 @@
-"""Send real signals to ``tacbench acquire`` while a user's driver blocks: the sensor is lifted, and the command ends."""
+"""Send signals to ``tacbench acquire`` while a user's driver blocks: the sensor is lifted, and the command ends."""
 
 from __future__ import annotations
 

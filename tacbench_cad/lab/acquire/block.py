@@ -14,18 +14,20 @@ import numpy as np
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import Carriage, Signals
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError, Signals
 from tacbench_cad.lab.acquire.slide import Slider, TooFewFramesError
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, NotReachedError, SensorError, SlipError
 from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.rig.stage import measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.util.errors import TacbenchError
 from tacbench_cad.util.text import counted
 
 #: The number of times that a press is made if the sensor is too slow during the motion after it.
@@ -95,9 +97,15 @@ def press_block(
         try:
             with signals.sent_to(carriage, progress.say), carriage.safely(progress.say):
                 session.all()
+        except RunInterruptedError as error:
+            # Somebody who has pressed Ctrl-C once can wait.
+            if error.signal == "SIGINT" and not error.gave_up:
+                session.check_stopped(signals)
+            raise
         except Exception as error:
             if carriage.lifted:
                 error.add_note("the sensor is lifted")
+            session.check_stopped(signals)
             raise
         finally:
             progress.end()
@@ -143,17 +151,18 @@ class _BlockSession:
         self._plan = self.run.info.press_by_number
         sensor, clock = self.rig.sensor, self.rig.clock
         self.slider = Slider(self.protocol, self.carriage, self.force, sensor, self._read, clock)
-        self.watch.add(self.run.rows if self.protocol.home_every else ())
 
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
+        self._set_unchecked_aside()
+        self.watch.add(self.run.rows if self.protocol.home_every else ())
         middle = self.run.info.middle_press
         self.carriage.over(middle.x_mm, middle.y_mm)
         if self.force is not None:
             self.force.tare()
         self._reference()
         self._stationary("start", middle)
-        # Presses that an earlier session left unchecked may turn out to be wrong. They are then missing again.
+        # This checks only the height. Presses at a wrong one are then missing again.
         self._check_position("resumed")
         self._checked = False
         try:
@@ -243,6 +252,47 @@ class _BlockSession:
                 "then run the command again to make these presses again"
             )
 
+    def _set_unchecked_aside(self) -> None:
+        """Set aside the presses that an earlier session left unchecked, if the stage measures errors of x and y.
+
+        The stage was homed since, which has removed an error that these presses may have. A stage that measures only
+        the height repeats one of them instead.
+        """
+        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
+            return
+        time_utc = datetime.now(UTC)
+        if self.carriage.home_again() is not None:
+            aside = self.run.position_check("resumed", None, None, False, time_utc)
+            self.progress.say(
+                f"the last session ended without a check of its position: {self._aside_count(aside)}, and made again"
+            )
+
+    def check_stopped(self, signals: Signals) -> None:
+        """Check the position at the end of a session that was stopped, so that its presses need not be made again.
+
+        Nothing is checked if the stage has failed or was homed since the last press, or if it cannot measure the error
+        at its end stops. A signal skips the check.
+        """
+        presses, carriage = len(self.run.unchecked), self.carriage
+        if not (presses and self.protocol.home_every and carriage.may_home and carriage.lifted):
+            return
+        if not (carriage.position_kept and measures_offset(self.rig.stage)):
+            return
+        self.progress.say(f"checking the position of {counted(presses, 'press')}; Ctrl-C skips this")
+        time_utc = datetime.now(UTC)
+        try:
+            with signals.sent_to(carriage, self.progress.say):
+                error = PositionError(offset_mm=carriage.home_again(), height_change_mm=None)
+            if error.is_known:
+                wrong = error.exceeds(self.protocol.slip_mm)
+                aside = self.run.position_check("stopped", error.offset_mm, None, not wrong, time_utc)
+                if wrong:
+                    self.progress.say(f"a motor has slipped: {self._aside_text(error, aside)}")
+        except RunInterruptedError:
+            self.progress.say("the position was not checked")
+        except TacbenchError as problem:
+            self.progress.say(f"the position was not checked: {problem}")
+
     def _check_position_after(self, contact: ContactError | ForceLimitError) -> None:
         """Check the position at the end stops after the sensor met something unexpectedly.
 
@@ -265,8 +315,11 @@ class _BlockSession:
             raise SlipError(f"{contact}; {self._aside_text(error, aside)}") from contact
 
     def _aside_text(self, error: PositionError, aside: int) -> str:
+        return "; ".join([str(error)] * error.is_known + [self._aside_count(aside)])
+
+    def _aside_count(self, aside: int) -> str:
         text = f"{counted(aside, 'press')} since the last good check {'were' if aside > 1 else 'was'} set aside"
-        return "; ".join([str(error)] * error.is_known + [f"{text} in {self.run.folder.name}/{ASIDE_FOLDER}"])
+        return f"{text} in {self.run.folder.name}/{ASIDE_FOLDER}"
 
     def _repeat_first_press(self) -> None:
         """Repeat the first press of the run at its end, since a sensor, a block or a gauge may change slowly."""

@@ -40,6 +40,8 @@ BACK_DEG_S = 10.0
 RETRY_S = 60.0
 #: The pause between two attempts, in s.
 RETRY_PAUSE_S = 1.0
+#: The time in s that the main thread has to handle a signal before another thread stops the stage.
+HANDLER_S = 0.02
 #: The time in s that the thread of the run has to notice a signal before another thread lifts the sensor.
 GRACE_S = 0.5
 #: The longest wait for a device after a signal, in s.
@@ -501,6 +503,7 @@ class Signals:
             say: Receives a message if the main thread does not return from a device.
         """
         self._carriage, self._say, self._first = carriage, say, self._handled
+        carriage.go_on()
         self._left.clear()
         try:
             yield
@@ -538,16 +541,18 @@ class Signals:
             name: The signal.
             before: The number of signals before it.
         """
-        carriage = self._carriage
-        if self._ignoring:
+        carriage, first = self._carriage, self._first
+        if self._ignoring or before < first:
             return
+        time.sleep(HANDLER_S)
+        if carriage is not None and self._handled <= before:
+            carriage.interrupt(name)
         if carriage is None:
             time.sleep(GRACE_S if before else DEVICE_S)
             if self._handled > before:
                 return
-        elif before <= self._first:
-            carriage.interrupt(name)
-            if carriage.noticed.wait(GRACE_S):
+        elif before == first:
+            if carriage.noticed.wait(GRACE_S) or first != self._first:
                 return
             lifted = carriage.rescue() or "the sensor is lifted"
             if not carriage.noticed.is_set():

@@ -181,6 +181,8 @@ class GrblStage(SerialStage[GrblLink]):
             return self._search_switches(self._home_mm)
         finally:
             with suppress(RigError):
+                if self._stopping:
+                    self._leave_hold()
                 self._switch_on(limits)
 
     def _switch_on(self, limits: Iterable[int]) -> None:

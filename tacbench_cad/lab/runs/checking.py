@@ -254,7 +254,7 @@ class _Check:
                 text = f"the first press, repeated at the end, ended {last.height_change_mm:+.2f} mm away"
                 self.add("slip", schema.CHECKS_FILE, f"{text}; the sensor, the block or the gauge has changed")
             else:
-                text = "ends with a position that was wrong; resume the run to repeat the presses set aside"
+                text = "ends with presses that were set aside; resume the run to repeat them"
                 self.add("slip", schema.CHECKS_FILE, text)
         if self.run.info.protocol is None:
             return 0, 0
