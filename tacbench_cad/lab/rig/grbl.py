@@ -104,7 +104,7 @@ class GrblStage(SerialStage[GrblLink]):
         **options: Unpack[SerialOptions],
     ) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
-        self._stopping = self._homing = False
+        self._stopping = self._homing = self._homing_sent = False
         self._home_mm: Point | None = None
         self._switches = switches.SwitchCheck()
         with self._opening():
@@ -330,11 +330,13 @@ class GrblStage(SerialStage[GrblLink]):
     @contextmanager
     def _stoppable_homing(self) -> Iterator[None]:
         """Stop homing if the body is interrupted. GRBL would go on even after this program has ended."""
-        self._homing = True
+        self._homing, self._homing_sent = True, False
         try:
             yield
         except (DeviceLostError, NoAnswerError) as error:
             self._line.write_now(RESET)
+            if not self._homing_sent:
+                raise
             raise type(error)(f"{error}; {STILL_HOMING}") from None
         except RigError:
             raise
@@ -493,6 +495,7 @@ class GrblStage(SerialStage[GrblLink]):
         """
         home_reported, acknowledged, standing = False, False, 0
         self._line.write(b"$H\n")
+        self._homing_sent = True
         self._clock.sleep(0.05)
         until = self._line.now_s() + self._home_timeout_s
         ask_at = self._line.now_s()

@@ -66,6 +66,7 @@ class Trial(Silent):
     rig: VirtualRig | None = None
     close: Callable[[], None] = lambda: None
     pending: bool = True
+    slipped: bool = False
 
     def launched(self, kind: str, **options: Any) -> VirtualRig:
         if self.rig is None:
@@ -80,7 +81,8 @@ class Trial(Silent):
         true, reported = self.rig.true_position(), self.rig.reported_position()
         number = int(image.stem.split("_")[1])
         self.wrong_mm[number] = max(abs(a - b) for a, b in zip(true, reported, strict=True))
-        if done == self.slip_after and self.pending:
+        if done == self.slip_after and not self.slipped:
+            self.slipped = True
             self.rig.inject(self.fault)
         if done == self.stop_after and self.pending:
             self.pending = False
@@ -123,6 +125,7 @@ class Trial(Silent):
             finally:
                 self.close()
         assert ends, "the run was not stopped"
+        self.messages += map(repr, ends)
         (folder,) = out.glob("texture*")
         return Run.open(folder)
 
@@ -130,7 +133,7 @@ class Trial(Silent):
 def certified_wrong(trial: Trial, run: Run) -> list[int]:
     """Return the presses at a wrong place that the complete run contains without a mark."""
     report = check_run(run.folder)
-    assert (report.presses, report.unchecked, report.unchecked_sideways) == (6, 0, 0)
+    assert (report.presses, report.unchecked, report.unchecked_sideways) == (6, 0, 0), trial.messages
     assert not [finding for finding in report.findings if finding.kind == "slip"]
     return [row.number for row in run.rows if trial.wrong_mm[row.number] > WRONG_MM]
 
