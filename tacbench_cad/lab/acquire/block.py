@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,7 +19,14 @@ from tacbench_cad.lab.acquire.slide import Slider, TooFewFramesError
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
-from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, NotReachedError, SensorError, SlipError
+from tacbench_cad.lab.rig.errors import (
+    ContactError,
+    ForceLimitError,
+    HeightError,
+    NotReachedError,
+    SensorError,
+    SlipError,
+)
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.rig.stage import measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
@@ -30,6 +37,9 @@ from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import TacbenchError
 from tacbench_cad.util.text import counted
 
+#: The differences between the height of the block and the taught height, in mm, above which the person is told, and
+#: asked. Prints and taught origins differ by some tenths of a millimetre.
+SAY_MM, ASK_MM = 0.5, 1.0
 #: The number of times that a press is made if the sensor is too slow during the motion after it.
 MOTION_ATTEMPTS = 3
 
@@ -61,6 +71,7 @@ def press_block(
     progress: PressProgress,
     taught_mm: Sequence[float] = (),
     durable: bool = True,
+    confirm: Callable[[str], bool] = lambda question: False,
 ) -> BlockResult:
     """Press a block, or resume its run.
 
@@ -72,6 +83,7 @@ def press_block(
         progress: Receives progress updates.
         taught_mm: The heights of first touch that a person taught (``touch = "taught"``), in mm.
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
+        confirm: Asks the person whether a block at an unexpected height is pressed. The sensor is lifted meanwhile.
 
     Raises:
         RigError: A device failed or a limit was exceeded. The sensor was lifted if the stage still answered, and the
@@ -92,7 +104,12 @@ def press_block(
             approach_mm_s=settings.approach_mm_s,
             may_home=settings.home,
         )
-        session = _BlockSession(rig, run, carriage, progress, taught_mm)
+
+        def confirmed(question: str) -> bool:
+            with signals.raised():
+                return confirm(question)
+
+        session = _BlockSession(rig, run, carriage, progress, taught_mm, confirmed)
         progress.begin(folder.name, len(run.done), len(info.presses))
         try:
             with signals.sent_to(carriage, progress.say), carriage.safely(progress.say):
@@ -122,6 +139,7 @@ class _BlockSession:
         carriage: Moves the sensor.
         progress: Receives progress updates.
         taught_mm: See :func:`press_block`.
+        confirm: See :func:`press_block`.
     """
 
     rig: Rig
@@ -129,6 +147,7 @@ class _BlockSession:
     carriage: Carriage
     progress: PressProgress
     taught_mm: Sequence[float]
+    confirm: Callable[[str], bool]
     presses: int = 0
     missed: int = 0
     _in_a_row: int = 0
@@ -146,7 +165,12 @@ class _BlockSession:
             self.force = ContactForce(gauge, self.carriage, self.protocol, self.rig.clock, felt)
         self.watch = HeightWatch(self.run.info)
         self.presser = Presser(
-            self.protocol, self.carriage, self.force, self._touch(), nominal_mm=self.watch.first_touch_mm
+            self.protocol,
+            self.carriage,
+            self.force,
+            self._touch(),
+            nominal_mm=self.watch.first_touch_mm,
+            touched=self._check_height,
         )
         self._plan = self.run.info.press_by_number
         sensor, clock = self.rig.sensor, self.rig.clock
@@ -211,6 +235,25 @@ class _BlockSession:
                 raise
             self.progress.say(f"press {press.number} is made again: {error}")
             return None
+
+    def _check_height(self, above_mm: float) -> None:
+        """Say that the block has another height than taught, and ask the person if the difference is large.
+
+        Raises:
+            HeightError: Nobody has confirmed that the block is pressed.
+        """
+        if abs(above_mm) <= SAY_MM:
+            return
+        text = f"the block is {abs(above_mm):.1f} mm {'higher' if above_mm > 0.0 else 'lower'} than taught"
+        if abs(above_mm) <= ASK_MM:
+            self.progress.say(text)
+            return
+        self._lift()
+        if not self.confirm(text):
+            raise HeightError(
+                f"{text}, so it was not pressed; check that the right block lies flat in its holder, or align the rig "
+                "again; to press it as it is, answer yes when the command asks"
+            )
 
     def _check_position_if_due(self, press: Press) -> None:
         if not self.protocol.home_every:

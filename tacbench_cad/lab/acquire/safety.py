@@ -512,6 +512,15 @@ class Signals:
             self._left.set()
 
     @contextlib.contextmanager
+    def raised(self) -> Iterator[None]:
+        """Raise signals at once while the body asks the person. The sensor must be lifted."""
+        carriage, self._carriage = self._carriage, None
+        try:
+            yield
+        finally:
+            self._carriage = carriage
+
+    @contextlib.contextmanager
     def ignored(self) -> Iterator[None]:
         """Ignore the signals while the body runs."""
         self._ignoring = True

@@ -156,7 +156,9 @@ def acquire_study(
                 else:
                     opened.put(place.printed, place.frame)
                 info, heights = place.info(**opened.info), taught[place.slot]
-                press = partial(press_block, signals=signals, progress=progress, durable=durable)
+                press = partial(
+                    press_block, signals=signals, progress=progress, durable=durable, confirm=person.press_anyway
+                )
                 results.append(press(opened, info, place.folder, taught_mm=heights))
         pressed = {result.folder for result in results}
         others = sum(not _finished(rig, place) for place in left if place.folder not in pressed)
