@@ -77,7 +77,9 @@ def command(
 
     You can interrupt a run at any time with Ctrl-C. The same command resumes it at the first missing press. If the
     block, the protocol, the rig or the sensor settings have changed since then, the command names the change and
-    refuses to resume. After Ctrl-C or a fault of a device, the sensor is lifted if the stage still answers.
+    refuses to resume. After Ctrl-C or a fault of a device, the sensor is lifted if the stage still answers. Then the
+    position of the last presses is checked, because they would otherwise be made again; a second Ctrl-C skips this. If
+    a driver does not return after Ctrl-C, the second Ctrl-C gives it up.
 
     Exit codes: 0 done, 1 all presses were made but a run has faults, 2 wrong input, 3 a device failed and the run was
     stopped safely, 130 interrupted.
