@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 
@@ -12,7 +11,7 @@ import rich_click as click
 from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
 
 from tacbench_cad import __version__
-from tacbench_cad.cli.common import note
+from tacbench_cad.cli.common import note, say_how_to_resume, say_interrupted
 from tacbench_cad.cli.completing import VARIABLE
 from tacbench_cad.cli.options import GENERAL, help_of, refuse_old_name
 from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
@@ -40,8 +39,6 @@ GROUPS = {
 }
 #: Exit code of a run that was stopped safely.
 SAFELY_STOPPED = 3
-#: The commands that resume their work when they are typed again after an interruption.
-RESUMABLE = ("acquire", "simulate", "import-frames", "classify", "report")
 
 
 class _Commands(click.RichGroup):
@@ -127,8 +124,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return end.exit_code
     except TacbenchError as error:
         note(f"error: {one_line(error)}")
+        for line in getattr(error, "__notes__", ()):
+            note(line)
         if error.exit_code == SAFELY_STOPPED:
-            _say_how_to_resume(words)
+            say_how_to_resume(words)
         return error.exit_code
     except ClickException as error:
         context = error.ctx if isinstance(error, UsageError) else None
@@ -136,8 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         note(f"error: {one_line(error.format_message())}{where}")
         return 2
     except KeyboardInterrupt as stop:
-        note("; ".join(["error: interrupted", *filter(None, [str(stop)]), *getattr(stop, "__notes__", ())]))
-        _say_how_to_resume(words)
+        say_interrupted(stop, words)
         return 130
     except BrokenPipeError:  # nobody reads on: what is still to be flushed has nowhere to go
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -160,8 +158,3 @@ def _complete(instruction: str) -> int:
         return shell_complete(tacbench, {}, "tacbench", VARIABLE, instruction)
     except ClickException:  # an unknown command: nothing completes it
         return 1
-
-
-def _say_how_to_resume(words: Sequence[str]) -> None:
-    if words[0] in RESUMABLE:
-        note(f"resume with: {shlex.join(['tacbench', *words])}")

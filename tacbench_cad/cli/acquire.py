@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -12,13 +13,14 @@ from typing import TYPE_CHECKING
 import rich_click as click
 
 from tacbench_cad.cli import options
-from tacbench_cad.cli.common import ask_line, note, print_next
+from tacbench_cad.cli.common import ask_line, note, print_next, say_interrupted
 from tacbench_cad.util.errors import CheckFailedError, InputError, located
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.acquire.events import ProgressFile
     from tacbench_cad.lab.acquire.person import Person
+    from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.study.file import StudyFile
     from tacbench_cad.web.watch.link import PageLink
 
@@ -76,7 +78,9 @@ def command(
 
     You can interrupt a run at any time with Ctrl-C. The same command resumes it at the first missing press. If the
     block, the protocol, the rig or the sensor settings have changed since then, the command names the change and
-    refuses to resume. After Ctrl-C or a fault of a device, the sensor is lifted if the stage still answers.
+    refuses to resume. After Ctrl-C or a fault of a device, the sensor is lifted if the stage still answers. Then the
+    position of the last presses is checked, because they would otherwise be made again; a second Ctrl-C skips this. If
+    a driver does not return after Ctrl-C, the second Ctrl-C gives it up.
 
     Exit codes: 0 done, 1 all presses were made but a run has faults, 2 wrong input, 3 a device failed and the run was
     stopped safely, 130 interrupted.
@@ -165,6 +169,10 @@ def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> 
         if chosen.on_finish is not None:
             run_hook(chosen.on_finish, where, outcome, folder, note)
 
+    def give_up(error: RunInterruptedError) -> None:
+        say_interrupted(error, sys.argv[1:])
+        end(Outcome.of(error))
+
     with ExitStack() as stack:
         stack.callback(file.close)
         if page is not None:
@@ -179,6 +187,7 @@ def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> 
             person=RecordedPerson(person, file),
             progress=Several(*receivers),
             opener=open_rig,
+            give_up=give_up,
         )
         for result in results:
             missed = f", {result.missed} of them outside of their force band" if result.missed else ""

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: The next command names at most so many paths one by one; for more it has a word in capitals.
 MAX_PATHS = 4
+#: The commands that resume their work when they are typed again after an interruption.
+RESUMABLE = ("acquire", "simulate", "import-frames", "classify", "report")
 #: Width of a table that is not printed on a terminal, in characters.
 PLAIN_WIDTH = 160
 #: The longest word in a cell of a table that is never broken, in characters. Paths can be longer.
@@ -41,6 +43,23 @@ def print_json(document: dict[str, Any]) -> None:
 def note(message: str) -> None:
     """Print a message on the standard error."""
     click.echo(message, err=True)
+
+
+def say_interrupted(stop: BaseException, words: Sequence[str]) -> None:
+    """Print that a command was interrupted, and how it is resumed.
+
+    Args:
+        stop: The interruption.
+        words: The words of the command, without the program's name.
+    """
+    note("; ".join(["error: interrupted", *filter(None, [str(stop)]), *getattr(stop, "__notes__", ())]))
+    say_how_to_resume(words)
+
+
+def say_how_to_resume(words: Sequence[str]) -> None:
+    """Print the command that resumes the work, if there is one."""
+    if words[0] in RESUMABLE:
+        note(f"resume with: {shlex.join(['tacbench', *words])}")
 
 
 def console() -> Console:

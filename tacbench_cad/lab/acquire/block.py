@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,20 +14,32 @@ import numpy as np
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import Carriage, Signals
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError, Signals
 from tacbench_cad.lab.acquire.slide import Slider, TooFewFramesError
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
-from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, NotReachedError, SensorError, SlipError
+from tacbench_cad.lab.rig.errors import (
+    ContactError,
+    ForceLimitError,
+    HeightError,
+    NotReachedError,
+    SensorError,
+    SlipError,
+)
 from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.rig.stage import measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.util.errors import TacbenchError
 from tacbench_cad.util.text import counted
 
+#: The differences between the height of the block and the taught height, in mm, above which the person is told, and
+#: asked. Prints and taught origins differ by some tenths of a millimetre.
+SAY_MM, ASK_MM = 0.5, 1.0
 #: The number of times that a press is made if the sensor is too slow during the motion after it.
 MOTION_ATTEMPTS = 3
 
@@ -58,6 +71,7 @@ def press_block(
     progress: PressProgress,
     taught_mm: Sequence[float] = (),
     durable: bool = True,
+    confirm: Callable[[str], bool] = lambda question: False,
 ) -> BlockResult:
     """Press a block, or resume its run.
 
@@ -69,6 +83,7 @@ def press_block(
         progress: Receives progress updates.
         taught_mm: The heights of first touch that a person taught (``touch = "taught"``), in mm.
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
+        confirm: Asks the person whether a block at an unexpected height is pressed. The sensor is lifted meanwhile.
 
     Raises:
         RigError: A device failed or a limit was exceeded. The sensor was lifted if the stage still answered, and the
@@ -89,11 +104,26 @@ def press_block(
             approach_mm_s=settings.approach_mm_s,
             may_home=settings.home,
         )
-        session = _BlockSession(rig, run, carriage, progress, taught_mm)
+
+        def confirmed(question: str) -> bool:
+            with signals.raised():
+                return confirm(question)
+
+        session = _BlockSession(rig, run, carriage, progress, taught_mm, confirmed)
         progress.begin(folder.name, len(run.done), len(info.presses))
         try:
-            with signals.sent_to(carriage), carriage.safely(progress.say):
+            with signals.sent_to(carriage, progress.say), carriage.safely(progress.say):
                 session.all()
+        except RunInterruptedError as error:
+            # Somebody who has pressed Ctrl-C once can wait.
+            if error.signal == "SIGINT" and not error.gave_up:
+                session.check_stopped(signals)
+            raise
+        except Exception as error:
+            if carriage.lifted:
+                error.add_note("the sensor is lifted")
+            session.check_stopped(signals)
+            raise
         finally:
             progress.end()
         return BlockResult(folder=folder, presses=session.presses, missed=session.missed, seconds=dict(run.seconds))
@@ -109,6 +139,7 @@ class _BlockSession:
         carriage: Moves the sensor.
         progress: Receives progress updates.
         taught_mm: See :func:`press_block`.
+        confirm: See :func:`press_block`.
     """
 
     rig: Rig
@@ -116,6 +147,7 @@ class _BlockSession:
     carriage: Carriage
     progress: PressProgress
     taught_mm: Sequence[float]
+    confirm: Callable[[str], bool]
     presses: int = 0
     missed: int = 0
     _in_a_row: int = 0
@@ -123,6 +155,7 @@ class _BlockSession:
     #: The number of presses in this session at the last check.
     _checked_at: int = 0
     _previous: Frame | None = None
+    _reference_s: float = 0.0
 
     def __post_init__(self) -> None:
         self.protocol, gauge = self.run.info.plan.protocol, self.rig.gauge
@@ -132,22 +165,28 @@ class _BlockSession:
             self.force = ContactForce(gauge, self.carriage, self.protocol, self.rig.clock, felt)
         self.watch = HeightWatch(self.run.info)
         self.presser = Presser(
-            self.protocol, self.carriage, self.force, self._touch(), nominal_mm=self.watch.first_touch_mm
+            self.protocol,
+            self.carriage,
+            self.force,
+            self._touch(),
+            nominal_mm=self.watch.first_touch_mm,
+            touched=self._check_height,
         )
         self._plan = self.run.info.press_by_number
         sensor, clock = self.rig.sensor, self.rig.clock
         self.slider = Slider(self.protocol, self.carriage, self.force, sensor, self._read, clock)
-        self.watch.add(self.run.rows if self.protocol.home_every else ())
 
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
+        self._set_unchecked_aside()
+        self.watch.add(self.run.rows if self.protocol.home_every else ())
         middle = self.run.info.middle_press
         self.carriage.over(middle.x_mm, middle.y_mm)
         if self.force is not None:
             self.force.tare()
         self._reference()
         self._stationary("start", middle)
-        # Presses that an earlier session left unchecked may turn out to be wrong. They are then missing again.
+        # This checks only the height. Presses at a wrong one are then missing again.
         self._check_position("resumed")
         self._checked = False
         try:
@@ -169,14 +208,14 @@ class _BlockSession:
         while moving is None:
             attempts += 1
             contact = self.presser.press(press)
-            time_utc = datetime.now(UTC)
+            time_utc, age_s = datetime.now(UTC), self._reference_age_s
             frame, angles = self._read(), self.carriage.angles_deg
             after = None if self.force is None else self.force.again()
             moving = self._move_in_contact(press, is_last=attempts == MOTION_ATTEMPTS)
             # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
             self._lift()
         pose, read = contact.pose_mm, contact.measured
-        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, angles)
+        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, angles, age_s)
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
@@ -196,6 +235,25 @@ class _BlockSession:
                 raise
             self.progress.say(f"press {press.number} is made again: {error}")
             return None
+
+    def _check_height(self, above_mm: float) -> None:
+        """Say that the block has another height than taught, and ask the person if the difference is large.
+
+        Raises:
+            HeightError: Nobody has confirmed that the block is pressed.
+        """
+        if abs(above_mm) <= SAY_MM:
+            return
+        text = f"the block is {abs(above_mm):.1f} mm {'higher' if above_mm > 0.0 else 'lower'} than taught"
+        if abs(above_mm) <= ASK_MM:
+            self.progress.say(text)
+            return
+        self._lift()
+        if not self.confirm(text):
+            raise HeightError(
+                f"{text}, so it was not pressed; check that the right block lies flat in its holder, or align the rig "
+                "again; to press it as it is, answer yes when the command asks"
+            )
 
     def _check_position_if_due(self, press: Press) -> None:
         if not self.protocol.home_every:
@@ -237,6 +295,47 @@ class _BlockSession:
                 "then run the command again to make these presses again"
             )
 
+    def _set_unchecked_aside(self) -> None:
+        """Set aside the presses that an earlier session left unchecked, if the stage measures errors of x and y.
+
+        The stage was homed since, which has removed an error that these presses may have. A stage that measures only
+        the height repeats one of them instead.
+        """
+        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
+            return
+        time_utc = datetime.now(UTC)
+        if self.carriage.home_again() is not None:
+            aside = self.run.position_check("resumed", None, None, False, time_utc)
+            self.progress.say(
+                f"the last session ended without a check of its position: {self._aside_count(aside)}, and made again"
+            )
+
+    def check_stopped(self, signals: Signals) -> None:
+        """Check the position at the end of a session that was stopped, so that its presses need not be made again.
+
+        Nothing is checked if the stage has failed or was homed since the last press, or if it cannot measure the error
+        at its end stops. A signal skips the check.
+        """
+        presses, carriage = len(self.run.unchecked), self.carriage
+        if not (presses and self.protocol.home_every and carriage.may_home and carriage.lifted):
+            return
+        if not (carriage.position_kept and measures_offset(self.rig.stage)):
+            return
+        self.progress.say(f"checking the position of {counted(presses, 'press')}; Ctrl-C skips this")
+        time_utc = datetime.now(UTC)
+        try:
+            with signals.sent_to(carriage, self.progress.say):
+                error = PositionError(offset_mm=carriage.home_again(), height_change_mm=None)
+            if error.is_known:
+                wrong = error.exceeds(self.protocol.slip_mm)
+                aside = self.run.position_check("stopped", error.offset_mm, None, not wrong, time_utc)
+                if wrong:
+                    self.progress.say(f"a motor has slipped: {self._aside_text(error, aside)}")
+        except RunInterruptedError:
+            self.progress.say("the position was not checked")
+        except TacbenchError as problem:
+            self.progress.say(f"the position was not checked: {problem}")
+
     def _check_position_after(self, contact: ContactError | ForceLimitError) -> None:
         """Check the position at the end stops after the sensor met something unexpectedly.
 
@@ -259,8 +358,11 @@ class _BlockSession:
             raise SlipError(f"{contact}; {self._aside_text(error, aside)}") from contact
 
     def _aside_text(self, error: PositionError, aside: int) -> str:
+        return "; ".join([str(error)] * error.is_known + [self._aside_count(aside)])
+
+    def _aside_count(self, aside: int) -> str:
         text = f"{counted(aside, 'press')} since the last good check {'were' if aside > 1 else 'was'} set aside"
-        return "; ".join([str(error)] * error.is_known + [f"{text} in {self.run.folder.name}/{ASIDE_FOLDER}"])
+        return f"{text} in {self.run.folder.name}/{ASIDE_FOLDER}"
 
     def _repeat_first_press(self) -> None:
         """Repeat the first press of the run at its end, since a sensor, a block or a gauge may change slowly."""
@@ -291,9 +393,7 @@ class _BlockSession:
             )
 
     def _reference_if_due(self, press: Press) -> None:
-        since = self.run.reference_time
-        age_s = (datetime.now(UTC) - since).total_seconds() * self.rig.clock.speed if since is not None else 0.0
-        if age_s >= self.protocol.reference_every_s:
+        if self._reference_age_s * self.rig.clock.speed >= self.protocol.reference_every_s:
             self.carriage.over(press.x_mm, press.y_mm)
             self._reference()
 
@@ -301,7 +401,13 @@ class _BlockSession:
         """Record a frame of the free sensor. Every session begins with one, since block and light may have changed."""
         self.rig.clock.sleep(self.protocol.settle_s)
         time_utc = datetime.now(UTC)
+        self._reference_s = time.monotonic()
         self.run.reference(self._read(), time_utc)
+
+    @property
+    def _reference_age_s(self) -> float:
+        """The age of the last reference in s of real time. The computer's clock may be set back meanwhile."""
+        return time.monotonic() - self._reference_s
 
     def _stationary(self, when: Literal["start", "end"], middle: Press) -> None:
         """Record the missing frames without motion, in contact at the middle force and free."""
@@ -325,6 +431,8 @@ class _BlockSession:
         """Read a frame. An image identical to the previous one shows that the sensor is stuck."""
         self.carriage.check()
         frame = self.rig.sensor.read()
+        # Another thread may have lifted the sensor meanwhile.
+        self.carriage.check()
         previous, self._previous = self._previous, frame
         if previous is not None and is_image(frame) and np.array_equal(previous, frame):
             raise SensorError(

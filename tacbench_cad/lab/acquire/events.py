@@ -134,6 +134,11 @@ class RecordedPerson:
         self.file.write("say", text=f"Type the height of first touch on {printed.name} in the terminal.")
         return self.person.first_touch(printed, positions)
 
+    def press_anyway(self, problem: str) -> bool:
+        """See :class:`~tacbench_cad.lab.acquire.person.Person`."""
+        self.file.write("say", text=f"{problem}. Answer in the terminal.")
+        return self.person.press_anyway(problem)
+
 
 def label_picture(printed: PrintedBlock) -> dict[str, Any] | None:
     """Return the underside of a block with its label, as the person sees it.

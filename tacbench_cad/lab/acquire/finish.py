@@ -40,7 +40,7 @@ class Outcome:
     @classmethod
     def of(cls, error: BaseException) -> Outcome:
         """Return the outcome of a session that ended with an error."""
-        message = one_line(error, _MAX_MESSAGE)
+        message = one_line("; ".join([str(error), *getattr(error, "__notes__", ())]), _MAX_MESSAGE)
         if isinstance(error, KeyboardInterrupt):
             said = message if isinstance(error, RunInterruptedError) else ""
             return cls(word="interrupted", exit_code=_INTERRUPTED, message=said or "interrupted")

@@ -47,6 +47,14 @@ class Person(Protocol):
             InputError: The person entered no valid height.
         """
 
+    def press_anyway(self, problem: str) -> bool:
+        """Ask whether a block is pressed in spite of a problem. Without an answer it is not.
+
+        Args:
+            problem: The problem, as a sentence without its full stop.
+        """
+        ...
+
 
 class Typing:
     """A person at a terminal, or a script on the standard input.
@@ -85,6 +93,13 @@ class Typing:
             return tuple(float(word) for word in typed.split(","))
         except ValueError:
             raise InputError("first touch", typed, "must be numbers separated by commas") from None
+
+    def press_anyway(self, problem: str) -> bool:
+        """See :class:`Person`."""
+        try:
+            return _plain(self.ask(f"{problem}. Type yes to press it as it is: ")) == "yes"
+        except InputError:
+            return False
 
 
 def is_label(typed: str, label: str, run: str) -> bool:

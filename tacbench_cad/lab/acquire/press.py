@@ -149,6 +149,8 @@ class Presser:
         touch: Finds the height of first touch in depth mode; None in force mode.
         nominal_mm: Returns the height of first touch at a position that the formula of the texture gives, except for
             an unknown constant; None if every position is approached in steps from the travel height.
+        touched: Called once, at the first touch of the block, with the height of this touch minus the nominal one. It
+            may lift the sensor, and raise an error to leave the block.
     """
 
     def __init__(
@@ -158,9 +160,11 @@ class Presser:
         force: ContactForce | None,
         touch: Touch | None,
         nominal_mm: Callable[[float, float], float] | None = None,
+        touched: Callable[[float], None] = lambda above_mm: None,
     ) -> None:
         self.protocol = protocol
         self.nominal_mm = nominal_mm
+        self._touched, self._was_touched = touched, False
         self.carriage = carriage
         self.force = force
         self.touch = touch
@@ -241,6 +245,8 @@ class Presser:
             start, now = now, force.glance().mean_n
             before = now - (now - start) / max(count, 1)
             slope.add(z, now)
+            if now >= force.touch_n and self._first_touch(press, free_mm - step / 2.0):
+                return self._to_force(press)
             if now < force.touch_n:
                 self._free_mm[press.position] = free_mm = z
             elif count <= 1:
@@ -308,6 +314,8 @@ class Presser:
         if press.position not in self._touch_mm:
             self._touch_mm[press.position] = self.touch(press.position, self._down)
             self._free_mm[press.position] = self._touch_mm[press.position]
+            if self.protocol.touch != "taught":
+                self._first_touch(press, self._touch_mm[press.position])
             self.carriage.lift()
         self._start(press)
         end = self._touch_mm[press.position] - depth_mm
@@ -316,6 +324,14 @@ class Presser:
         read = None if self.force is None else self.force.settled()
         self._learn_safe_depth(depth_mm, read)
         return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=None)
+
+    def _first_touch(self, press: Press, touch_mm: float) -> bool:
+        """Report the first touch of the block; return whether the sensor was lifted meanwhile."""
+        if self._was_touched or self.nominal_mm is None:
+            return False
+        self._was_touched, z = True, self.carriage.at[2]
+        self._touched(touch_mm - self.nominal_mm(press.x_mm, press.y_mm))
+        return self.carriage.at[2] != z
 
     def _start(self, press: Press) -> None:
         """Move to the start of the stepwise approach: just above the known or expected height of contact.

@@ -6,16 +6,19 @@ In the press loop only the carriage moves the stage. It uses the work frame, whe
 from __future__ import annotations
 
 import contextlib
+import itertools
 import signal
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FrameType
 from typing import Any, cast
 
-from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, RigError
+from tacbench_cad.lab.acquire.rescue import Listener, leave, waiting_place
+from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
-from tacbench_cad.lab.rig.stage import RotatingStage, Stage, home_again
+from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage, Stage, home_again
 from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.study.rotation import (
     UPRIGHT,
@@ -33,6 +36,18 @@ from tacbench_cad.util.text import counted
 ROUNDING_MM = 0.002
 #: The lowest speed at which a lifted sensor is turned upright, in degrees/s.
 BACK_DEG_S = 10.0
+#: The time, in s, for which the lift is tried again if the stage does not answer: its firmware may only stand still.
+RETRY_S = 60.0
+#: The pause between two attempts, in s.
+RETRY_PAUSE_S = 1.0
+#: The time in s that the main thread has to handle a signal before another thread stops the stage.
+HANDLER_S = 0.02
+#: The time in s that the thread of the run has to notice a signal before another thread lifts the sensor.
+GRACE_S = 0.5
+#: The longest wait for a device after a signal, in s.
+DEVICE_S = 10.0
+#: The longest wait for the end of a lift after a second signal, in s.
+LIFT_S = 20.0
 
 
 class RunInterruptedError(KeyboardInterrupt):
@@ -41,17 +56,20 @@ class RunInterruptedError(KeyboardInterrupt):
     Attributes:
         signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
         lifted: Whether the sensor is lifted off the block.
+        gave_up: The call of a device that did not return and was given up; empty if there is none.
         saved: The number of saved presses of the study.
         planned: The number of presses of the study.
     """
 
     def __init__(self, signal: str) -> None:
         super().__init__(signal)
-        self.signal, self.lifted = signal, True
+        self.signal, self.lifted, self.gave_up = signal, True, ""
         self.saved = self.planned = 0
 
     def __str__(self) -> str:
         saved = f"{self.saved} of {counted(self.planned, 'press')} are saved"
+        if self.gave_up:
+            saved += f"; gave up {self.gave_up}, which did not return"
         if getattr(self, "__notes__", ()):
             # The note says what became of the stage, whose homing was interrupted.
             return saved
@@ -72,6 +90,12 @@ class Carriage:
         approach_mm_s: The speed of every step near the block and in contact, in mm/s.
         may_home: Whether a stage that lost its position may be homed to lift the sensor, since homing moves upwards
             first.
+
+    Attributes:
+        noticed: Set when the thread of the run has noticed a signal or an error, and goes to its end by itself.
+        rescued: Set when another thread has tried to lift the sensor.
+        lifted: Whether the last retreat has lifted the sensor.
+        position_kept: Whether the stage has neither failed nor been homed since the last check of its position.
     """
 
     stage: Stage
@@ -89,8 +113,15 @@ class Carriage:
         #: coarse steps; steps smaller than its own add up only in the requested height.
         self.at: Point = self.frame.to_work(self.stage.position())
         self.aim_mm = self.at[2]
-        self._moving = self._retreating = False
-        self._interrupted = ""
+        self._interrupted, self._interruptions = "", itertools.count()
+        self._lock = self.stage.lock if isinstance(self.stage, LimitedStage) else threading.RLock()
+        self._owner = threading.get_ident()
+        self._moving = self.lifted = False
+        self.position_kept = True
+        #: The threads that use the stage and that retreat.
+        self._user: int | None = None
+        self._retreating: int | None = None
+        self.noticed, self.rescued = threading.Event(), threading.Event()
         self._is_turning = self.protocol.is_turning
 
     def interrupt(self, reason: str) -> None:
@@ -99,8 +130,13 @@ class Carriage:
         A retreat that has begun is not interrupted.
         """
         self._interrupted = self._interrupted or reason
-        if self._moving and not self._retreating:
-            self.stage.stop()
+        if next(self._interruptions) == 0:
+            self.halt()
+
+    def go_on(self) -> None:
+        """Allow motion again after an interruption."""
+        self._interrupted, self._interruptions = "", itertools.count()
+        self.noticed.clear()
 
     def check(self) -> None:
         """Leave the loop if a signal came.
@@ -108,8 +144,15 @@ class Carriage:
         Raises:
             RunInterruptedError: A signal came.
         """
-        if self._interrupted and not self._retreating:
+        if self._interrupted and self._retreating != threading.get_ident():
+            if threading.get_ident() == self._owner:
+                self.noticed.set()
             raise RunInterruptedError(self._interrupted)
+
+    @property
+    def is_in_use(self) -> bool:
+        """Whether the thread of the run uses the stage at this moment."""
+        return self._user == self._owner
 
     def over(self, x_mm: float, y_mm: float) -> None:
         """Move over a position of the block: up to the travel height, then sideways, then down to the travel height.
@@ -136,11 +179,13 @@ class Carriage:
         Raises:
             RigError: The stage failed.
         """
+        self.check()
         self._rise()
         self._turn_upright()
 
     def _rise(self) -> None:
-        x, y, z = self.at = self.frame.to_work(self.stage.position())
+        with self._alone():
+            x, y, z = self.at = self.frame.to_work(self.stage.position())
         self.aim_mm = z
         if z < self.travel_mm - ROUNDING_MM:
             self._go((x, y, self.travel_mm), self.travel_mm_s)
@@ -254,13 +299,14 @@ class Carriage:
         with self._in_motion():
             offset = home_again(self.stage)
             self.at = self.frame.to_work(self.stage.position())
+            self.position_kept = True
         self.aim_mm = self.at[2]
         self.check()
         if offset is None:
             return None
         return self.frame.to_work(plus(self.frame.origin_mm, offset))
 
-    def retreat(self, *, slipped: bool = False) -> str:
+    def retreat(self, *, slipped: bool = False, say: Callable[[str], None] = lambda message: None) -> str:
         """Lift the sensor after a failure, if the stage still answers.
 
         A stage that is locked or lost its position cannot move to a height. It is homed instead if that is allowed,
@@ -269,59 +315,77 @@ class Carriage:
         Args:
             slipped: Whether a motor may have slipped. The reported height then proves nothing, so the stage is homed,
                 or lifted by a clearance more.
+            say: Receives a message if the stage does not answer and the lift is tried again.
 
         Returns:
             The problem, or an empty text once the sensor is lifted.
         """
-        self._retreating = True
         # The lift is tried twice, since the first attempt may receive the rest of the exchange that failed.
         home = [self._home_and_rise] if self.may_home else []
         ways = [*home, self._lift_more, self._rise] if slipped else [self._rise, self._rise, *home]
-        failed = ""
+        self.lifted = False
+        until, again = time.monotonic() + RETRY_S, False
         try:
-            for way in ways:
-                try:
-                    way()
-                except RigError as error:
-                    failed = f"the sensor was not lifted ({error}): lift it by hand"
-                else:
-                    return ""
-            return failed
+            with self._retreat():
+                while failed := _first_of(ways):
+                    # A firmware that stands still may answer again. Meanwhile, drivers refuse an unknown position.
+                    answers = [error for error in failed if not isinstance(error, PositionLostError)]
+                    if not (answers and isinstance(answers[-1], NoAnswerError)) or time.monotonic() > until:
+                        return f"the sensor was not lifted ({failed[-1]}): lift it by hand"
+                    if not again:
+                        say(f"the stage does not answer; trying to lift the sensor for {RETRY_S:g} s")
+                    again = True
+                    time.sleep(RETRY_PAUSE_S)
+        except RigError as error:
+            return f"the sensor was not lifted ({error}): lift it by hand"
+        self.lifted = True
+        return ""
+
+    def rescue(self) -> str:
+        """Lift the sensor in another thread than that of the run, unless that one goes to its end by itself.
+
+        Returns:
+            The problem, or an empty text.
+        """
+        try:
+            with self._alone():
+                return "" if self.noticed.is_set() else self.retreat()
+        except RigError as error:
+            return f"the sensor was not lifted ({error}): lift it by hand"
         finally:
-            self._retreating = False
+            self.rescued.set()
 
     @contextlib.contextmanager
     def safely(self, say: Callable[[str], None]) -> Iterator[None]:
         """Lift the sensor after the body, also after an error.
 
         Args:
-            say: Receives a message if the lift failed.
+            say: Receives messages about the lift after an error.
         """
         try:
             yield
             self.lift()
         except BaseException as error:
-            failed = self.retreat(slipped=isinstance(error, ContactError))
-            if text := failed or self._made_upright():
+            self.noticed.set()
+            if text := self.retreat(slipped=isinstance(error, ContactError), say=say) or self._made_upright():
                 say(text)
             if isinstance(error, RunInterruptedError):
-                error.lifted = not failed
+                error.lifted = self.lifted
             raise
 
     def _home_and_rise(self) -> None:
         """Home the stage. Homing an arm does not move it, so the sensor is lifted afterwards."""
+        self.position_kept = False
         self.stage.home()
         self._rise()
 
     def _made_upright(self) -> str:
         """Turn the lifted sensor upright after a failure, and return the problem, or an empty text."""
-        self._retreating = True
         try:
-            self._turn_upright()
+            with self._retreat():
+                self._turn_upright()
         except RigError as error:
             return f"the sensor is lifted, but not upright ({error}): turn it upright by hand"
-        finally:
-            self._retreating = False
         return ""
 
     def _lift_more(self) -> None:
@@ -330,17 +394,47 @@ class Carriage:
         self._go((x, y, max(z, self.travel_mm) + self.protocol.clearance_mm), self.travel_mm_s)
 
     @contextlib.contextmanager
-    def _in_motion(self) -> Iterator[None]:
-        self.check()
-        self._moving = True
+    def _alone(self) -> Iterator[None]:
+        """Use the stage while no other thread does.
+
+        Raises:
+            RigError: Another thread uses the stage for too long, or the stage failed.
+            RunInterruptedError: The stage failed because a signal came.
+        """
+        # Another thread may try again and again to lift the sensor.
+        if not self._lock.acquire(timeout=DEVICE_S if self._retreating is None else RETRY_S + DEVICE_S):
+            raise NoAnswerError("the stage does not return from an earlier call")
+        before, self._user = self._user, threading.get_ident()
         try:
             yield
         except RigError:
-            # A move that a signal interrupted ends in some error of the driver. The signal is the cause.
+            # A call that a signal interrupted ends in some error of the driver. The signal is the cause.
             self.check()
+            self.position_kept = False
             raise
         finally:
-            self._moving = False
+            self._user = before
+            self._lock.release()
+
+    @contextlib.contextmanager
+    def _retreat(self) -> Iterator[None]:
+        with self._alone():
+            before, self._retreating = self._retreating, threading.get_ident()
+            try:
+                yield
+            finally:
+                self._retreating = before
+
+    @contextlib.contextmanager
+    def _in_motion(self) -> Iterator[None]:
+        with self._alone():
+            # A signal from now on stops the stage.
+            self._moving = True
+            try:
+                self.check()
+                yield
+            finally:
+                self._moving = False
 
     def _go(self, target_mm: Point, speed_mm_s: float) -> None:
         with self._in_motion():
@@ -349,38 +443,82 @@ class Carriage:
         self.check()
 
 
+def _first_of(ways: Sequence[Callable[[], None]]) -> list[RigError]:
+    """Lift in the first way that succeeds; return the errors if none does."""
+    errors: list[RigError] = []
+    for way in ways:
+        try:
+            way()
+        except RigError as error:
+            errors.append(error)
+        else:
+            return []
+    return errors
+
+
 class Signals:
     """Turns SIGINT, SIGTERM and SIGHUP into an orderly end.
 
     While a block is pressed, the signals go to the carriage, which stops. At other times (a question to the user, the
     opening of devices) they raise :class:`RunInterruptedError` at once. Outside the main thread, no signal is handled.
+
+    If the main thread does not return from a device, another thread lifts the sensor after the first signal. The second
+    signal, or a time limit, gives the device up: if no exception can reach the main thread, the process ends.
+
+    Args:
+        give_up: Called in another thread before the process ends, with the interruption.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, give_up: Callable[[RunInterruptedError], None] = lambda error: None) -> None:
+        self._give_up, self._leaving = give_up, threading.Lock()
         self._carriage: Carriage | None = None
+        self._say: Callable[[str], None] = lambda message: None
         self._ignoring = False
         self._previous: dict[int, Any] = {}
+        self._listening = contextlib.ExitStack()
+        #: The number of signals that the main thread has handled, and this number when the carriage was given.
+        self._handled = self._first = 0
+        self._left = threading.Event()
 
     def __enter__(self) -> Signals:
         if threading.current_thread() is threading.main_thread():
             names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
             for number in (getattr(signal, name) for name in names):
                 self._previous[number] = signal.signal(number, self._caught)
+            self._listening.enter_context(Listener(self._previous, self._heard))
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._listening.close()
         for number, handler in self._previous.items():
             signal.signal(number, handler)
         self._previous.clear()
 
     @contextlib.contextmanager
-    def sent_to(self, carriage: Carriage) -> Iterator[None]:
-        """Send the signals to a carriage while the body runs."""
-        self._carriage = carriage
+    def sent_to(self, carriage: Carriage, say: Callable[[str], None] = lambda message: None) -> Iterator[None]:
+        """Send the signals to a carriage while the body runs.
+
+        Args:
+            carriage: The carriage.
+            say: Receives a message if the main thread does not return from a device.
+        """
+        self._carriage, self._say, self._first = carriage, say, self._handled
+        carriage.go_on()
+        self._left.clear()
         try:
             yield
         finally:
             self._carriage = None
+            self._left.set()
+
+    @contextlib.contextmanager
+    def raised(self) -> Iterator[None]:
+        """Raise signals at once while the body asks the person. The sensor must be lifted."""
+        carriage, self._carriage = self._carriage, None
+        try:
+            yield
+        finally:
+            self._carriage = carriage
 
     @contextlib.contextmanager
     def ignored(self) -> Iterator[None]:
@@ -391,10 +529,53 @@ class Signals:
         finally:
             self._ignoring = False
 
-    def _caught(self, number: int, _: FrameType | None) -> None:
-        name = signal.Signals(number).name
+    def _caught(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal in the main thread."""
+        name, carriage = signal.Signals(number).name, self._carriage
+        self._handled += 1
         if self._ignoring:
             return
-        if self._carriage is None:
+        if carriage is None:
             raise RunInterruptedError(name)
-        self._carriage.interrupt(name)
+        carriage.interrupt(name)
+        if self._handled > self._first + 1 and not carriage.noticed.is_set() and not carriage.is_in_use:
+            error = RunInterruptedError(name)
+            error.gave_up = waiting_place(frame)
+            raise error
+
+    def _heard(self, name: str, before: int) -> None:
+        """Handle a signal in a thread of its own, since the main thread may not return from a call.
+
+        Args:
+            name: The signal.
+            before: The number of signals before it.
+        """
+        carriage, first = self._carriage, self._first
+        if self._ignoring or before < first:
+            return
+        time.sleep(HANDLER_S)
+        if carriage is not None and self._handled <= before:
+            carriage.interrupt(name)
+        if carriage is None:
+            time.sleep(GRACE_S if before else DEVICE_S)
+            if self._handled > before:
+                return
+        elif before == first:
+            if carriage.noticed.wait(GRACE_S) or first != self._first:
+                return
+            lifted = carriage.rescue() or "the sensor is lifted"
+            if not carriage.noticed.is_set():
+                self._say(f"{lifted}; waiting {DEVICE_S:g} s for {waiting_place()}; another Ctrl-C gives it up")
+            if carriage.noticed.wait(DEVICE_S):
+                return
+        elif carriage.noticed.wait(GRACE_S):
+            # The main thread lifts the sensor or checks the position, and then ends.
+            if self._left.wait(LIFT_S):
+                return
+        else:
+            carriage.rescued.wait(LIFT_S)
+        if self._leaving.acquire(blocking=False):
+            error = RunInterruptedError(name)
+            error.lifted, error.gave_up = carriage is None or carriage.lifted, waiting_place()
+            self._give_up(error)
+            leave()

@@ -18,6 +18,7 @@ from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.rig.drivers import cannot_turn, require_turning
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.rig.stage import can_turn
 from tacbench_cad.lab.runs.info import RunInfo
@@ -96,6 +97,7 @@ def acquire_study(
     progress: PressProgress,
     durable: bool = True,
     opener: Opener = open_rig,
+    give_up: Callable[[RunInterruptedError], None] = lambda error: None,
 ) -> tuple[BlockResult, ...]:
     """Press every block of a study that is not complete yet.
 
@@ -113,6 +115,7 @@ def acquire_study(
         progress: Receives progress updates.
         durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
         opener: Opens the devices.
+        give_up: Called in another thread before the process ends, because a device does not return after a signal.
 
     Returns:
         The results at all blocks that were not complete.
@@ -130,11 +133,16 @@ def acquire_study(
     results: list[BlockResult] = []
     blocks = places(study, rig, out)
     station = rig.stage.station
-    with Signals() as signals, locked(out, station), _counting(study, blocks), ExitStack() as devices:
+
+    def leave(error: RunInterruptedError) -> None:
+        error.saved, error.planned = _saved(blocks), study.presses
+        give_up(error)
+
+    with Signals(leave) as signals, locked(out, station), _counting(study, blocks), ExitStack() as devices:
         left = [place for place in blocks if not _finished(rig, place)]
         if len(left) < len(blocks):
             progress.say(f"complete: {len(blocks) - len(left)} of {counted(len(blocks), 'block')}")
-        progress.start(study, sum(len(run.rows) for place in blocks if (run := place.run) is not None))
+        progress.start(study, _saved(blocks))
         opened: Rig | None = None
         for tray in devices.enter_context(closing(_trays(rig, left))):
             taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
@@ -148,7 +156,9 @@ def acquire_study(
                 else:
                     opened.put(place.printed, place.frame)
                 info, heights = place.info(**opened.info), taught[place.slot]
-                press = partial(press_block, signals=signals, progress=progress, durable=durable)
+                press = partial(
+                    press_block, signals=signals, progress=progress, durable=durable, confirm=person.press_anyway
+                )
                 results.append(press(opened, info, place.folder, taught_mm=heights))
         pressed = {result.folder for result in results}
         others = sum(not _finished(rig, place) for place in left if place.folder not in pressed)
@@ -162,14 +172,21 @@ def unfinished(study: Study, rig: RigSettings, out: Path) -> tuple[str, ...]:
     return tuple(place.printed.name for place in places(study, rig, out) if not _finished(rig, place))
 
 
+def _saved(blocks: Sequence[Place]) -> int:
+    """Return the number of saved presses."""
+    return sum(len(run.rows) for place in blocks if (run := place.run) is not None)
+
+
 @contextmanager
 def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
-    """Add the number of saved presses to an interruption."""
+    """Add the number of saved presses to an interruption and to the error of a device."""
     try:
         yield
     except RunInterruptedError as error:
-        error.saved = sum(len(run.rows) for place in blocks if (run := place.run) is not None)
-        error.planned = study.presses
+        error.saved, error.planned = _saved(blocks), study.presses
+        raise
+    except RigError as error:
+        error.add_note(f"{_saved(blocks)} of {counted(study.presses, 'press')} are saved")
         raise
 
 

@@ -25,6 +25,7 @@ from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.errors import ContactError, SlipError
 from tacbench_cad.lab.rig.stage import Stage, home_again, measures_offset
+from tacbench_cad.lab.rig.switches import offset_text
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.schema import Row
 from tacbench_cad.lab.simulate.contact import DomeContact
@@ -136,8 +137,8 @@ class PositionError:
     def __str__(self) -> str:
         parts = []
         if self.offset_mm is not None:
-            x, y, z = self.offset_mm
-            parts.append(f"at the end stops, x, y and z are off by {x:z.2f}, {y:z.2f} and {z:z.2f} mm")
+            x, y, z = map(offset_text, self.offset_mm)
+            parts.append(f"at the end stops, x, y and z are off by {x}, {y} and {z} mm")
         if self.touched:
             parts.append("the sensor touched something too early")
         elif self.height_change_mm is not None:
@@ -161,9 +162,9 @@ def require_repeatable_homing(stage: Stage, allowed_mm: float) -> None:
     """
     offset = home_again(stage) if measures_offset(stage) else None
     if offset is not None and any(abs(error) > allowed_mm for error in offset):
-        x, y, z = offset
+        x, y, z = map(offset_text, offset)
         raise SlipError(
-            f"two homings differ by {x:z.2f}, {y:z.2f} and {z:z.2f} mm in x, y and z: an end stop has closed too early "
+            f"two homings differ by {x}, {y} and {z} mm in x, y and z: an end stop has closed too early "
             "or a motor has slipped; check the end stops and their cables, then run the command again"
         )
 

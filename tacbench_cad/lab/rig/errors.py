@@ -59,6 +59,10 @@ class DepthLimitError(RigError):
     """The target is below the depth limit."""
 
 
+class HeightError(RigError):
+    """The block has another height than taught, and nobody has confirmed it. Nothing was pressed."""
+
+
 class GaugeError(RigError):
     """The force gauge sends invalid samples: stuck, saturated or garbled."""
 

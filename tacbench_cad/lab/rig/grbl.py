@@ -105,7 +105,7 @@ class GrblStage(SerialStage[GrblLink]):
         **options: Unpack[SerialOptions],
     ) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
-        self._stopping = self._homing = False
+        self._stopping = self._homing = self._homing_sent = False
         self._home_mm: Point | None = None
         self._switches = switches.SwitchCheck()
         with self._opening():
@@ -182,6 +182,8 @@ class GrblStage(SerialStage[GrblLink]):
             return self._search_switches(self._home_mm)
         finally:
             with suppress(RigError):
+                if self._stopping:
+                    self._leave_hold()
                 self._switch_on({number: self.settings[number] for number in limits})
 
     def _switch_on(self, limits: Mapping[int, float]) -> None:
@@ -329,11 +331,13 @@ class GrblStage(SerialStage[GrblLink]):
     @contextmanager
     def _stoppable_homing(self) -> Iterator[None]:
         """Stop homing if the body is interrupted. GRBL would go on even after this program has ended."""
-        self._homing = True
+        self._homing, self._homing_sent = True, False
         try:
             yield
         except (DeviceLostError, NoAnswerError) as error:
             self._line.write_now(RESET)
+            if not self._homing_sent:
+                raise
             raise type(error)(f"{error}; {STILL_HOMING}") from None
         except RigError:
             raise
@@ -492,6 +496,7 @@ class GrblStage(SerialStage[GrblLink]):
         """
         home_reported, acknowledged, standing = False, False, 0
         self._line.write(b"$H\n")
+        self._homing_sent = True
         self._clock.sleep(0.05)
         until = self._line.now_s() + self._home_timeout_s
         ask_at = self._line.now_s()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from contextlib import suppress
@@ -31,6 +32,8 @@ BANNER_S = 0.1
 AFTER_BANNER_S = 0.3
 #: The largest number of attempts to read the settings.
 READINGS = 5
+#: The longest wait for the rest of an answer that has begun, in s.
+ACCEPTANCE_S = 2.0
 #: The number of GRBL's error for a command that is allowed only at rest.
 NOT_IDLE = 8
 #: The beginning of the mark in the text that GRBL stores for its user (``$I=``). It is followed by the numbers of the
@@ -53,6 +56,7 @@ class GrblLink(Link):
         super().__init__(line, timeout_s)
         self.options: str | None = None
         self.answer_s = ANSWER_S
+        self._unreadable, self._unreadable_s = "", -math.inf
         self.marked: tuple[int, ...] = ()
         self._text = ""
         self._offset: Point | None = None
@@ -127,6 +131,8 @@ class GrblLink(Link):
         self._after_banner = False
         report = replies.status(line)
         if report is None:
+            if not replies.is_known(line):
+                self._unreadable, self._unreadable_s = line[:60], self.line.now_s()
             return line
         if self._pending:
             took_s = self.line.now_s() - self._asked_s
@@ -158,7 +164,9 @@ class GrblLink(Link):
             lines: list[str] = []
             until = self.line.now_s() + self.timeout_s
             while (left := until - self.line.now_s()) > 0.0:
-                answer = self.next(left)
+                answer = self.next(min(left, ACCEPTANCE_S) if lines else left)
+                if answer is None and lines:
+                    break
                 if answer is None:
                     raise self.silence()
                 if isinstance(answer, str):
@@ -176,7 +184,10 @@ class GrblLink(Link):
         Raises:
             RigError: The firmware refuses the setting, is silent or gone, or was reset.
         """
-        self._store(f"${number}={value:g}")
+        if self._store(f"${number}={value:g}") and self.settings().get(number) != value:
+            raise ProtocolError(
+                f"{self.name}: did not store ${number}={value:g}; {self.disturbance or 'set it by hand'}"
+            )
 
     def mark(self, numbers: Iterable[int]) -> None:
         """Store in the firmware which settings have to be switched on again, after the text of its user (``$I=``).
@@ -193,23 +204,37 @@ class GrblLink(Link):
         with suppress(ProtocolError):
             self._store(f"$I={self._text}{MARK if mark else ''}{mark}")
 
-    def _store(self, command: str) -> None:
-        answer: str | Status | None = ""
-        for _ in range(READINGS):
+    def _store(self, command: str) -> bool:
+        """Send a command that may be repeated, until it is confirmed. Return whether it was repeated."""
+        refusal = ""
+        for attempt in range(READINGS):
             self.line.write(f"\n{command}\n".encode("ascii"))
             until = self.line.now_s() + self.timeout_s
             # The empty line is answered by an ok of its own.
-            confirmations = 0
+            confirmations, answered = 0, False
             while (left := until - self.line.now_s()) > 0.0:
-                answer = self.next(left)
+                answer = self.next(min(left, ACCEPTANCE_S) if answered else left)
+                if answer is None and answered:
+                    # A disturbance has changed the command or one of the confirmations.
+                    break
                 if answer is None:
                     raise self.silence()
+                answered = True
                 confirmations += answer == "ok"
                 if confirmations == 2:
-                    return
+                    return attempt > 0
                 if isinstance(answer, str) and replies.error(answer) is not None:
+                    refusal = answer
                     break
-        raise ProtocolError(f"{self.name}: did not accept {command}; it sent {answer!r}")
+        why = self.disturbance or (f"it sent {refusal!r}" if refusal else "it did not confirm it")
+        raise ProtocolError(f"{self.name}: did not accept {command}; {why}")
+
+    @property
+    def disturbance(self) -> str:
+        """The line that could not be read a short time ago, for error messages; empty if there was none."""
+        if self.line.now_s() - self._unreadable_s > 2.0 * self.timeout_s:
+            return ""
+        return f"the line is disturbed: {self._unreadable!r} was received; check the cable"
 
     def request(self) -> None:
         """Send a status request, without waiting for the report.
@@ -280,14 +305,17 @@ class GrblLink(Link):
     def silence(self) -> RigError:
         """Return the error for a silence. A reset shows its kind: after some alarms only Ctrl-X is answered."""
         self.lost = "the firmware did not answer"
+        disturbance = self.disturbance
         try:
             self.reset()
         except NoAnswerError:
-            return NoAnswerError(f"{self.name}: no answer within {self.timeout_s:g} s; check its power")
+            return NoAnswerError(
+                f"{self.name}: no answer within {self.timeout_s:g} s; {disturbance or 'check its power'}"
+            )
         self.lost = "the firmware did not answer and had to be reset"
+        why = disturbance or "an alarm had stopped it, or it was too slow; find the cause"
         return AlarmError(
-            f"{self.name}: did not answer within {self.timeout_s:g} s, but after a reset; an alarm had stopped it, or "
-            "it was too slow; find the cause, then home the stage"
+            f"{self.name}: did not answer within {self.timeout_s:g} s, but after a reset; {why}, then home the stage"
         )
 
     def refused(self, answer: str, command: str) -> None:

@@ -16,6 +16,7 @@ _REPORT = re.compile(r"<(Idle|Run|Hold|Jog|Alarm|Door|Check|Home|Sleep|Tool)(?::
 _NUMBER = r"-?\d{1,6}\.\d{3}"
 _POINT = re.compile(rf"(MPos|WPos|WCO):({_NUMBER}),({_NUMBER}),({_NUMBER})(?:,{_NUMBER})*", re.A)
 _CODE = re.compile(r"(ALARM|error):(\d{1,3})", re.A)
+_TEXT = re.compile(r"\[[ -~]*\]|>[ -~]*|\$N\d=[ -~]*|[Gg]rbl[ -~]*", re.A)
 _SETTING = re.compile(r"\$(\d{1,3})=(-?\d{1,7}(?:\.\d{1,6})?)(?: .*)?", re.A)
 
 #: The meanings of alarms, in our own words.
@@ -110,6 +111,11 @@ def is_hint(line: str) -> bool:
 def is_limit(line: str) -> bool:
     """Return whether the firmware reports a closed end stop after its banner."""
     return "Check Limits" in line
+
+
+def is_known(line: str) -> bool:
+    """Return whether a line, other than a report, has a form that the firmware sends."""
+    return line == "ok" or bool(_CODE.fullmatch(line) or _SETTING.fullmatch(line) or _TEXT.fullmatch(line))
 
 
 def alarm(line: str) -> int | None:

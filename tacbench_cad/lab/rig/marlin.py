@@ -260,6 +260,9 @@ class MarlinStage(SerialStage[MarlinLink]):
             raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
         except (DeviceLostError, NoAnswerError) as error:
             self.stop()
+            # A command that could not be sent does not move the carriage.
+            if self._line.torn:
+                raise
             raise type(error)(f"{error}; {STILL_HOMING}") from None
         except RigError:
             raise

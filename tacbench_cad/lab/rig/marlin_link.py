@@ -258,7 +258,10 @@ class MarlinLink(Link):
                 if resends > RESENDS:
                     raise ProtocolError(f"{self.name}: {text} was garbled {resends} times; check the cable")
                 again = [framed]
-                if number is not None and not text.startswith("M110"):
+                if number == self._number + 1 and not text.startswith("M110"):
+                    # The firmware has accepted this line, and has refused what a disturbance made of another one.
+                    again, caught_up = [b"M114\nM115\n"], False
+                elif number is not None and not text.startswith("M110"):
                     again = self._again(number, text, framed)
                     framed = again[-1]
             elif replies.is_ok(line):

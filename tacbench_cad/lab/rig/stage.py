@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -183,6 +184,9 @@ class LimitedStage(Closing):
         stage: The stage.
         limits_mm: The lowest and highest x, y, z.
         tilt_limit_deg: The largest angle between the axis of the sensor and the vertical.
+
+    Attributes:
+        lock: Held during every call of the stage but ``stop`` and ``close``, so that only one thread uses it at a time.
     """
 
     def __init__(self, stage: Stage, limits_mm: Limits, tilt_limit_deg: float = StageSettings.tilt_limit_deg) -> None:
@@ -191,16 +195,19 @@ class LimitedStage(Closing):
         self.tilt_limit_deg = tilt_limit_deg
         self.identity = stage.identity
         self.simulated = stage.simulated
+        self.lock = threading.RLock()
         #: The present motion, if it is tracked; see :func:`tracked`.
         self.track: Track | None = None
 
     def home(self) -> None:
         """See :class:`Stage`."""
-        self.stage.home()
+        with self.lock:
+            self.stage.home()
 
     def home_offset_mm(self) -> Point | None:
         """See :func:`home_again`."""
-        return home_again(self.stage)
+        with self.lock:
+            return home_again(self.stage)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """See :class:`Stage`.
@@ -212,18 +219,20 @@ class LimitedStage(Closing):
         self._require_within(target_mm)
         if not speed_mm_s > 0.0:
             raise InputError("speed_mm_s", speed_mm_s, "must be above 0")
-        return self.stage.move(target_mm, speed_mm_s)
+        with self.lock:
+            return self.stage.move(target_mm, speed_mm_s)
 
     def position(self) -> Point:
         """See :class:`Stage`."""
-        return self.stage.position()
+        with self.lock:
+            return self.stage.position()
 
     def followed_mm(self) -> Point:
         """Return the position, for a device that follows the stage. During a tracked motion it may be an estimate.
 
         Another thread may call this method during a tracked motion.
         """
-        return self.stage.position() if self.track is None else self.track.now_mm()
+        return self.position() if self.track is None else self.track.now_mm()
 
     def followed_deg(self) -> Angles:
         """Return the angles as :meth:`followed_mm` returns the position."""
@@ -256,19 +265,21 @@ class LimitedStage(Closing):
             )
         if not speed_deg_s > 0.0:
             raise InputError("speed_deg_s", speed_deg_s, "must be above 0")
-        turn = Turn(
-            summit_mm=stage.position(),
-            from_deg=stage.rotation(),
-            to_deg=angles_deg,
-            above_mm=above_mm,
-            by_mm=by_mm,
-        )
-        self._require_within(turn.at(1.0)[0])
-        return stage.turn(angles_deg, speed_deg_s, above_mm=above_mm, by_mm=by_mm)
+        with self.lock:
+            turn = Turn(
+                summit_mm=stage.position(),
+                from_deg=stage.rotation(),
+                to_deg=angles_deg,
+                above_mm=above_mm,
+                by_mm=by_mm,
+            )
+            self._require_within(turn.at(1.0)[0])
+            return stage.turn(angles_deg, speed_deg_s, above_mm=above_mm, by_mm=by_mm)
 
     def rotation(self) -> Angles:
         """See :class:`RotatingStage`."""
-        return self._rotating.rotation()
+        with self.lock:
+            return self._rotating.rotation()
 
     def stop(self) -> None:
         """See :class:`Stage`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from tacbench_cad.lab.study.spec import Point
@@ -54,6 +55,12 @@ def _is_beyond(offset_mm: Point) -> bool:
     return any(abs(error) >= BEYOND_MM for error in offset_mm)
 
 
+def offset_text(error_mm: float) -> str:
+    """Return an error of :func:`offset_at_switch` for messages: ``0.25``, or ``at least 0.60`` at a limit."""
+    is_limit = any(math.isclose(abs(error_mm), limit_mm, abs_tol=1e-6) for limit_mm in (BEYOND_MM, MAX_MM))
+    return f"at least {abs(error_mm):.2f}" if is_limit else f"{error_mm:z.2f}"
+
+
 def offset_at_switch(
     closed_at: Callable[[float], bool], switch_mm: float, towards: int, *, fine_mm: float = FINE_MM
 ) -> float:
@@ -66,8 +73,8 @@ def offset_at_switch(
         fine_mm: The smallest step, in mm.
 
     Returns:
-        The true coordinate minus the reported coordinate in mm. It is at most 10 mm towards the switch, and at most
-        0.6 mm away from it: then the switch did not close, and the true error can be larger.
+        The true coordinate minus the reported coordinate in mm. The limits of the search, :data:`MAX_MM` towards the
+        switch and :data:`BEYOND_MM` away from it, mean that the switch was not found: the true error is at least this.
     """
 
     def closed(distance_mm: float) -> bool:
@@ -76,12 +83,12 @@ def offset_at_switch(
     distance = -FRONT_MM
     while closed(distance):
         if distance < -MAX_MM:
-            return -towards * distance
+            return towards * MAX_MM
         distance = 2.0 * distance - COARSE_MM
     for step in (COARSE_MM, fine_mm):
         while not closed(distance + step):
             distance += step
-            if distance >= BEYOND_MM:
-                return -towards * distance
+            if distance > BEYOND_MM - fine_mm / 2.0:
+                return -towards * BEYOND_MM
         closed(distance)
     return -towards * (distance + fine_mm / 2.0)

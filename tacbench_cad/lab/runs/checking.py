@@ -16,7 +16,7 @@ from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.quality import Judge, Measured, beside_each_other
-from tacbench_cad.lab.runs.reading import Run, planned, shape_fault, since_good_check
+from tacbench_cad.lab.runs.reading import Run, good_checks, planned, shape_fault
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.runs.table import cut_torn_line, read_table
@@ -177,7 +177,10 @@ class _Check:
         read = [rows.get(kind, ()) for kind in schema.TABLES]
         presses = rows.get(Row, ())
         if all(row.time_utc for row in presses):
-            self.in_time = [row.path for row in sorted(presses, key=lambda row: row.time_utc)]
+            # With a protocol, the presses are made in the order of their numbers. The clock may have been set back.
+            has_plan = self.run.info.protocol is not None
+            in_time = sorted(presses, key=lambda row: row.number if has_plan else row.time_utc)
+            self.in_time = [row.path for row in in_time]
         for row in rows.get(Stationary, ()):
             contact = "in contact" if row.in_contact else "without contact"
             self.still.setdefault(f"{schema.STATIONARY_FOLDER} ({contact}, {row.when})", []).append(row.path)
@@ -251,16 +254,12 @@ class _Check:
                 text = f"the first press, repeated at the end, ended {last.height_change_mm:+.2f} mm away"
                 self.add("slip", schema.CHECKS_FILE, f"{text}; the sensor, the block or the gauge has changed")
             else:
-                text = "ends with a position that was wrong; resume the run to repeat the presses set aside"
+                text = "ends with presses that were set aside; resume the run to repeat them"
                 self.add("slip", schema.CHECKS_FILE, text)
-        unchecked = len(since_good_check(rows, checks))
-        # The next good check decides about a press.
-        good = [check for check in checks if check.ok and check.reason != "first"]
-        sideways = 0
-        for row in rows:
-            following = next((check for check in good if row.time_utc and check.time_utc >= row.time_utc), None)
-            sideways += following is not None and not following.covers_all_axes
-        return unchecked, sideways
+        if self.run.info.protocol is None:
+            return 0, 0
+        checked = good_checks(rows, checks)
+        return len(rows) - len(checked), sum(not check.covers_all_axes for check in checked.values())
 
     def extra_files(self) -> None:
         """Find files without a row, and files with several rows."""

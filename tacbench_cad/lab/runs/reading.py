@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -325,7 +325,25 @@ def _require_folder(folder: Path) -> None:
         raise InputError("run", str(folder), "is not a folder" if folder.exists() else "does not exist")
 
 
-def since_good_check(rows: Iterable[Row], checks: Iterable[PositionCheck]) -> list[Row]:
+def good_checks(rows: Iterable[Row], checks: Iterable[PositionCheck]) -> dict[int, PositionCheck]:
+    """Return the first good check of the position after each press, by the number of the press.
+
+    Presses are made in the order of their numbers, and checks are stored in their order. The times say nothing about
+    the order, since the computer's clock may be set back.
+    """
+    numbers = [row.number for row in rows]
+    found: dict[int, PositionCheck] = {}
+    for check in checks:
+        if check.reason == "repeated":
+            found.pop(check.after_press, None)
+        elif check.ok and check.reason != "first":
+            for number in numbers:
+                if number <= check.after_press:
+                    found.setdefault(number, check)
+    return found
+
+
+def since_good_check(rows: Sequence[Row], checks: Iterable[PositionCheck]) -> list[Row]:
     """Return the presses that no good check of the position has followed, in the order of ``rows``."""
-    good = [check.time_utc for check in checks if check.ok and check.reason != "first"]
-    return [row for row in rows if row.time_utc is not None and (not good or row.time_utc > good[-1])]
+    checked = good_checks(rows, checks)
+    return [row for row in rows if row.number not in checked]

@@ -47,9 +47,11 @@ When = Literal["start", "end"]
 #: the planned motion.
 PoseFrom = Literal["reports", "time"]
 #: The reasons for a check of the position: presses that an earlier session left unchecked, the first press of a
-#: session, the protocol's interval, an unexpected height of contact, a force where the sensor should be free, and the
-#: end of the block. ``first`` is the repetition of the run's first press at its end, without homing.
-Reason = Literal["resumed", "start", "interval", "height", "contact", "end", "first"]
+#: session, the protocol's interval, an unexpected height of contact, a force where the sensor should be free, the end
+#: of the block, and a run that was stopped. ``first`` is the repetition of the run's first press at its end, without
+#: homing. ``repeated`` is no check: the press ``after_press``, whose row was deleted, is made again after the checks
+#: before it.
+Reason = Literal["resumed", "start", "interval", "height", "contact", "end", "stopped", "first", "repeated"]
 #: The four groups of frames without motion, as (when, in contact), in the order in which they are taken.
 STATIONARY: tuple[tuple[When, bool], ...] = (("start", True), ("start", False), ("end", True), ("end", False))
 
@@ -267,22 +269,23 @@ class PositionCheck(TableRow):
     Args:
         time_utc: The time of the check.
         reason: See :data:`Reason`.
-        after_press: The number of the press before it.
+        after_press: The highest number of a press before it.
         offset_x_mm: The true x minus the reported x, measured at the end stops; None if the stage cannot measure it.
         offset_y_mm: The same for y.
         offset_z_mm: The same for z.
         height_change_mm: The height of a repeated press minus its first height.
-        ok: Whether none of the four numbers is above the protocol's ``slip_mm``.
+        ok: Whether none of the four numbers is above the protocol's ``slip_mm``. It is also false, without any number,
+            if an earlier session left presses unchecked whose x and y cannot be checked any more.
     """
 
     FILE = CHECKS_FILE
     time_utc: datetime
     reason: Reason
     after_press: int = field(metadata={"low": 0})
-    offset_x_mm: float | None
-    offset_y_mm: float | None
-    offset_z_mm: float | None
-    height_change_mm: float | None
+    offset_x_mm: float | None = None
+    offset_y_mm: float | None = None
+    offset_z_mm: float | None = None
+    height_change_mm: float | None = None
     ok: bool
 
     @property

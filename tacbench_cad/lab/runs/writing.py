@@ -88,7 +88,7 @@ class RunWriter:
             raise InputError(str(lost), None, f"is missing, but targets.csv has a row for it; {advice}")
         # The last session may have ended between a bad check and its consequence.
         if self.checks and not self.checks[-1].ok:
-            self._set_aside([row for row in self.unchecked if _earlier(row, self.checks[-1])])
+            self._set_aside(self._still_wrong())
 
     def _paths(self, row: Row) -> list[str]:
         """Return the paths of a press's frame and, if the run has series, of its table."""
@@ -193,6 +193,7 @@ class RunWriter:
         time_utc: datetime | None = None,
         moving: Sequence[MovingFrame] = (),
         angles_deg: Angles = UPRIGHT,
+        reference_age_s: float | None = None,
     ) -> str:
         """Store a press: first its series, then its frame, then its row.
 
@@ -206,6 +207,7 @@ class RunWriter:
             time_utc: The time of the frame.
             moving: The frames of the series, in a run with a motion.
             angles_deg: The angles of the sensor in the work frame.
+            reference_age_s: The age of the last reference in s; None to compute it from the times.
 
         Returns:
             The path of the frame's file, relative to the run folder.
@@ -214,8 +216,8 @@ class RunWriter:
             SensorError: The frame has another shape than the sensor's.
             InputError: The run already has this press, the disk is full, or the folder cannot be written.
         """
-        age_s = None
-        if time_utc is not None and self.reference_time is not None:
+        age_s = reference_age_s
+        if age_s is None and time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
         x, y, z, rx, ry, rz = (round(float(value), 6) + 0.0 for value in (*pose_mm, *angles_deg))
         require_complete(press.number, moving, self.info.series_frames)
@@ -259,6 +261,9 @@ class RunWriter:
         """
         if number in self.done:
             raise InputError("press", number, "is already in the run")
+        if any(check.ok and check.after_press >= number for check in self.checks):
+            # The user has deleted the row of a press that was checked. The check says nothing about the new press.
+            self._check(PositionCheck(time_utc=datetime.now(UTC), reason="repeated", after_press=number, ok=True))
         name = schema.frame_name(number, file.suffix)
         row = Row(**schema.block_values(self.info.printed), sensor_image=name, image_sha256=file.sha256, **values)
         self._store(file, row.path)
@@ -300,30 +305,46 @@ class RunWriter:
             InputError: The disk is full, or the folder cannot be written.
         """
         x, y, z = (None,) * 3 if offset_mm is None else (round(value, 4) for value in offset_mm)
-        if self._checks is None:
-            self._checks = self._table(PositionCheck)
         check = PositionCheck(
             time_utc=time_utc,
             reason=reason,
-            after_press=self._last_press,
+            after_press=max(self.done, default=0),
             offset_x_mm=x,
             offset_y_mm=y,
             offset_z_mm=z,
             height_change_mm=None if height_change_mm is None else round(height_change_mm, 4),
             ok=ok,
         )
-        self._append(self._checks, check)
         wrong = [] if ok else self.unchecked
-        self.checks.append(check)
+        self._check(check)
         self._set_aside(wrong)
         return len(wrong)
+
+    def _check(self, check: PositionCheck) -> None:
+        if self._checks is None:
+            self._checks = self._table(PositionCheck)
+        self._append(self._checks, check)
+        self.checks.append(check)
+
+    def _still_wrong(self) -> list[Row]:
+        """Return the presses that the last check has found wrong and that are still in the run."""
+        aside = self._aside
+        if not (aside / schema.TARGETS_FILE).exists():
+            return self.unchecked
+        # A press may have been made again since.
+        wrong = {row.image_sha256 for row in read_table(aside, Row).rows}
+        return [row for row in self.unchecked if row.image_sha256 in wrong]
+
+    @property
+    def _aside(self) -> Path:
+        """The folder of the presses that the last check has found wrong."""
+        return self.folder / schema.ASIDE_FOLDER / f"{len(self.checks):02d}"
 
     def _set_aside(self, wrong: Sequence[Row]) -> None:
         """Move presses out of the run. This can be interrupted at any moment and is then completed on resuming."""
         if not wrong:
             return
-        aside = self.folder / schema.ASIDE_FOLDER / f"{len(self.checks):02d}"
-        numbers = {row.number for row in wrong}
+        aside, numbers = self._aside, {row.number for row in wrong}
         kept = [row for row in self.rows if row.number not in numbers]
         with timed(self.seconds, "sync"), refusing(self.folder):
             aside.mkdir(parents=True, exist_ok=True)
@@ -396,10 +417,6 @@ def software() -> dict[str, str]:
         if number is not None:
             versions[package] = number
     return versions
-
-
-def _earlier(row: Row, check: PositionCheck) -> bool:
-    return row.time_utc is not None and row.time_utc <= check.time_utc
 
 
 def _begin(folder: Path, info: RunInfo, durable: bool) -> None:

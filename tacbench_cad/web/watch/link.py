@@ -93,6 +93,10 @@ class PageLink(PressProgress):
         """See :class:`~tacbench_cad.lab.acquire.person.Person`. Heights are typed in the terminal."""
         return self.terminal.first_touch(printed, positions)
 
+    def press_anyway(self, problem: str) -> bool:
+        """See :class:`~tacbench_cad.lab.acquire.person.Person`. The question is asked in the terminal."""
+        return self.terminal.press_anyway(problem)
+
     def close(self) -> None:
         """End the process. The page gets the outcome of the run before."""
         self._closing = True

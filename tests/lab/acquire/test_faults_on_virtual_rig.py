@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +15,11 @@ import pytest
 from helpers.cases import mostly_long
 from helpers.rigs import small_protocol
 
+from tacbench_cad.lab.acquire import safety
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.rig import grbl_link, marlin_link
 from tacbench_cad.lab.rig.errors import ContactError, RigError, SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
@@ -31,6 +36,8 @@ pytestmark = pytest.mark.skipif(
 )
 #: The travel height over the virtual rigs' blocks, in the work frame, in mm.
 CLEARANCE_MM = 1.5
+#: The time for which a firmware stands still, in s: several attempts to lift the sensor fail meanwhile.
+STANDS_S = 6.0
 
 
 class Trial(Silent):
@@ -189,6 +196,36 @@ def test_a_slip_on_grbl_is_found_and_its_presses_are_made_again(
     run = Run.open(folder)
     assert sorted(row.number for row in run.rows) == [1, 2, 3, 4]
     assert run.position_checks[-2].ok and run.position_checks[-2].covers_all_axes
+
+
+class StandsStill(Trial):
+    """A session in which the firmware stands still for some seconds while the sensor is in contact."""
+
+    def felt(self, z_mm: float, force_n: float) -> None:
+        if self.count == 2 and force_n > 0.3 and self.rig is not None and not self.stopped:
+            self.stopped = True
+            process = self.rig.process_id
+            os.kill(process, signal.SIGSTOP)
+            threading.Timer(STANDS_S, os.kill, (process, signal.SIGCONT)).start()
+
+    stopped = False
+
+
+@pytest.mark.parametrize("driver", mostly_long(["virtual-grbl", "virtual-marlin"], "virtual-grbl"))
+def test_a_firmware_that_stands_still_in_contact_lifts_when_it_answers_again(
+    driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module, name in ((grbl_link, "RESET_S"), (safety, "RETRY_PAUSE_S"), (marlin_link, "QUIET_S")):
+        monkeypatch.setattr(module, name, 0.2)
+    trial = StandsStill(short_file(driver), None, 0.0)
+    with pytest.raises(RigError) as caught:
+        trial.run(tmp_path, monkeypatch)
+    # The driver of Marlin itself waits longer than the firmware stands still.
+    assert trial.messages == ["the stage does not answer; trying to lift the sensor for 60 s"] * ("grbl" in driver)
+    assert "the sensor is lifted" in caught.value.__notes__
+    assert trial.left_at_mm >= CLEARANCE_MM - 0.1
+    again = Trial(short_file(driver), None, 0.0)
+    again.run(tmp_path, monkeypatch)
 
 
 #: Faults after which the program cannot lift the sensor: the port is gone or stays silent.

@@ -6,6 +6,7 @@ import errno
 import itertools
 import os
 import random
+import re
 import shutil
 import signal
 from collections import Counter
@@ -25,6 +26,7 @@ from tacbench_cad.lab.rig.errors import (
     DeviceLostError,
     ForceLimitError,
     GaugeError,
+    HeightError,
     NoAnswerError,
     NotReachedError,
     PositionLostError,
@@ -187,6 +189,43 @@ def test_a_dead_stage_is_reported_and_no_press_is_lost(tmp_path: Path) -> None:
         pressed(rig, tmp_path / "run", protocol, notes)
     assert any("was not lifted" in message and "by hand" in message for message in notes.messages)
     pressed(FakeRig(), tmp_path / "run", protocol)
+    check_complete(tmp_path / "run", protocol)
+
+
+@pytest.mark.parametrize("above_mm", [0.8, 1.3, 3.0, -1.6])
+@pytest.mark.parametrize("contact", ["force", "depth"])
+def test_a_block_at_another_height_than_taught_is_pressed_only_after_a_yes(
+    contact: str, above_mm: float, tmp_path: Path
+) -> None:
+    """The plate is flat, and texture 1 nominally touches the dome 0.11 mm below its highest point there."""
+    rig, notes = FakeRig(plate=Plate(top=lambda x, y: above_mm - 0.11)), Notes()
+    protocol = small_protocol(contact=contact)
+    asked: list[str] = []
+
+    def session(answer: bool) -> None:
+        def confirm(problem: str) -> bool:
+            assert rig.stage.at[2] >= TRAVEL_MM - 0.01
+            asked.append(problem)
+            return answer
+
+        opened = rig.rig()
+        info = info_of(opened, protocol)
+        with Signals() as signals:
+            press_block(opened, info, tmp_path / "run", signals=signals, progress=notes, durable=False, confirm=confirm)
+
+    word = "higher" if above_mm > 0.0 else "lower"
+    said = re.compile(rf"the block is {int(abs(above_mm))}\.\d mm {word} than taught")
+    if abs(above_mm) > 1.0:
+        with pytest.raises(HeightError, match=said):
+            session(False)
+        assert rig.gauge is not None
+        assert max(map(abs, rig.gauge.readings)) < 0.08, "it was only touched"
+        assert Run.open(tmp_path / "run").rows == () and rig.stage.at[2] >= TRAVEL_MM - 0.01
+        assert len(asked) == 1 and said.fullmatch(asked[0])
+        session(True)
+    else:
+        session(False)
+        assert len([message for message in notes.messages if said.fullmatch(message)]) == 1 and asked == []
     check_complete(tmp_path / "run", protocol)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from tacbench_cad.lab.rig.errors import SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.spec import Point
 
 
@@ -37,6 +39,45 @@ def test_a_slip_of_y_is_found_by_the_next_check_at_the_end_stops(tmp_path: Path)
     assert (report.presses, report.unchecked, report.unchecked_sideways) == (12, 0, 0)
     # The test double's images do not look like a TacTip's.
     assert {finding.kind for finding in report.findings} <= {"dark", "blurred", "drift"}
+
+
+def test_a_clock_that_is_set_back_an_hour_hides_no_slip_and_no_reference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trial = Trial(texture=1, folder=tmp_path / "run", slip=(1, 0.25))
+
+    class SetBack(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> datetime:
+            return datetime.now(tz) - timedelta(hours=len(trial.wrong_mm) > 1)
+
+    monkeypatch.setattr("tacbench_cad.lab.acquire.block.datetime", SetBack)
+    run = trial.run()
+    second, third = sorted(run.rows, key=lambda row: row.number)[1:3]
+    assert third.time_utc < second.time_utc, "the clock was set back in the run"
+    assert (trial.saved_wrong, trial.unmarked, len(trial.errors)) == (3, [], 1)
+    assert all(row.reference_age_s >= 0.0 for row in run.rows)
+    report = check_run(tmp_path / "run")
+    assert (report.presses, report.unchecked, report.unchecked_sideways) == (12, 0, 0)
+
+
+def test_a_press_made_again_after_its_row_was_deleted_needs_a_new_check(tmp_path: Path) -> None:
+    trial = Trial(texture=1, folder=tmp_path / "run")
+    run = trial.run()
+    table = tmp_path / "run" / "targets.csv"
+    lines = table.read_text().splitlines(keepends=True)
+    deleted = next(line for line in lines if line.startswith("image_3."))
+    table.write_text("".join(line for line in lines if line != deleted))
+    (tmp_path / "run" / "sensor_images" / "image_3.png").unlink()
+    frame = run.frame(run.rows[0])[::-1].copy()
+    with RunWriter.open(tmp_path / "run", run.info, durable=False) as writer:
+        assert writer.unchecked == []
+        writer.press(run.info.presses[2], (4.0, 18.0, -1.0), frame, time_utc=datetime(2020, 1, 1, tzinfo=UTC))
+        assert [row.number for row in writer.unchecked] == [3]
+    assert check_run(tmp_path / "run").unchecked == 1
+    with RunWriter.open(tmp_path / "run", run.info, durable=False) as writer:
+        writer.position_check("end", (0.0, 0.0, 0.0), None, True, datetime(2019, 1, 1, tzinfo=UTC))
+        assert writer.unchecked == []
 
 
 def test_a_slip_of_z_is_found_at_the_next_press(tmp_path: Path) -> None:

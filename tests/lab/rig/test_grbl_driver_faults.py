@@ -289,3 +289,36 @@ def test_faults_cause_specific_errors_and_moves_end_at_the_reported_position(kin
 @pytest.mark.parametrize("kind", ["grbl", "grblhal"])
 def test_many_faults(kind: str, seed: int) -> None:
     survive(kind, opener, CENTER, seed)
+
+
+@pytest.mark.parametrize("direction", ["in", "out"])
+@pytest.mark.parametrize("kind", ["garble", "drop", "double"])
+def test_a_disturbed_byte_in_a_check_at_the_end_stops_is_survived(kind: str, direction: str) -> None:
+    with launch("grbl", speed=SPEED, resets_on_open=False) as rig:
+        with GrblStage(rig.port, clock=Clock(speed=SPEED), timeout_s=3.0) as stage:
+            stage.home()
+            kept = stage._link.settings()
+            rig.inject(Fault(kind=kind, direction=direction, count=1))
+            assert stage.home_offset_mm() == pytest.approx((0.0, 0.0, 0.0), abs=0.03)
+            assert stage._link.settings() == kept
+        with opener(rig.port) as stage:
+            assert stage._link.marked == ()
+
+
+def test_a_disturbed_line_is_named() -> None:
+    with launch("grbl", speed=SPEED, resets_on_open=False) as rig, opener(rig.port) as stage:
+        stage.home()
+        rig.inject(Fault(kind="garble", chance=0.5, direction="out"))
+        with pytest.raises(
+            (AlarmError, NoAnswerError), match=r"the line is disturbed: '.*' was received; check the cable"
+        ):
+            stage.move(CENTER, 20.0)
+
+
+def test_unplugging_before_homing_does_not_speak_of_homing() -> None:
+    with launch("grbl", speed=SPEED, resets_on_open=False) as rig, opener(rig.port) as stage:
+        stage.home()
+        rig.inject(Fault(kind="unplug"))
+        with pytest.raises((DeviceLostError, NoAnswerError)) as caught:
+            stage.home()
+        assert "homing may still go on" not in str(caught.value)

@@ -154,6 +154,23 @@ def test_trait_16_a_lost_ok_does_not_cause_endless_resends() -> None:
         assert set(Counter(line for line in peer.lines if b"G1" in line).values()) == {2}
 
 
+def test_trait_16_a_refusal_after_a_line_was_accepted_is_not_taken_for_a_reset() -> None:
+    script = ScriptedMarlin()
+    moves = 0
+
+    def accepted(line: bytes) -> Iterator[bytes]:
+        nonlocal moves
+        moves += 1
+        list(script.obey(line))
+        # A disturbance has changed the ok, and has made a line of its own that is refused.
+        return iter([b"o\xeb\n", script.refusal("checksum mismatch")])
+
+    with opened(script) as stage:
+        script.on[b"G1"] = accepted
+        assert stage.move(THERE, 20.0) == THERE == script.at
+        assert moves in (1, 2, 3), "each part of the move was made once"
+
+
 def test_trait_16_lines_that_are_always_garbled_cause_an_error() -> None:
     script = ScriptedMarlin()
 
