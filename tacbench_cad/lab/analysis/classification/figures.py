@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
@@ -79,9 +80,12 @@ def _levels(result: Result) -> Figure:
                 axes.plot(place, 100 * score.accuracy, "_", color=colour, ms=5, mew=1.0, zorder=2)
     if not all(score.whole for score in result.scores):
         axes.plot([], [], "_", color=INK, ms=5, mew=1.0, label="one held-out group")
-    units = {score.hold_out: score.units for score in result.scores if score.whole}
-    short = {level: text.replace("printer-filament combinations", "combinations") for level, text in units.items()}
-    axes.set_xticks(range(len(levels)), [f"{level}\n({short[level]})" for level in levels])
+    whole = {score.hold_out: score for score in result.scores if score.whole}
+    units = {
+        level: score.units.replace("printer-filament combinations", "combinations") for level, score in whole.items()
+    }
+    few = {level: f"\n{TOO_FEW}" if score.low is None else "" for level, score in whole.items()}
+    axes.set_xticks(range(len(levels)), [f"{level}\n({units[level]}){few[level]}" for level in levels])
     axes.set_xlim(-0.5, len(levels) - 0.5)
     axes.set_xlabel("held out (units of the 95 % interval)")
     _chance(axes, result.chance)

@@ -12,6 +12,7 @@ from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
 from tacbench_cad.lab.analysis.answers import Answer, shown
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord, ClassificationSettings
@@ -49,7 +50,7 @@ SCORE_COLUMNS = (*_WHO, _ACCURACY, _DEVIATION, *_ENDS, Column("units"), *_COUNTS
 #: The printed columns of a score.
 SHOWN: tuple[str | Column, ...] = (
     *("estimator", "hold_out", "train_on", "tested_on", "accuracy", "standard_deviation"),
-    *(interval_column(empty="none (one unit)"), "units", "trials", "images"),
+    *(interval_column(empty=TOO_FEW), "units", "trials", "images"),
 )
 
 

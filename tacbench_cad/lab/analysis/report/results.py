@@ -9,6 +9,7 @@ from typing import Any
 
 from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.splits import UNITS
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
@@ -165,6 +166,9 @@ class Results:
         def ends(low: str, high: str, times: float = 1.0) -> Callable[[Row], str]:
             return lambda row: interval(*(None if row[end] is None else times * row[end] for end in (low, high)))
 
+        def recall_ends(row: Row) -> str:
+            return TOO_FEW if row["recall_low"] is None else ends("recall_low", "recall_high", 100.0)(row)
+
         columns = [Column("texture", derived=once("texture", lambda row: str(row["texture"])))]
         if len(study.combinations) > 1:
             columns.append(Column("name", head="printer, filament", derived=printer))
@@ -179,7 +183,7 @@ class Results:
         if "recall" in known:
             recall = once("recall", lambda row: percent(row["recall"]))
             columns.append(Column("right", head=f"predicted correctly, {held_out} (%)", derived=recall, right=True))
-        if "recall_low" in known:
-            both = once("recall_low", ends("recall_low", "recall_high", 100.0))
-            columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
+            if self.hold_out == UNSEEN:
+                both = once("recall", recall_ends)
+                columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
         return replace(self.textures, columns=tuple(columns), title=title)

@@ -9,6 +9,7 @@ from typing import Any
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.result import recall_table
 from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.analysis.report.cite import citations
@@ -26,11 +27,15 @@ from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.scans import SCANNED, answer
 from tacbench_cad.lab.analysis.report.summary import next_steps
+from tacbench_cad.lab.analysis.tables import interval_column
 from tacbench_cad.util.text import counted
 
 #: The largest number of findings of a run on the page; the CSV file contains all of them.
 MAX_FINDINGS = 5
-_SCORES = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
+_SCORES = (
+    *("estimator", "hold_out", "train_on", "tested_on", "accuracy"),
+    *(interval_column(empty=TOO_FEW), "trials", "images"),
+)
 #: The figures of a classification, by their files' names.
 _CLASSIFICATION_FIGURES = {
     "hold_out_levels": "Accuracy at the hold-out levels, from easy to hard: presses, positions, forces, copies, "
@@ -195,7 +200,7 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     if classification.answers.rows:
         yield table_part(answers.shown(classification.answers), f"{name}/texture_answers.csv")
     chance = f"chance is {100.0 * classification.chance:.1f} %"
-    title = f"Accuracy (%) with 95 % intervals, protocol {record.protocol}; {chance}"
+    title = f"Accuracy (%), protocol {record.protocol}; {chance}"
     yield table_part(classification.scores.select(*_SCORES, title=title), f"{name}/classification.csv")
     yield from wide_parts(recall_table(classification.confusion), f"{name}/confusion.csv")
     for stem, caption in _CLASSIFICATION_FIGURES.items():

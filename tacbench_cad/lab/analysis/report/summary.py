@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, REPEATABLE
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.report.facts import press_words, unknown_names
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.tables import Row, percent
@@ -130,8 +131,7 @@ def textures_sentence(results: Results) -> str:
     name = results.leak_free.record.estimators[0]
     who = _ESTIMATORS.get(name, name)
     accuracy = f"{percent(score['accuracy'])} %"
-    if score["low"] is not None:
-        accuracy += f" ({interval(100.0 * score['low'], 100.0 * score['high'])} %)"
+    accuracy += f" ({TOO_FEW if score['low'] is None else interval(100 * score['low'], 100 * score['high']) + ' %'})"
     chance = f"chance: {percent(results.leak_free.chance)} %"
     presses = press_words(results.collection)[1]
     if results.hold_out != UNSEEN:

@@ -14,7 +14,7 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from tacbench_cad.lab.analysis.classification.accuracy import interval, scores
+from tacbench_cad.lab.analysis.classification.accuracy import scores
 from tacbench_cad.lab.analysis.classification.augment import BLOCK, Augmentation, noise_block, trial_seed
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
@@ -110,33 +110,12 @@ def test_noise_images_are_predicted_at_chance_at_every_level(tmp_path: Path) -> 
     overall = [score for score in result.scores if score.tested_on == "all"]
     assert [score.hold_out for score in overall] == list(HOLD_OUT_LEVELS)
     for score in overall:
+        if score.hold_out in ("force", "printer-filament"):  # there are two of each
+            assert (score.low, score.high) == (None, None)
+            continue
         assert score.low is not None and score.high is not None
         assert score.low <= result.chance <= score.high, (score.estimator, score.hold_out, score.low, score.high)
         assert abs(score.accuracy - result.chance) < 0.12
-
-
-@pytest.mark.parametrize("units", [6, 24])
-@pytest.mark.parametrize("mean", [0.6, 0.9])
-def test_intervals_cover_if_presses_of_a_print_are_correlated(units: int, mean: float) -> None:
-    random = np.random.default_rng(units)
-    inside, studies, size = 0, 500, 40
-    for _ in range(studies):
-        accuracies = random.beta(6 * mean, 6 * (1 - mean), units)
-        right = random.random((units, size)) < accuracies[:, None]
-        low, high = interval(right.ravel().astype(float), np.ones(units * size), np.repeat(np.arange(units), size))
-        assert low is not None and high is not None
-        inside += low <= mean <= high
-    assert 0.90 <= inside / studies <= 0.995
-
-
-def test_an_interval_needs_two_units_and_stays_within_0_and_1() -> None:
-    ones = np.ones(30)
-    assert interval(ones, ones, np.zeros(30)) == (None, None)
-    low, high = interval(ones, ones, np.arange(30) // 5)
-    # Six units that are all right count as six trials, whatever the number of presses (0.025 to the power 1/6).
-    assert high == 1.0 and low == pytest.approx(0.5407, abs=1e-4)
-    low, high = interval(0 * ones, ones, np.arange(30) // 5)
-    assert low == 0.0 and high == pytest.approx(1 - 0.5407, abs=1e-4)
 
 
 def run(collection: Collection, out: Path, **changes: object) -> None:
