@@ -17,7 +17,7 @@ from tacbench_cad.lab.analysis.classification.accuracy import scores, texture_an
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.result import Result
-from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
@@ -85,7 +85,7 @@ def classify(
     return Result(
         settings=settings,
         outcomes=outcomes,
-        scores=tuple(scores(outcomes, presses, settings.protocol)),
+        scores=tuple(scores(outcomes, presses, shown_protocol(settings.protocol, collection.unknown_groups))),
         notes=notes,
         collection=collection,
         answers=answers,
@@ -172,9 +172,11 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
         notes += folds.notes
         repeated, _ = presses.units("copy")
         notes.append(f"the units of the 95 % intervals are {units}; for a named group they are its {repeated}")
-        if repeated == "samples":
+        if collection.unknown_groups:
             notes.append(
-                "prints and sessions are unknown: if samples of one object are similar, intervals are too narrow"
+                f"{' and '.join(collection.unknown_groups)} are unknown: if samples of one object or one session are "
+                "similar, a random split leaks: its accuracy is too high, and its interval too narrow; import the "
+                "samples with a column for each, such as --columns session=COLUMN"
             )
     else:
         notes += [

@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -162,6 +162,11 @@ class ClassificationSettings:
         return _own(name, {"random_state": seed, "frame_shape": shape})
 
 
+def shown_protocol(protocol: str, unknown_groups: Sequence[str]) -> str:
+    """Return the name of a protocol for readers. It is not called leak-free if similar frames may be on both sides."""
+    return "hold-out" if protocol == "leak-free" and unknown_groups else protocol
+
+
 @dataclass(frozen=True, kw_only=True)
 class ClassificationRecord(ClassificationSettings):
     """The settings and the data of a finished classification; the fields are the keys of its file.
@@ -177,6 +182,7 @@ class ClassificationRecord(ClassificationSettings):
         units: The unit of the frames.
         simulated: The simulated parts of the data.
         data: The key of the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
+        unknown_groups: See :attr:`~tacbench_cad.lab.analysis.collection.Collection.unknown_groups`.
         notes: Remarks that a reader must know.
     """
 
@@ -188,6 +194,7 @@ class ClassificationRecord(ClassificationSettings):
     units: str
     simulated: tuple[str, ...]
     data: str
+    unknown_groups: tuple[str, ...] = ()
     notes: tuple[str, ...]
 
     @classmethod
