@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.lab.analysis.classification.augment import Augmentation
+from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, UNITS
 from tacbench_cad.lab.analysis.collection import FeatureName
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
@@ -53,7 +53,8 @@ class ClassificationSettings:
         estimators: ``forest``, ``network`` or ``module:name``.
         resolution: The fraction of an image's width and height that remains.
         components: The number of principal components that the estimators receive; None for the frames themselves.
-        augmentation: The copies of training frames.
+        augmentation: The copies that are added to training frames. The paper's protocols need
+            :data:`~tacbench_cad.lab.analysis.classification.augment.PAPER_COPIES`, which :func:`usual` returns.
         clip: Round and clip the copies to whole counts from 0 to 255, as in image files (``paper`` only).
         seed: The seed. All random numbers follow from it and the number of the trial.
         hold_out: The hold-out levels (``leak-free`` only).
@@ -234,7 +235,7 @@ def usual(
         forces: Whether forces are classified. A series has few of them, so the leak-free protocol takes them all,
             without principal components.
     """
-    copies = Augmentation() if image else Augmentation(noise=None, brightness=())
+    copies = PAPER_COPIES if image and protocol != "leak-free" else Augmentation()
     values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
     if protocol == "as-published":
         return {**values, "augmentation": replace(copies, brightness=()), **SAVED.get(estimators[0], {})}

@@ -15,7 +15,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from tacbench_cad.lab.analysis.classification.accuracy import scores
-from tacbench_cad.lab.analysis.classification.augment import BLOCK, Augmentation, noise_block, trial_seed
+from tacbench_cad.lab.analysis.classification.augment import BLOCK, PAPER_COPIES, Augmentation, noise_block, trial_seed
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
@@ -58,7 +58,7 @@ def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:
 def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     presses = PressTable.of(study)
     settings = ClassificationSettings(
-        estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4
+        estimators=("forest", "network"), augmentation=PAPER_COPIES, resolution=1.0, components=12, epochs=15, seed=4
     )
     features = read_features(study, Preprocess(resolution=0.5))
     task, pool = Study(features=features, presses=presses, settings=settings), Pool.of(features.rows, components=12)
@@ -92,7 +92,7 @@ class _nothing:  # noqa: N801
 
 def test_augmentation_makes_the_named_copies(study: Collection) -> None:
     features = read_features(study, Preprocess())
-    augmentation = Augmentation()
+    augmentation = PAPER_COPIES
     assert augmentation.names == ("none", "noise 5", "+10", "-10")
     train = np.arange(3, 40)
     rows = augmentation.rows(features, train, 9)
@@ -153,9 +153,7 @@ def test_frames_of_other_sensors_are_accepted_and_nan_is_reported(tmp_path: Path
 
     write_study(tmp_path / "runs", still=1, image=taxels, shape=(4, 4), units="kPa")
     collection = Collection.open([tmp_path / "runs"])
-    settings = ClassificationSettings(
-        components=5, augmentation=Augmentation(noise=None, brightness=()), hold_out=("copy",)
-    )
+    settings = ClassificationSettings(components=5, augmentation=Augmentation(), hold_out=("copy",))
     with workers() as executor:
         result = classify(collection, settings, 1, tmp_path, executor)
         assert result.scores[0].accuracy > 0.95
