@@ -225,7 +225,7 @@ def networks(study: Study, trials: int, epochs: int) -> None:
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.neural_network import MLPClassifier
 
-    from tacbench_cad.lab.analysis.classification.augment import Augmentation
+    from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES
     from tacbench_cad.lab.analysis.classification.network import TOGETHER, NetworkClassifier, fit_together
     from tacbench_cad.lab.analysis.classification.pca import Pool, trial_scores
 
@@ -242,7 +242,7 @@ def networks(study: Study, trials: int, epochs: int) -> None:
     with timed("inner products", trials):
         pool = Pool.of(study.images, chosen, components=25, seeds=range(TOGETHER))
     with timed("PCA", TOGETHER):
-        scores = trial_scores(pool, Augmentation(), 25, range(TOGETHER))
+        scores = trial_scores(pool, PAPER_COPIES, 25, range(TOGETHER))
     rows = [score.train[: int(0.8 * len(score.train))] for score in scores]
     labels = np.tile(study.texture[chosen], 4)[: len(rows[0])]
     with timed("forest", TOGETHER):

@@ -94,14 +94,15 @@ SWEPT = ("resolution", "components", "copies", "forces", "frames")
 @options.option(
     "--noise",
     options.or_none(options.Value("SIGMA", options.number_of)),
-    "Add a copy of each training sample with noise of this standard deviation. Default: 5 for images.",
+    "Add a copy of each training sample with noise of this standard deviation. With leak-free, a note says what the "
+    "added copies changed. Default: none; for images with paper and as-published 5.",
     options.ADVANCED,
 )
 @options.option(
     "--brightness",
     options.or_none(options.Value("A,B", options.numbers_of)),
-    "Add a copy of each training sample for each of these changes in brightness. Default: 10,-10 for images; for "
-    "as-published none.",
+    "Add a copy of each training sample for each of these changes in brightness. Default: none; for images with paper "
+    "10,-10.",
     options.ADVANCED,
 )
 @options.flag(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import rich_click as click
@@ -26,6 +27,13 @@ from tacbench_cad.util.text import counted
     options.METHOD,
     dest="estimators",
 )
+@options.option(
+    "--names",
+    options.words("A,B"),
+    "Names of A and B in the table and the figure. Default: the names of the sensors, or of the folders if the sensors "
+    "have the same name.",
+    options.METHOD,
+)
 @options.flag("--unpaired", "Runs with the same name are different prints, for example of another lab.", options.METHOD)
 @options.option("--trials", options.COUNT, "Number of trials, if A or B has runs.", options.METHOD, default="5")
 @options.out("DIR", "Folder of the table, the figure and the classifications.", default="comparison")
@@ -36,6 +44,7 @@ def command(
     a: Path,
     b: Path,
     estimators: tuple[str, ...] | None,
+    names: tuple[str, ...] | None,
     unpaired: bool,
     trials: int,
     jobs: int,
@@ -54,9 +63,9 @@ def command(
 
     You also get the smallest difference that a study of this size would detect with a probability of 80 %.
 
-    If both sensors pressed the same prints (run folders with the same names), the prints are compared in pairs. Use
-    --unpaired if the names are the same but the prints are not. You can also compare two estimators for the same
-    sensor: give the same folder twice and two estimators.
+    If both sensors pressed the same prints (run folders with the same names), the prints are compared in pairs, and
+    prints that only one sensor pressed are left out. Use --unpaired if the names are the same but the prints are not.
+    You can also compare two estimators for the same sensor: give the same folder twice and two estimators.
 
     Examples:
       tacbench compare tactip-runs other-runs -o comparison
@@ -64,20 +73,25 @@ def command(
       tacbench compare classification classification --estimator forest,network
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES
-    from tacbench_cad.lab.analysis.compare import compare, read_side, write_comparison
+    from tacbench_cad.lab.analysis.compare import compare, read_side, side_names
+    from tacbench_cad.lab.analysis.comparison_files import write_comparison
     from tacbench_cad.util.files import locked
     from tacbench_cad.util.packages import require
 
-    names = estimators or (None,)
-    if len(names) > 2:
-        raise InputError("estimator", ",".join(map(str, names)), "must be one name, or one for A and one for B")
-    if a.resolve() == b.resolve() and len(set(names)) < 2:
+    chosen = estimators or (None,)
+    if len(chosen) > 2:
+        raise InputError("estimator", ",".join(map(str, chosen)), "must be one name, or one for A and one for B")
+    if names is not None and len(set(names)) != 2:
+        raise InputError("names", ",".join(names), "must be two different names, one for A and one for B")
+    if a.resolve() == b.resolve() and len(set(chosen)) < 2:
         raise InputError("B", str(b), "is the same folder as A; name the study of the other sensor, or two estimators")
     require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):
         folders = [_classified(side, folder, out, trials, jobs, dask) for side, folder in (("a", a), ("b", b))]
-        first, used = read_side(folders[0], a.name, names[0])
-        second, other = read_side(folders[1], b.name, names[-1] or used)
+        first, used = read_side(folders[0], a.name, chosen[0])
+        second, other = read_side(folders[1], b.name, chosen[-1] or used)
+        shown = names or side_names((a, b), (first.record, second.record)) or (used, other)
+        first, second = (replace(side, name=name) for side, name in zip((first, second), shown, strict=True))
         comparison = compare(first, second, " and ".join(dict.fromkeys([used, other])), same_prints=not unpaired)
         files = write_comparison(comparison, out)
     if json:

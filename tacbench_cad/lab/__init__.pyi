@@ -16,7 +16,7 @@ from .analysis.classification.split_files import write_split as write_split
 from .analysis.collection import Collection as Collection
 from .analysis.compare import compare as compare
 from .analysis.compare import read_side as read_side
-from .analysis.compare import write_comparison as write_comparison
+from .analysis.comparison_files import write_comparison as write_comparison
 from .analysis.preprocess import Preprocess as Preprocess
 from .analysis.preprocess import preprocess_of as preprocess_of
 from .analysis.published import PAPER_FLOORS as PAPER_FLOORS

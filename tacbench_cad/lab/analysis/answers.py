@@ -1,8 +1,8 @@
 """The main questions of a study, each with its figure, its 95 % interval and a plain answer.
 
 1. *Is this printer repeatable?* The figure is the standard deviation between prints of one texture, as a fraction of
-   the standard deviation between textures. Gauge studies accept at most :data:`REPEATABLE`, and call up to 0.1 good
-   (AIAG, Measurement Systems Analysis, 4th edition, 2010: percentage of gauge repeatability and reproducibility).
+   the standard deviation between textures. The limit, :data:`REPEATABLE`, is this project's own: prints must differ
+   clearly less than the textures that they are meant to show.
 2. *Do prints differ more than repeats?* The figure is the variance between two prints, divided by the variance between
    two repeats on one print. It is 1 if prints add no variance.
 3. *Which printer's prints are more alike?* The figure is the ratio of the two printers' variances between prints, the

@@ -199,6 +199,13 @@ class Collection:
             return all(getattr(row, _OF_ROWS[what]) is not None for run in self.runs for row in run.rows)
         return all(getattr(run.info.printed, _OF_PRINTS[what], None) is not None for run in self.runs)
 
+    @property
+    def unknown_groups(self) -> tuple[str, ...]:
+        """The unknown groups of imported samples, of ``prints`` and ``sessions``; empty for runs of a protocol."""
+        if self.info.protocol is not None:
+            return ()
+        return tuple(f"{group}s" for group in ("print", "session") if not self.has(group))
+
     def require(self, purpose: str, *needed: str) -> None:
         """Check that the facts are known that an analysis needs.
 

@@ -1,18 +1,25 @@
 """The comparison of two sensors that pressed the same textures, with the smallest difference that the data can show.
 
 The unit is the print. For each hold-out level and each texture, the accuracy on a print (the fraction of its frames
-whose texture was predicted, mean over presses and trials) is one number.
+whose texture was predicted, mean over presses and trials) is one number. If the prints of imported samples are unknown,
+the unit is the recording, or else the sample.
 
 - If both sensors pressed the same prints (run folders with equal names), the difference of the two numbers of each
-  print is used. This removes the effect that some prints are easier than others.
+  print is used. This removes the effect that some prints are easier than others. Prints that only one of the sensors
+  pressed are left out.
 - Otherwise two independent samples are compared (Welch 1947).
+
+All textures of a hold-out level have one variance between prints, so the verdict depends only on the difference if the
+textures have equally many prints. It is the mean of the textures' variances, in which each weighs by itself: textures
+that both sensors always predict correctly do not make the others look certain. The row over all textures has its own.
 
 With the standard error SE of the mean difference and its degrees of freedom f, the 95 % interval is
 ``difference +- t(0.975, f) SE``. The smallest difference is ::
 
     smallest difference = (t(0.975, f) + t(0.8, f)) SE
 
-A study like this one would detect it, at a level of 5 %, in four of five repetitions.
+In four of five studies like this one, the interval of such a difference excludes 0. A sensor is called better only if
+the interval excludes 0 and the difference is at least as large as this.
 
 SE has a lower limit that follows from the number of presses. If h of n presses are predicted correctly, then
 p = (h + 1) / (n + 2), and the variance of the accuracy on each print is at least p (1 - p) / (presses of the print).
@@ -24,24 +31,24 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
+from tacbench_cad.lab.analysis.classification.result import level_column
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent, truth
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
 #: The level of the intervals, and the power for the smallest difference.
 LEVEL, POWER = 0.95, 0.80
+#: The largest number of prints that a note names.
+_MAX_NAMES = 6
 #: The value of ``texture`` in a row over all textures.
 ALL_TEXTURES = "all"
 
@@ -65,9 +72,8 @@ COLUMNS = (
     Column("prints_b", int),
 )
 _SHOWN = (
-    *("hold_out", "texture", "accuracy_a", "accuracy_b", "difference"),
-    *(interval_column(signed=True), "smallest_difference"),
-    Column("prints", derived=_prints, right=True),
+    *("texture", "accuracy_a", "accuracy_b", "difference"),
+    *(interval_column(signed=True, empty=TOO_FEW), "smallest_difference"),
 )
 _PREDICTIONS = tuple(Column(name) for name in ("estimator", "hold_out", "run", "press", "texture", "predicted"))
 
@@ -102,6 +108,12 @@ class Side:
     record: ClassificationRecord
     accuracies: Accuracies
 
+    @property
+    def unit(self) -> str:
+        """The unit of the intervals: ``prints``, or ``recordings`` or ``samples`` if the prints are unknown."""
+        unknown = self.record.unknown_groups
+        return "prints" if "prints" not in unknown else "samples" if "sessions" in unknown else "recordings"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
@@ -112,12 +124,12 @@ class Difference:
         texture: The texture, or ``all``.
         accuracy_a: The mean accuracy over A's prints.
         accuracy_b: The mean accuracy over B's prints.
-        difference: B minus A, over the shared prints if paired.
+        difference: B minus A.
         low: The lower end of its 95 % interval; None for fewer than two prints.
         high: The upper end of its 95 % interval; None for fewer than two prints.
         smallest_difference: The smallest difference that the data can show; None for fewer than two prints.
-        paired: Whether both sensors pressed the same prints.
-        prints_a: The number of A's prints in the comparison.
+        paired: Whether the prints that both sensors pressed are compared in pairs, and no others.
+        prints_a: The number of A's prints in the comparison; see :attr:`Side.unit` if prints are unknown.
         prints_b: The number of B's prints in the comparison.
     """
 
@@ -136,9 +148,13 @@ class Difference:
     @property
     def verdict(self) -> str:
         """The better sensor, in a few words."""
-        if self.low is None or self.high is None:
-            return "too few prints"
-        return "B better" if self.low > 0.0 else "A better" if self.high < 0.0 else "not told apart"
+        if self.low is None or self.high is None or self.smallest_difference is None:
+            return TOO_FEW
+        if self.low <= 0.0 <= self.high:
+            return "not told apart"
+        if abs(self.difference) < self.smallest_difference:
+            return "not shown"
+        return "B better" if self.difference > 0.0 else "A better"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,16 +189,19 @@ class Comparison:
     def shown(self) -> Table:
         """The rows as they are printed, with the better sensor of each row."""
         table = Table.of((*COLUMNS, Column("verdict", head="")), self.rows)
-        a, b = (
-            f"{letter}: {side.name} ({side.record.sensor})" for letter, side in zip("AB", (self.a, self.b), strict=True)
-        )
-        return table.select(*_SHOWN, "verdict", title=f"{a}, {b}; in %, {self.estimator}")
+        names = " and ".join(dict.fromkeys((self.a.unit, self.b.unit)))
+        units = Column("prints", head=names, derived=_prints, right=True)
+        title = f"A: {self.a.name}, B: {self.b.name}; in %, {self.estimator}"
+        levels = level_column(tuple(dict.fromkeys((*self.a.record.unknown_groups, *self.b.record.unknown_groups))))
+        return table.select(levels, *_SHOWN, units, "verdict", title=title)
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
         return {
-            "a": {"name": self.a.name, "sensor": self.a.record.sensor},
-            "b": {"name": self.b.name, "sensor": self.b.record.sensor},
+            **{
+                letter: {"name": side.name, "sensor": side.record.sensor, "unit": side.unit}
+                for letter, side in zip("ab", (self.a, self.b), strict=True)
+            },
             "estimator": self.estimator,
             "simulated": list(self.simulated),
             "notes": list(self.notes),
@@ -213,18 +232,20 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     chosen = estimator or record.estimators[0]
     if chosen not in record.estimators:
         raise InputError("estimator", chosen, f"must be one of {', '.join(record.estimators)}, as in {folder}")
+    side = Side(name=name, record=record, accuracies={})
     predictions: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
         if row["estimator"] == chosen:
-            predictions[row["hold_out"], row["texture"], row["run"]].append(row)
+            unit = f"{row['run']} {row['press']}" if side.unit == "samples" else row["run"]
+            predictions[row["hold_out"], row["texture"], unit].append(row)
     if not predictions:
         raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {chosen}")
     accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
-    for (hold_out, texture, run), rows in predictions.items():
+    for (hold_out, texture, unit), rows in predictions.items():
         correct = sum(row["predicted"] == texture for row in rows)
         presses = len({row["press"] for row in rows})
-        accuracies[hold_out, texture][run] = PrintAccuracy(correct / len(rows), presses)
-    return Side(name=name, record=record, accuracies=accuracies), chosen
+        accuracies[hold_out, texture][unit] = PrintAccuracy(correct / len(rows), presses)
+    return replace(side, accuracies=accuracies), chosen
 
 
 def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Comparison:
@@ -234,7 +255,8 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
         a: The first sensor.
         b: The second sensor.
         estimator: The estimator of both classifications, or the names of two different ones.
-        same_prints: Whether runs with equal names used the same print; these are then compared in pairs.
+        same_prints: Whether runs with equal names used the same print; these are then compared in pairs. Samples and
+            recordings are compared in pairs only if both classifications have the same data.
 
     Raises:
         InputError: The studies have different textures, or no hold-out level in common.
@@ -253,66 +275,89 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
         raise InputError(
             "hold-out", None, f"{a.name} and {b.name} have no level in common; classify both with the same --hold-out"
         )
-    rows = []
+    same_prints &= a.unit == b.unit and (a.unit == "prints" or a.record.data == b.record.data)
+    rows, notes = [], []
     for hold_out in levels:
-        of_a, of_b = ({t: side.accuracies.get((hold_out, t), {}) for t in textures} for side in (a, b))
-        every_a, every_b = (
-            {run: accuracy for of in side.values() for run, accuracy in of.items()} for side in (of_a, of_b)
-        )
-        rows.append(_difference(hold_out, ALL_TEXTURES, every_a, every_b, same_prints))
-        rows += [_difference(hold_out, t, of_a[t], of_b[t], same_prints) for t in textures if of_a[t] and of_b[t]]
-    return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(_notes(a, b, rows)))
+        of_a, of_b = ({t: dict(side.accuracies.get((hold_out, t), {})) for t in textures} for side in (a, b))
+        units = [{unit for accuracies in of.values() for unit in accuracies} for of in (of_a, of_b)]
+        shared = units[0] & units[1]
+        paired = same_prints and 2 * len(shared) >= max(map(len, units))
+        if paired:
+            of_a, of_b = ({t: {u: x for u, x in s[t].items() if u in shared} for t in textures} for s in (of_a, of_b))
+            notes += [
+                f"{side.name} alone has the {side.unit} {_listed(sorted(own - shared))}; they are left out"
+                for side, own in zip((a, b), units, strict=True)
+                if own - shared
+            ]
+        tables = [_pairs(of_a[t], of_b[t], paired) for t in textures if of_a[t] and of_b[t]]
+        every_a, every_b = ({u: x for of in side.values() for u, x in of.items()} for side in (of_a, of_b))
+        whole = _pairs(every_a, every_b, paired)
+        rows.append(_difference(hold_out, ALL_TEXTURES, whole, [whole]))
+        names = [t for t in textures if of_a[t] and of_b[t]]
+        rows += [_difference(hold_out, t, pairs, tables) for t, pairs in zip(names, tables, strict=True)]
+    notes = [*dict.fromkeys(notes), *_notes(a, b, rows)]
+    return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(notes))
 
 
-def _difference(
-    hold_out: str, texture: str, a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], same_prints: bool
-) -> Difference:
-    paired = same_prints and a.keys() == b.keys()
-    x, y = (np.array([accuracy.value for accuracy in side.values()]) for side in (a, b))
-    if paired:
-        y = np.array([b[run].value for run in a])
-        smallest = (_min_variance(a) + _min_variance(b)) / len(a)
-        error, dof = _error(y - x)
-    else:
-        smallest = _min_variance(a) / len(a) + _min_variance(b) / len(b)
-        error, dof = _error(x, y)
-    difference = float(y.mean() - x.mean())
+class _Pairs(NamedTuple):
+    """The accuracies on the prints of one texture, and what is compared.
+
+    Args:
+        a: A's accuracies, (n,).
+        b: B's accuracies, (m,); for pairs in the order of ``a``.
+        samples: The numbers whose means are compared: the differences of pairs, or both accuracies.
+        smallest: The smallest variance of each sample that the numbers of presses allow.
+    """
+
+    a: Floats
+    b: Floats
+    samples: tuple[Floats, ...]
+    smallest: tuple[float, ...]
+
+
+def _pairs(a: Mapping[str, PrintAccuracy], b: Mapping[str, PrintAccuracy], paired: bool) -> _Pairs:
+    order = list(a) if paired else list(b)
+    x, y = np.array([accuracy.value for accuracy in a.values()]), np.array([b[unit].value for unit in order])
+    smallest = _min_variance(a), _min_variance(b)
+    return _Pairs(x, y, (y - x,), (sum(smallest),)) if paired else _Pairs(x, y, (x, y), smallest)
+
+
+def _difference(hold_out: str, texture: str, pairs: _Pairs, tables: Sequence[_Pairs]) -> Difference:
+    """Compare the accuracies of one texture; ``tables`` has all textures that share their variance."""
+    difference = float(pairs.b.mean() - pairs.a.mean())
     low = high = shown = None
-    if dof > 0.0:
+    if min(map(len, pairs.samples)) > 1:
         from scipy.stats import t
 
-        error = math.sqrt(max(error, smallest))
+        samples = zip(*(zip(each.samples, each.smallest, strict=True) for each in tables), strict=True)
+        common = [_common_variance(of_textures) for of_textures in samples]
+        parts = [variance / len(sample) for (variance, _), sample in zip(common, pairs.samples, strict=True)]
+        error = math.sqrt(sum(parts))
+        dof = sum(parts) ** 2 / sum(part**2 / dof for part, (_, dof) in zip(parts, common, strict=True))
         reach, power = float(t.ppf(0.5 + LEVEL / 2.0, dof)), float(t.ppf(POWER, dof))
         low, high = max(-1.0, difference - reach * error), min(1.0, difference + reach * error)
         shown = min(1.0, (reach + power) * error)
     return Difference(
         hold_out=hold_out,
         texture=texture,
-        accuracy_a=float(x.mean()),
-        accuracy_b=float(y.mean()),
+        accuracy_a=float(pairs.a.mean()),
+        accuracy_b=float(pairs.b.mean()),
         difference=difference,
         low=low,
         high=high,
         smallest_difference=shown,
-        paired=paired,
-        prints_a=len(a),
-        prints_b=len(b),
+        paired=len(pairs.samples) == 1,
+        prints_a=len(pairs.a),
+        prints_b=len(pairs.b),
     )
 
 
-def _error(*samples: Floats) -> tuple[float, float]:
-    """Return the squared standard error of a mean, or of the difference of two means, and its degrees of freedom.
-
-    The degrees of freedom are those of Welch (1947); they are 0 if a sample has a single print.
-    """
-    smallest = min(map(len, samples))
-    if smallest < 2:
-        return 0.0, 0.0
-    parts = [float(values.var(ddof=1)) / len(values) for values in samples]
-    total = sum(parts)
-    if total == 0.0 or len(samples) == 1:
-        return total, smallest - 1.0
-    return total, total**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, samples, strict=True))
+def _common_variance(samples: Sequence[tuple[Floats, float]]) -> tuple[float, float]:
+    """Return the common variance of some samples, in which each weighs by itself, and its degrees of freedom."""
+    several = [(max(float(of.var(ddof=1)), least), len(of) - 1.0) for of, least in samples if len(of) > 1]
+    total = sum(dof * variance for variance, dof in several)
+    squares = sum(dof * variance**2 for variance, dof in several)
+    return squares / total, total**2 / squares
 
 
 def _min_variance(prints: Mapping[str, PrintAccuracy]) -> float:
@@ -326,7 +371,13 @@ def _min_variance(prints: Mapping[str, PrintAccuracy]) -> float:
 
 def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
     notes = []
-    if rows[0].paired:
+    unknown = " and ".join(dict.fromkeys(side.unit for side in (a, b) if side.unit != "prints"))
+    if unknown:
+        notes.append(
+            f"the prints are unknown, so the {unknown} are compared as if they were independent: if several of them "
+            "show one object, the intervals are too narrow"
+        )
+    elif rows[0].paired:
         notes.append(
             "the runs of both studies have the same names, so they are compared in pairs, as runs of the same prints; "
             "use --unpaired if the prints are different"
@@ -341,7 +392,7 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
         if of_a != of_b:
             notes.append(f"{key}: {of_a} for A, {of_b} for B")
     if any(row.smallest_difference is None for row in rows):
-        notes.append("no difference can be shown for a texture with a single print at a hold-out level")
+        notes.append(f"no difference can be shown for a texture with a single one of the {a.unit} at a hold-out level")
     notes.append(
         f"the table has {len(rows)} differences; if the sensors are equally good, about one in twenty intervals "
         "excludes zero by chance"
@@ -349,58 +400,18 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
     return notes
 
 
-def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
-    """Write ``comparison.csv`` and ``comparison`` as PNG and PDF.
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_MAX_NAMES]) + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
 
-    Args:
-        comparison: The comparison.
-        folder: The folder, which must exist.
 
-    Raises:
-        InputError: A file cannot be written.
-        MissingToolError: matplotlib is not installed.
+def side_names(folders: tuple[Path, Path], records: Sequence[ClassificationRecord]) -> tuple[str, str] | None:
+    """Return two different names for the sides of a comparison: of the sensors, of the folders, or their paths.
+
+    Returns:
+        The names; None if both sides are the same folder.
     """
-    from tacbench_cad.lab.analysis.figures import save, styled
-
-    path = comparison.table.write(folder / "comparison.csv", comparison.simulated)
-    with styled():
-        return [path, *save(_figure(comparison), folder / "comparison", comparison.simulated)]
-
-
-def _figure(comparison: Comparison) -> Figure:
-    """Draw the accuracies on the left, and the differences of the recall of each texture on the right."""
-    from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
-
-    levels = list(dict.fromkeys(row.hold_out for row in comparison.rows))
-    textures = comparison.a.record.textures
-    figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(levels) * max(1, len(textures) // 3)))
-    accuracies, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
-    whole = {row.hold_out: row for row in comparison.rows if row.texture == ALL_TEXTURES}
-    for i, hold_out in enumerate(levels):
-        for j, accuracy in enumerate((whole[hold_out].accuracy_a, whole[hold_out].accuracy_b)):
-            accuracies.plot(i + 0.16 * (j - 0.5), 100.0 * accuracy, "os"[j], color=COLOURS[j], markersize=5.0)
-    accuracies.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-    accuracies.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
-    accuracies.set_xticks(range(len(levels)), [level.replace("-", "-\n") for level in levels])
-    accuracies.set(xlim=(-0.5, len(levels) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)")
-    accuracies.set_title("by hold-out level", loc="left")
-    step = 0.8 / len(levels)
-    labels = [ALL_TEXTURES, *textures]
-    for i, hold_out in enumerate(levels):
-        for row in (row for row in comparison.rows if row.hold_out == hold_out):
-            y = labels.index(row.texture) + (i - (len(levels) - 1) / 2.0) * step
-            colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
-            if row.low is not None and row.high is not None:
-                recall.plot([100.0 * row.low, 100.0 * row.high], [y, y], color=colour, linewidth=1.0)
-            recall.plot(100.0 * row.difference, y, "o", color=colour, markersize=3.5)
-        recall.plot([], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=hold_out)
-    recall.axvline(0.0, color=INK, linewidth=0.8)
-    recall.set_yticks(range(len(labels)), [label.removeprefix("texture-") for label in labels])
-    recall.set(xlabel="recall, B minus A (percentage points)", ylabel="texture")
-    recall.invert_yaxis()
-    recall.set_title("difference with 95 % interval over prints", loc="left")
-    for j, side in enumerate((comparison.a, comparison.b)):
-        accuracies.plot([], [], "os"[j], color=COLOURS[j], markersize=5.0, label=f"{'AB'[j]}: {side.name}")
-    handles = [*accuracies.get_legend_handles_labels()[0], *recall.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside upper left", ncols=4)
-    return figure
+    sensors = tuple(record.sensor for record in records)
+    for a, b in (sensors, tuple(folder.resolve().name for folder in folders), tuple(map(str, folders))):
+        if a and b and a != b:
+            return a, b
+    return None

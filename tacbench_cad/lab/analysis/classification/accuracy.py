@@ -11,52 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.answers import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, Outcome
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Floats, Ints
-
-#: The confidence level of the intervals.
-CONFIDENCE = 0.95
-
-
-def interval(correct: Floats, tries: Floats, units: NDArray[np.generic]) -> tuple[float | None, float | None]:
-    """Compute the 95 % interval of an accuracy when predictions within one unit are correlated.
-
-    The interval is that of Korn and Graubard (1998): the exact binomial interval of Clopper and Pearson for an
-    effective number of presses. Independent presses of this number would have the variance that is measured between
-    units. The number is multiplied by (z / t)^2, because the variance is estimated from few units. If all presses,
-    or none, are predicted correctly, no differences between units can be measured. They may exist nevertheless, so
-    each unit then counts as one trial.
-
-    Args:
-        correct: The number of correct predictions of each press, (n,).
-        tries: The number of tests of each press, (n,).
-        units: The unit of each press, (n,).
-
-    Returns:
-        The lower and the upper end; None if there is only one unit.
-    """
-    from scipy import stats
-
-    _, index = np.unique(units, return_inverse=True)
-    count = int(index.max()) + 1
-    if count < 2:
-        return None, None
-    inside, hits = np.bincount(index, tries), np.bincount(index, correct)
-    fraction = float(hits.sum() / inside.sum())
-    weights = inside / inside.sum()
-    beyond = (1 + CONFIDENCE) / 2
-    if fraction in (0.0, 1.0):
-        edge = float((1 - beyond) ** (1 / count))
-        return (edge, 1.0) if fraction else (0.0, 1.0 - edge)
-    variance = count / (count - 1) * float(np.sum((weights * (hits / inside - fraction)) ** 2))
-    presses = float(len(tries))
-    effective = min(presses, fraction * (1 - fraction) / variance) if variance > 0 else presses
-    effective *= float((stats.norm.ppf(beyond) / stats.t.ppf(beyond, count - 1)) ** 2)
-    successes, failures = fraction * effective, (1 - fraction) * effective
-    low, high = stats.beta.ppf([1 - beyond, beyond], [successes, successes + 1], [failures + 1, failures])
-    return float(low), float(high)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,8 +30,8 @@ class Score:
         hold_out: The hold-out level, or the paper's column.
         accuracy: The fraction of tested rows that were predicted correctly, over all trials.
         standard_deviation: The standard deviation of the trials' accuracies; None for one trial.
-        low: The lower end of the interval, or None.
-        high: The upper end of the interval, or None.
+        low: The lower end of the interval; None if there are too few groups.
+        high: The upper end of the interval; None if there are too few groups.
         units: The number and the name of the interval's units: ``24 prints``.
         trials: The number of trials.
         images: The number of different presses that were tested.
@@ -127,6 +86,7 @@ def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Seq
         return
     textures, truth = natural_unique(presses.texture)
     tries, correct, _, _ = _tallied(mine, truth)
+    correlation = _correlation(tries, correct, presses.run, truth)
     for index, texture in enumerate(textures.tolist()):
         tested = (truth == index) & (tries > 0)
         if not tested.any():
@@ -134,14 +94,17 @@ def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Seq
                 question=WHICH_TEXTURES, about=texture, answer="cannot be said: none of its prints was held out"
             )
             continue
-        low, high = interval(correct[tested], tries[tested], presses.run[tested])
-        answer = "unclear: only one print was held out" if low is None else "unclear"
-        if low is not None and high is not None:
-            answer = "yes" if low > TOLD_APART else "no" if high < TOLD_APART else answer
+        fraction = float(correct[tested].sum() / tries[tested].sum())
+        low, high = interval_of(fraction, _sizes(presses.run[tested]), correlation)
+        answer = "unclear"
+        if low is None or high is None:
+            answer = f"unclear: {TOO_FEW}"
+        elif low > TOLD_APART or high < TOLD_APART:
+            answer = "yes" if low > TOLD_APART else "no"
         yield Answer(
             question=WHICH_TEXTURES,
             about=texture,
-            figure=100.0 * float(correct[tested].sum() / tries[tested].sum()),
+            figure=100.0 * fraction,
             low=None if low is None else 100.0 * low,
             high=None if high is None else 100.0 * high,
             unit=RIGHT,
@@ -160,11 +123,13 @@ def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> l
     wholes = defaultdict(list)
     for outcome in outcomes:
         wholes[outcome.train_on, outcome.estimator, outcome.hold_out].append(outcome)
+    truth = np.unique(presses.texture, return_inverse=True)[1]
     for (_, _, hold_out), whole in wholes.items():
         tested_on = ALL if hold_out in UNITS else whole[0].tested_on
-        rows.append(_score(whole, presses, protocol, tested_on, *presses.units(hold_out)))
-        for group, part in _groups(whole, presses).items():
-            rows.append(_score(part, presses, protocol, group, *presses.units("copy")))
+        tries, correct, _, _ = _tallied(whole, truth)
+        for name, part in {tested_on: whole, **_groups(whole, presses)}.items():
+            units, unit = presses.units(hold_out if part is whole else "copy")
+            rows.append(_score(part, presses, protocol, name, units, unit, _correlation(tries, correct, unit, truth)))
     return rows
 
 
@@ -191,8 +156,25 @@ def _tallied(outcomes: Sequence[Outcome], truth: Ints) -> tuple[Floats, Floats, 
     return tries, correct, which, predicted
 
 
+def _correlation(tries: Floats, correct: Floats, unit: NDArray[Any], truth: Ints) -> float | None:
+    """Return the correlation of the tested presses of one unit; None if it is unknown."""
+    tested = tries > 0
+    return correlation_of(correct[tested], tries[tested], unit[tested], truth[tested])
+
+
+def _sizes(unit: NDArray[Any]) -> Ints:
+    """Return the number of presses of each unit."""
+    return np.unique(unit, return_counts=True)[1]
+
+
 def _score(
-    outcomes: Sequence[Outcome], presses: PressTable, protocol: str, tested_on: str, units: str, unit: NDArray[Any]
+    outcomes: Sequence[Outcome],
+    presses: PressTable,
+    protocol: str,
+    tested_on: str,
+    units: str,
+    unit: NDArray[Any],
+    correlation: float | None,
 ) -> Score:
     """Compute the row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
     textures, truth = natural_unique(presses.texture)
@@ -200,7 +182,8 @@ def _score(
     trial = np.repeat([outcome.trial for outcome in outcomes], [len(outcome.press) for outcome in outcomes])
     hit = truth[which] == predicted
     tested = tries > 0
-    low, high = interval(correct[tested], tries[tested], unit[tested])
+    sizes = _sizes(unit[tested])
+    low, high = interval_of(float(correct.sum() / tries.sum()), sizes, correlation)
     accuracies = [float(hit[trial == number].mean()) for number in np.unique(trial)]
     confusion = np.bincount(truth[which] * len(textures) + predicted, minlength=len(textures) ** 2)
     return Score(
@@ -213,7 +196,7 @@ def _score(
         standard_deviation=float(np.std(accuracies, ddof=1)) if len(accuracies) > 1 else None,
         low=low,
         high=high,
-        units=f"{len(np.unique(unit[tested]))} {units}",
+        units=f"{len(sizes)} {units}",
         trials=len(accuracies),
         images=int(tested.sum()),
         confusion=confusion.reshape(len(textures), -1),

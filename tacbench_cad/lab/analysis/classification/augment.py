@@ -42,7 +42,7 @@ def noise_block(seed: int, first: int, count: int, width: int) -> Floats32:
 
 @dataclass(frozen=True, kw_only=True)
 class Augmentation:
-    """The copies that are added to each training frame; they are not clipped.
+    """The copies that are added to each training frame; they are not clipped. By default there are none.
 
     Args:
         noise: The standard deviation of the Gaussian noise on one copy, in the unit of the frames; None for no noisy
@@ -53,8 +53,8 @@ class Augmentation:
         InputError: A number is not allowed.
     """
 
-    noise: float | None = 5.0
-    brightness: tuple[float, ...] = (10.0, -10.0)
+    noise: float | None = None
+    brightness: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.noise is not None and not (np.isfinite(self.noise) and self.noise > 0):
@@ -98,3 +98,7 @@ class Augmentation:
                 drawn = noise_block(seed, first, len(features), width)[indices]
                 copies[1][:, first : first + width] += self.noise * drawn.astype(np.float64)
         return np.concatenate(copies)
+
+
+#: The copies of the paper's text.
+PAPER_COPIES = Augmentation(noise=5.0, brightness=(10.0, -10.0))

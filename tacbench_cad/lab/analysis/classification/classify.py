@@ -13,14 +13,16 @@ import numpy as np
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.answers import Answer
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
-from tacbench_cad.lab.analysis.classification.accuracy import scores, texture_answers
+from tacbench_cad.lab.analysis.classification.accuracy import Score, scores, texture_answers
+from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.result import Result
-from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
+from tacbench_cad.lab.analysis.tables import percent
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.vision.markers import MarkerSettings
 from tacbench_cad.lab.vision.resting import NO_REGION, region_of
@@ -48,6 +50,7 @@ def classify(
     out: Path,
     executor: Executor,
     progress: Progress | None = None,
+    beside_plain: bool = True,
 ) -> Result:
     """Run a classification. Finished trials in the output folder are not repeated.
 
@@ -58,6 +61,8 @@ def classify(
         out: The output folder, which the caller has locked. Each finished trial is stored in ``trials/``.
         executor: The worker processes.
         progress: Receives progress updates on frames and trials.
+        beside_plain: Whether a leak-free classification with copies of training frames is repeated without them, so
+            that a note can say what the copies changed.
 
     Raises:
         InputError: The data or the settings do not allow a classification, or an estimator raises an error.
@@ -82,14 +87,31 @@ def classify(
     answers: tuple[Answer, ...] = ()
     if settings.protocol == "leak-free":
         answers = tuple(texture_answers(outcomes, presses, notes))
+    rows = tuple(scores(outcomes, presses, shown_protocol(settings.protocol, collection.unknown_groups)))
+    if beside_plain and settings.protocol == "leak-free" and settings.augmentation.count > 1:
+        plain = replace(settings, augmentation=Augmentation())
+        without = classify(collection, plain, trials, out, executor, progress).scores
+        notes = (*notes, *_effects(settings.augmentation, rows, without))
     return Result(
         settings=settings,
         outcomes=outcomes,
-        scores=tuple(scores(outcomes, presses, settings.protocol)),
+        scores=rows,
         notes=notes,
         collection=collection,
         answers=answers,
     )
+
+
+def _effects(copies: Augmentation, rows: Sequence[Score], without: Sequence[Score]) -> Iterator[str]:
+    """Yield a note for each estimator: what the copies of training frames changed."""
+    pairs = [(row, plain) for row, plain in zip(rows, without, strict=True) if row.whole]
+    for name in dict.fromkeys(row.estimator for row, _ in pairs):
+        changes = ", ".join(
+            f"{row.hold_out} from {percent(plain.accuracy)} to {percent(row.accuracy)} %"
+            for row, plain in pairs
+            if row.estimator == name
+        )
+        yield f"the copies of training frames ({', '.join(copies.names[1:])}) changed the accuracy of {name}: {changes}"
 
 
 def default_train_on(collection: Collection) -> tuple[str, ...]:
@@ -174,9 +196,11 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
         notes += folds.notes
         repeated, _ = presses.units("copy")
         notes.append(f"the units of the 95 % intervals are {units}; for a named group they are its {repeated}")
-        if repeated == "samples":
+        if collection.unknown_groups:
             notes.append(
-                "prints and sessions are unknown: if samples of one object are similar, intervals are too narrow"
+                f"{' and '.join(collection.unknown_groups)} are unknown: if samples of one object or one session are "
+                "similar, a random split leaks: its accuracy is too high, and its interval too narrow; import the "
+                "samples with a column for each, such as --columns session=COLUMN"
             )
     else:
         notes += [

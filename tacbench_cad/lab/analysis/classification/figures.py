@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
+from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 
@@ -79,9 +81,14 @@ def _levels(result: Result) -> Figure:
                 axes.plot(place, 100 * score.accuracy, "_", color=colour, ms=5, mew=1.0, zorder=2)
     if not all(score.whole for score in result.scores):
         axes.plot([], [], "_", color=INK, ms=5, mew=1.0, label="one held-out group")
-    units = {score.hold_out: score.units for score in result.scores if score.whole}
-    short = {level: text.replace("printer-filament combinations", "combinations") for level, text in units.items()}
-    axes.set_xticks(range(len(levels)), [f"{level}\n({short[level]})" for level in levels])
+    whole = {score.hold_out: score for score in result.scores if score.whole}
+    units = {
+        level: score.units.replace("printer-filament combinations", "combinations") for level, score in whole.items()
+    }
+    unknown = result.collection.unknown_groups
+    shown = {level: shown_level(level, unknown).replace(", ", ",\n") for level in levels}
+    few = {level: f"\n{TOO_FEW}" if score.low is None else "" for level, score in whole.items()}
+    axes.set_xticks(range(len(levels)), [f"{shown[level]}\n({units[level]}){few[level]}" for level in levels])
     axes.set_xlim(-0.5, len(levels) - 0.5)
     axes.set_xlabel("held out (units of the 95 % interval)")
     _chance(axes, result.chance)
@@ -126,7 +133,8 @@ def _confusions(result: Result) -> dict[str, Figure]:
         figure = new_figure(min(PAGE_IN, 1.2 + 2.1 * len(mine)), 0.4 + 2.35 * down)
         panels = figure.subplots(down, min(ACROSS, len(mine)), squeeze=False)
         short = [texture.removeprefix("texture-") for texture in result.textures]
-        matrices = [_matrix(axes, score, short) for axes, score in zip(panels.flat, mine, strict=False)]
+        levels = [shown_level(score.hold_out, result.collection.unknown_groups) for score in mine]
+        matrices = [_matrix(*each) for each in zip(panels.flat, mine, [short] * len(mine), levels, strict=False)]
         for axes in panels.flat[len(mine) :]:
             axes.set_axis_off()
         label = "fraction of the texture's presses (%)"
@@ -137,7 +145,7 @@ def _confusions(result: Result) -> dict[str, Figure]:
     return figures
 
 
-def _matrix(axes: Axes, score: Score, names: Sequence[str]) -> AxesImage:
+def _matrix(axes: Axes, score: Score, names: Sequence[str], level: str) -> AxesImage:
     percent = 100.0 * score.fractions
     matrix = axes.imshow(percent, vmin=0, vmax=100, cmap="cividis")
     for i, j in np.argwhere(percent >= 0.5):
@@ -148,7 +156,7 @@ def _matrix(axes: Axes, score: Score, names: Sequence[str]) -> AxesImage:
     axes.tick_params(length=0)
     axes.set_xlabel("predicted")
     axes.set_ylabel("texture")
-    axes.set_title(f"{score.hold_out}: {100 * score.accuracy:.1f} %")
+    axes.set_title(f"{level}: {100 * score.accuracy:.1f} %")
     return matrix
 
 

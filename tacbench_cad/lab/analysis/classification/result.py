@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,15 @@ from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
 from tacbench_cad.lab.analysis.answers import Answer, shown
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord, ClassificationSettings
+from tacbench_cad.lab.analysis.classification.settings import (
+    ClassificationRecord,
+    ClassificationSettings,
+    shown_protocol,
+)
+from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
@@ -46,11 +52,19 @@ SWEEP_COLUMNS = (
 )
 #: The keys of a score in JSON.
 SCORE_COLUMNS = (*_WHO, _ACCURACY, _DEVIATION, *_ENDS, Column("units"), *_COUNTS, Column("recall"))
-#: The printed columns of a score.
-SHOWN: tuple[str | Column, ...] = (
-    *("estimator", "hold_out", "train_on", "tested_on", "accuracy", "standard_deviation"),
-    *(interval_column(empty="none (one unit)"), "units", "trials", "images"),
-)
+
+
+def level_column(unknown_groups: Sequence[str]) -> Column:
+    """Return the column of hold-out levels for readers, see :func:`.splits.shown_level`."""
+    return Column("hold_out", head="held out", text=lambda level: shown_level(level, unknown_groups))
+
+
+def shown_scores(unknown_groups: Sequence[str]) -> tuple[str | Column, ...]:
+    """Return the printed columns of a score."""
+    return (
+        *("estimator", level_column(unknown_groups), "train_on", "tested_on", "accuracy", "standard_deviation"),
+        *(interval_column(empty=TOO_FEW), "units", "trials", "images"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,17 +120,20 @@ class Result:
     @property
     def shown(self) -> Iterator[Table]:
         """The tables that are printed."""
-        title = f"protocol {self.settings.protocol}, in %; chance is {100.0 * self.chance:.1f}"
+        unknown = self.collection.unknown_groups
+        protocol = shown_protocol(self.settings.protocol, unknown)
+        title = f"protocol {protocol}, in %; chance is {100.0 * self.chance:.1f}"
         if self.parameter:
             value = Column("value", head=self.parameter, text=lambda value: f"{value:g}")
-            yield self._swept.select(*SHOWN[:3], value, *SHOWN[4:7], "images", title=title)
+            shown_columns = shown_scores(unknown)
+            yield self._swept.select(*shown_columns[:3], value, *shown_columns[4:7], "images", title=title)
             return
         if self.answers:
             yield shown(Table.of(ANSWER_COLUMNS, self.answers))
         if beside_paper(self):
             yield self._paper_shown()
-        yield Table.of(SCORE_COLUMNS, self.scores).select(*SHOWN, title=title)
-        yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()))
+        yield Table.of(SCORE_COLUMNS, self.scores).select(*shown_scores(unknown), title=title)
+        yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()), unknown)
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
@@ -146,6 +163,7 @@ class Result:
             units=self.collection.units,
             simulated=self.collection.simulated,
             data=self.collection.data_key,
+            unknown_groups=self.collection.unknown_groups,
             notes=self.notes,
         )
 
@@ -180,7 +198,7 @@ class Result:
         for outcome in self.outcomes:
             if outcome.hold_out == "train":
                 continue
-            who = {"protocol": self.settings.protocol}
+            who = {"protocol": shown_protocol(self.settings.protocol, self.collection.unknown_groups)}
             who |= {column.name: getattr(outcome, column.name) for column in _WHO[1:]}
             rows = (outcome.press.tolist(), outcome.copied.tolist(), outcome.predicted.tolist())
             for press, copied, predicted in zip(*rows, strict=True):
@@ -209,7 +227,7 @@ class Result:
         return Table.of((*_WHO[1:3], *columns), rows, title)
 
 
-def recall_table(confusion: Table) -> Table:
+def recall_table(confusion: Table, unknown_groups: Sequence[str]) -> Table:
     """Return the recall of each texture at complete hold-out levels, from the rows of ``confusion.csv``."""
     recalls: dict[tuple[Any, ...], dict[str, Any]] = {}
     for row in confusion.rows:
@@ -219,7 +237,7 @@ def recall_table(confusion: Table) -> Table:
     textures = dict.fromkeys(row["texture"] for row in confusion.rows)
     columns = (
         _WHO[1],
-        _WHO[4],
+        level_column(unknown_groups),
         _WHO[2],
         *(Column(name, float, head=name, text=percent, right=True) for name in textures),
     )

@@ -11,8 +11,8 @@ order; others are ignored:
 =============== =====================================================================================
 
 The unit of the interval is the print: presses of one print are similar, so a thousand presses of six prints contain
-little more information than six trials. The interval is computed by :func:`.accuracy.interval`. If all presses, or
-none, are correct, no difference between prints can be measured, and each print counts as one trial.
+little more information than six trials. All rows have the same correlation of the presses of one print, see
+:mod:`tacbench_cad.lab.analysis.classification.accuracy_intervals`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.lab.analysis.classification.accuracy import interval
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
 from tacbench_cad.lab.analysis.tables import Column, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
@@ -41,7 +41,7 @@ COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
 _SHOWN = (
     Column("name", head="of"),
     Column("fraction", head="accuracy", text=percent, right=True),
-    *(interval_column(), Column("right"), Column("presses"), Column("prints")),
+    *(interval_column(empty=TOO_FEW), Column("right"), Column("presses"), Column("prints")),
 )
 
 
@@ -51,8 +51,8 @@ class Accuracy:
 
     Args:
         fraction: The fraction of presses predicted correctly.
-        low: The lower end of the 95 % interval; None for one print.
-        high: The upper end of the 95 % interval; None for one print.
+        low: The lower end of the 95 % interval; None if there are too few prints.
+        high: The upper end of the 95 % interval; None if there are too few prints.
         right: The number of presses predicted correctly.
         presses: The number of presses.
         prints: The number of different prints.
@@ -165,8 +165,11 @@ def score(path: Path, split: Split) -> Score:
     confusion = np.zeros((len(textures), len(textures)), dtype=np.int64)
     np.add.at(confusion, (truth, answers), 1)
 
+    right = truth == answers
+    correlation = correlation_of(right, np.ones(len(right)), prints, truth)
+
     def accuracy(where: Any = slice(None)) -> Accuracy:
-        return accuracy_of((truth == answers)[where], prints[where])
+        return accuracy_of(right[where], prints[where], correlation)
 
     return Score(
         split=split,
@@ -177,18 +180,18 @@ def score(path: Path, split: Split) -> Score:
     )
 
 
-def accuracy_of(right: ArrayLike, prints: ArrayLike) -> Accuracy:
+def accuracy_of(right: ArrayLike, prints: ArrayLike, correlation: float | None) -> Accuracy:
     """Compute the fraction of correct predictions, with an interval over prints.
 
     Args:
         right: Whether each press was predicted correctly, shape (n,).
         prints: The print of each press, shape (n,).
+        correlation: The correlation of the presses of one print, from :func:`.accuracy_intervals.correlation_of`.
     """
-    hits, units = np.asarray(right, dtype=np.float64), np.asarray(prints)
-    low, high = interval(hits, np.ones(len(hits)), units)
+    hits, sizes = np.asarray(right, dtype=np.bool_), np.unique(np.asarray(prints), return_counts=True)[1]
     correct, count = int(hits.sum()), len(hits)
-    prints_count = len(np.unique(units))
-    return Accuracy(fraction=correct / count, low=low, high=high, right=correct, presses=count, prints=prints_count)
+    low, high = interval_of(correct / count, sizes, correlation)
+    return Accuracy(fraction=correct / count, low=low, high=high, right=correct, presses=count, prints=len(sizes))
 
 
 def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:

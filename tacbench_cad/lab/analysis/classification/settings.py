@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.lab.analysis.classification.augment import Augmentation
+from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, UNITS
 from tacbench_cad.lab.analysis.collection import FeatureName
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
@@ -53,7 +53,8 @@ class ClassificationSettings:
         estimators: ``forest``, ``network`` or ``module:name``.
         resolution: The fraction of an image's width and height that remains.
         components: The number of principal components that the estimators receive; None for the frames themselves.
-        augmentation: The copies of training frames.
+        augmentation: The copies that are added to training frames. The paper's protocols need
+            :data:`~tacbench_cad.lab.analysis.classification.augment.PAPER_COPIES`, which :func:`usual` returns.
         clip: Round and clip the copies to whole counts from 0 to 255, as in image files (``paper`` only).
         seed: The seed. All random numbers follow from it and the number of the trial.
         hold_out: The hold-out levels (``leak-free`` only).
@@ -162,6 +163,11 @@ class ClassificationSettings:
         return _own(name, {"random_state": seed, "frame_shape": shape})
 
 
+def shown_protocol(protocol: str, unknown_groups: Sequence[str]) -> str:
+    """Return the name of a protocol for readers. It is not called leak-free if similar frames may be on both sides."""
+    return "hold-out" if protocol == "leak-free" and unknown_groups else protocol
+
+
 @dataclass(frozen=True, kw_only=True)
 class ClassificationRecord(ClassificationSettings):
     """The settings and the data of a finished classification; the fields are the keys of its file.
@@ -177,6 +183,7 @@ class ClassificationRecord(ClassificationSettings):
         units: The unit of the frames.
         simulated: The simulated parts of the data.
         data: The key of the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
+        unknown_groups: See :attr:`~tacbench_cad.lab.analysis.collection.Collection.unknown_groups`.
         notes: Remarks that a reader must know.
     """
 
@@ -188,6 +195,7 @@ class ClassificationRecord(ClassificationSettings):
     units: str
     simulated: tuple[str, ...]
     data: str
+    unknown_groups: tuple[str, ...] = ()
     notes: tuple[str, ...]
 
     @classmethod
@@ -227,7 +235,7 @@ def usual(
         forces: Whether forces are classified. A series has few of them, so the leak-free protocol takes them all,
             without principal components.
     """
-    copies = Augmentation() if image else Augmentation(noise=None, brightness=())
+    copies = PAPER_COPIES if image and protocol != "leak-free" else Augmentation()
     values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
     if protocol == "as-published":
         return {**values, "augmentation": replace(copies, brightness=()), **SAVED.get(estimators[0], {})}

@@ -38,6 +38,9 @@ NEEDS = {name: name for name in ("position", "force", "session")}
 NEEDS |= {"copy": "print", "printer-filament": "printer or filament"}
 #: The hold-out levels that are computed for every study, from the easiest claim to the hardest.
 HOLD_OUT_LEVELS = tuple(level for level in UNITS if level != "session")
+#: The levels that hold out no group of similar samples, and the words for the first of them if groups are unknown.
+_WITHIN_GROUPS = ("press", "position", "force")
+MAY_LEAK = "random split, may leak"
 #: The number of folds for levels with many groups: presses and positions.
 FOLDS = 5
 
@@ -130,6 +133,18 @@ class Folds:
 def levels_of(collection: Collection) -> tuple[str, ...]:
     """Return the default hold-out levels of a study. They include sessions only if these are known."""
     return (*HOLD_OUT_LEVELS, "session") if collection.has("session") else HOLD_OUT_LEVELS
+
+
+def shown_level(level: str, unknown_groups: Sequence[str]) -> str:
+    """Return the name of a hold-out level for readers; it says whether the level may leak.
+
+    Args:
+        level: The hold-out level, or a column of the paper's protocols.
+        unknown_groups: See :attr:`.Collection.unknown_groups`.
+    """
+    if not unknown_groups or level not in _WITHIN_GROUPS:
+        return level
+    return MAY_LEAK if level == _WITHIN_GROUPS[0] else f"{level}, may leak"
 
 
 def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, seed: int, folds: int = FOLDS) -> Folds:

@@ -143,7 +143,7 @@ def run_sweep(
             if progress is not None:
                 progress(f"{sweep.parameter} {value:g}: {what}", done, total)
 
-        result = classify(data, changed, trials, out, executor, show)
+        result = classify(data, changed, trials, out, executor, show, beside_plain=False)
         points += [(value, score) for score in result.scores if score.whole]
         notes += result.notes
     values, scores = zip(*points, strict=True)

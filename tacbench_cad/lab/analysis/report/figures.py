@@ -94,7 +94,7 @@ def _draw_recall(axes: Axes, results: Results) -> None:
         axes.axhline(100.0 * fraction, color=INK, linewidth=0.7, linestyle=((0, (1, 2)), (0, (5, 3)))[i], label=label)
     axes.set_xticks(range(len(names)), [short_texture(name) for name in names])
     axes.set(xlim=(-0.5, len(names) - 0.5), ylim=(0.0, 103.0), ylabel="predicted correctly (%)")
-    axes.set_title("unseen prints" if results.hold_out == UNSEEN else f"held out: {results.hold_out}", loc="left")
+    axes.set_title(results.shown_hold_out.removeprefix("on "), loc="left")
 
 
 def draw_frames(results: Results, folder: Path) -> str:

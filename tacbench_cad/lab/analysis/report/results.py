@@ -9,7 +9,8 @@ from typing import Any
 
 from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
-from tacbench_cad.lab.analysis.classification.splits import UNITS
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
+from tacbench_cad.lab.analysis.classification.splits import UNITS, shown_level
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
@@ -88,9 +89,15 @@ class Results:
 
     @cached_property
     def hold_out(self) -> str:
-        """The hold-out level to quote: prints that training has not seen, or else the easiest computed level."""
+        """The hold-out level to quote: unseen prints, or else unseen sessions, or else the easiest computed level."""
         levels = {row["hold_out"] for row in self.leak_free.scores.rows} if self.leak_free else set()
-        return UNSEEN if UNSEEN in levels else next((level for level in UNITS if level in levels), "")
+        return next((level for level in (UNSEEN, "session", *UNITS) if level in levels), "")
+
+    @property
+    def shown_hold_out(self) -> str:
+        """The words for the level to quote: ``on unseen prints``, ``held out: press`` or ``random split, may leak``."""
+        shown = shown_level(self.hold_out, self.collection.unknown_groups)
+        return "on unseen prints" if shown == UNSEEN else f"held out: {shown}" if shown == self.hold_out else shown
 
     def score(self, hold_out: str) -> Row | None:
         """Return the accuracy of the first estimator at a hold-out level, over all held-out groups; None if missing."""
@@ -122,6 +129,7 @@ class Results:
         study = self.collection
         cells = {(cell.texture, cell.combination): cell for cell in self.cells_at(self.level or 0)}
         rows: list[Row] = []
+        held_out = shown_level(self.hold_out, study.unknown_groups)
         for texture in study.textures:
             answer = self.texture_answers.get(texture)
             ends = (answer["low"], answer["high"]) if answer else (None, None)
@@ -138,7 +146,7 @@ class Results:
                             "presses": int(there.sum()),
                             **{name: getattr(cell, name, None) for name in _OF_CELL},
                             **({"prints": cell.prints, "presses": cell.presses} if cell else {}),
-                            "hold_out": self.hold_out if recall is not None else None,
+                            "hold_out": held_out if recall is not None else None,
                             "recall": recall,
                             "recall_low": None if ends[0] is None else ends[0] / 100.0,
                             "recall_high": None if ends[1] is None else ends[1] / 100.0,
@@ -153,7 +161,6 @@ class Results:
         rows = self.textures.rows
         firsts = {row["texture"]: row for row in reversed(rows)}
         known = {name for row in rows for name, value in row.items() if value is not None}
-        held_out = "on unseen prints" if self.hold_out == UNSEEN else f"held out: {self.hold_out}"
 
         def once(name: str, text: Callable[[Row], str]) -> Callable[[Row], str]:
             """Show a value that belongs to the texture, not to the printer, only in the first row of the texture."""
@@ -164,6 +171,9 @@ class Results:
 
         def ends(low: str, high: str, times: float = 1.0) -> Callable[[Row], str]:
             return lambda row: interval(*(None if row[end] is None else times * row[end] for end in (low, high)))
+
+        def recall_ends(row: Row) -> str:
+            return TOO_FEW if row["recall_low"] is None else ends("recall_low", "recall_high", 100.0)(row)
 
         columns = [Column("texture", derived=once("texture", lambda row: str(row["texture"])))]
         if len(study.combinations) > 1:
@@ -178,8 +188,9 @@ class Results:
             title += f"; variance: {study.pressing.level_name(self.level)}, ddof {self.variance.settings.ddof}"
         if "recall" in known:
             recall = once("recall", lambda row: percent(row["recall"]))
-            columns.append(Column("right", head=f"predicted correctly, {held_out} (%)", derived=recall, right=True))
-        if "recall_low" in known:
-            both = once("recall_low", ends("recall_low", "recall_high", 100.0))
-            columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
+            head = f"predicted correctly, {self.shown_hold_out} (%)"
+            columns.append(Column("right", head=head, derived=recall, right=True))
+            if self.hold_out == UNSEEN:
+                both = once("recall", recall_ends)
+                columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
         return replace(self.textures, columns=tuple(columns), title=title)

@@ -9,7 +9,9 @@ from typing import Any
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import answers
-from tacbench_cad.lab.analysis.classification.result import recall_table
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
+from tacbench_cad.lab.analysis.classification.result import level_column, recall_table
+from tacbench_cad.lab.analysis.classification.settings import shown_protocol
 from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.analysis.report.cite import citations
 from tacbench_cad.lab.analysis.report.classification import Classification
@@ -26,12 +28,16 @@ from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.scans import SCANNED, answer
 from tacbench_cad.lab.analysis.report.summary import next_steps
+from tacbench_cad.lab.analysis.tables import interval_column
 from tacbench_cad.lab.vision.displacements import origin_of
 from tacbench_cad.util.text import counted
 
 #: The largest number of findings of a run on the page; the CSV file contains all of them.
 MAX_FINDINGS = 5
-_SCORES = ("estimator", "hold_out", "train_on", "tested_on", "accuracy", "low", "high", "trials", "images")
+_SCORES = (
+    *("train_on", "tested_on", "accuracy"),
+    *(interval_column(empty=TOO_FEW), "trials", "images"),
+)
 #: The figures of a classification, by their files' names.
 _CLASSIFICATION_FIGURES = {
     "hold_out_levels": "Accuracy at the hold-out levels, from easy to hard: presses, positions, forces, copies, "
@@ -187,7 +193,8 @@ def _classification(results: Results, folder: Path) -> Iterator[Part]:
         yield text_part(f"These data have no classification: {results.no_classification}.")
     for classification in results.classifications:
         if len(results.classifications) > 1:
-            yield text_part(f"Protocol {classification.record.protocol}", "heading")
+            record = classification.record
+            yield text_part(f"Protocol {shown_protocol(record.protocol, record.unknown_groups)}", "heading")
         yield from _one_classification(classification, folder)
 
 
@@ -198,9 +205,10 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     if classification.answers.rows:
         yield table_part(answers.shown(classification.answers), f"{name}/texture_answers.csv")
     chance = f"chance is {100.0 * classification.chance:.1f} %"
-    title = f"Accuracy (%) with 95 % intervals, protocol {record.protocol}; {chance}"
-    yield table_part(classification.scores.select(*_SCORES, title=title), f"{name}/classification.csv")
-    yield from wide_parts(recall_table(classification.confusion), f"{name}/confusion.csv")
+    title = f"Accuracy (%), protocol {shown_protocol(record.protocol, record.unknown_groups)}; {chance}"
+    columns = ("estimator", level_column(record.unknown_groups), *_SCORES)
+    yield table_part(classification.scores.select(*columns, title=title), f"{name}/classification.csv")
+    yield from wide_parts(recall_table(classification.confusion, record.unknown_groups), f"{name}/confusion.csv")
     for stem, caption in _CLASSIFICATION_FIGURES.items():
         for path in sorted((folder / name).glob(f"{stem}*.png")):
             yield figure_part(f"{name}/{path.stem}", caption)

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, REPEATABLE
+from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
+from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.report.facts import press_words, unknown_names
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.tables import Row, percent
@@ -130,15 +132,23 @@ def textures_sentence(results: Results) -> str:
     name = results.leak_free.record.estimators[0]
     who = _ESTIMATORS.get(name, name)
     accuracy = f"{percent(score['accuracy'])} %"
-    if score["low"] is not None:
-        accuracy += f" ({interval(100.0 * score['low'], 100.0 * score['high'])} %)"
+    accuracy += f" ({TOO_FEW if score['low'] is None else interval(100 * score['low'], 100 * score['high']) + ' %'})"
     chance = f"chance: {percent(results.leak_free.chance)} %"
     presses = press_words(results.collection)[1]
+    unknown = " and ".join(results.collection.unknown_groups)
+    unknown = f"the {unknown} are unknown" if unknown else ""
     if results.hold_out != UNSEEN:
         reason = _cause(str(results.texture_answers.get("", {}).get("answer", "")).removeprefix(_UNSAID))
+        where, leak = f"At the hold-out level {results.hold_out}", ""
+        if shown_level(results.hold_out, results.collection.unknown_groups) != results.hold_out:
+            where = "In a random split" if results.hold_out == "press" else where
+            where += f" that may leak ({unknown})"
+            leak = " This is too high if similar samples are on both sides of the split."
+        elif unknown:
+            where += f" ({unknown})"
         return (
-            f"Nothing can be said about prints that training has not seen: {reason}. At the hold-out level "
-            f"{results.hold_out}, {who} predicts {accuracy} of the {presses} correctly ({chance})."
+            f"Nothing can be said about prints that training has not seen: {reason}. {where}, {who} predicts "
+            f"{accuracy} of the {presses} correctly ({chance}).{leak}"
         )
     groups = _by_answer(row for texture, row in results.texture_answers.items() if texture)
     parts = [
@@ -148,9 +158,10 @@ def textures_sentence(results: Results) -> str:
         if rows
     ]
     apart = "all textures can be told apart" if list(groups) == ["yes"] else "; ".join(parts)
+    aside = f" ({unknown})" if unknown else ""
     return (
-        f"On prints that training has not seen, {who} predicts {accuracy} of the {presses} correctly ({chance}). "
-        f"{apart[0].upper()}{apart[1:]}."
+        f"On prints that training has not seen{aside}, {who} predicts {accuracy} of the {presses} correctly "
+        f"({chance}). {apart[0].upper()}{apart[1:]}."
     )
 
 
@@ -218,8 +229,8 @@ def _open_steps(results: Results) -> Iterator[str]:
         yield "Record stationary frames in contact (stationary_frames in the study file): they give the noise floor."
     if results.leak_free and results.hold_out != UNSEEN and not study.has("print"):
         yield (
-            "Import the samples again with their prints (--columns print=COLUMN): only then can the classifier be "
-            "tested on prints that training has not seen."
+            "Import the samples again with their prints and sessions (--columns print=COLUMN,session=COLUMN): only "
+            "then can the classifier be tested on prints and sessions that training has not seen."
         )
     if not results.classifications and not results.no_classification:
         yield ("Write the report with a classification: this report does not say which textures can be told apart.")

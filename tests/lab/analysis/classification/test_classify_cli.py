@@ -272,3 +272,20 @@ def test_a_sweep_writes_its_table_and_curve(runs: Path, tmp_path: Path, capsys: 
     assert "components" in capsys.readouterr().out
     assert [row["value"] for row in rows(tmp_path / "sweep.csv")] == ["2", "4", "6"]
     assert (tmp_path / "sweep_components.png").is_file() and (tmp_path / "sweep_components.pdf").is_file()
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_no_copies_of_frames_are_added_unless_asked_for(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+    """On real frames the copies lowered the accuracy; a note says what they changed here."""
+    command = ["classify", str(runs), *QUICK, "--hold-out", "copy", "--json", "-o"]
+    documents = {}
+    for name, words in (("plain", []), ("copies", ["--noise", "40", "--brightness", "60,-60"])):
+        assert main([*command, str(tmp_path / name), *words]) == 0
+        documents[name] = json.loads(capsys.readouterr().out)
+    assert documents["plain"]["settings"]["augmentation"] == {"noise": None, "brightness": []}
+    assert not any("copies of training frames" in note for note in documents["plain"]["notes"])
+    plain, copied = (100.0 * documents[name]["scores"][0]["accuracy"] for name in ("plain", "copies"))
+    assert documents["copies"]["notes"][-1] == (
+        "the copies of training frames (noise 40, +60, -60) changed the accuracy of forest: "
+        f"copy from {plain:.1f} to {copied:.1f} %"
+    )

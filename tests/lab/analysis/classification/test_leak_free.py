@@ -14,8 +14,8 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from tacbench_cad.lab.analysis.classification.accuracy import interval, scores
-from tacbench_cad.lab.analysis.classification.augment import BLOCK, Augmentation, noise_block, trial_seed
+from tacbench_cad.lab.analysis.classification.accuracy import scores
+from tacbench_cad.lab.analysis.classification.augment import BLOCK, PAPER_COPIES, Augmentation, noise_block, trial_seed
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
@@ -58,7 +58,7 @@ def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:
 def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     presses = PressTable.of(study)
     settings = ClassificationSettings(
-        estimators=("forest", "network"), resolution=1.0, components=12, epochs=15, seed=4
+        estimators=("forest", "network"), augmentation=PAPER_COPIES, resolution=1.0, components=12, epochs=15, seed=4
     )
     features = read_features(study, Preprocess(resolution=0.5))
     task, pool = Study(features=features, presses=presses, settings=settings), Pool.of(features.rows, components=12)
@@ -92,7 +92,7 @@ class _nothing:  # noqa: N801
 
 def test_augmentation_makes_the_named_copies(study: Collection) -> None:
     features = read_features(study, Preprocess())
-    augmentation = Augmentation()
+    augmentation = PAPER_COPIES
     assert augmentation.names == ("none", "noise 5", "+10", "-10")
     train = np.arange(3, 40)
     rows = augmentation.rows(features, train, 9)
@@ -110,33 +110,12 @@ def test_noise_images_are_predicted_at_chance_at_every_level(tmp_path: Path) -> 
     overall = [score for score in result.scores if score.tested_on == "all"]
     assert [score.hold_out for score in overall] == list(HOLD_OUT_LEVELS)
     for score in overall:
+        if score.hold_out in ("force", "printer-filament"):  # there are two of each
+            assert (score.low, score.high) == (None, None)
+            continue
         assert score.low is not None and score.high is not None
         assert score.low <= result.chance <= score.high, (score.estimator, score.hold_out, score.low, score.high)
         assert abs(score.accuracy - result.chance) < 0.12
-
-
-@pytest.mark.parametrize("units", [6, 24])
-@pytest.mark.parametrize("mean", [0.6, 0.9])
-def test_intervals_cover_if_presses_of_a_print_are_correlated(units: int, mean: float) -> None:
-    random = np.random.default_rng(units)
-    inside, studies, size = 0, 500, 40
-    for _ in range(studies):
-        accuracies = random.beta(6 * mean, 6 * (1 - mean), units)
-        right = random.random((units, size)) < accuracies[:, None]
-        low, high = interval(right.ravel().astype(float), np.ones(units * size), np.repeat(np.arange(units), size))
-        assert low is not None and high is not None
-        inside += low <= mean <= high
-    assert 0.90 <= inside / studies <= 0.995
-
-
-def test_an_interval_needs_two_units_and_stays_within_0_and_1() -> None:
-    ones = np.ones(30)
-    assert interval(ones, ones, np.zeros(30)) == (None, None)
-    low, high = interval(ones, ones, np.arange(30) // 5)
-    # Six units that are all right count as six trials, whatever the number of presses (0.025 to the power 1/6).
-    assert high == 1.0 and low == pytest.approx(0.5407, abs=1e-4)
-    low, high = interval(0 * ones, ones, np.arange(30) // 5)
-    assert low == 0.0 and high == pytest.approx(1 - 0.5407, abs=1e-4)
 
 
 def run(collection: Collection, out: Path, **changes: object) -> None:
@@ -174,9 +153,7 @@ def test_frames_of_other_sensors_are_accepted_and_nan_is_reported(tmp_path: Path
 
     write_study(tmp_path / "runs", still=1, image=taxels, shape=(4, 4), units="kPa")
     collection = Collection.open([tmp_path / "runs"])
-    settings = ClassificationSettings(
-        components=5, augmentation=Augmentation(noise=None, brightness=()), hold_out=("copy",)
-    )
+    settings = ClassificationSettings(components=5, augmentation=Augmentation(), hold_out=("copy",))
     with workers() as executor:
         result = classify(collection, settings, 1, tmp_path, executor)
         assert result.scores[0].accuracy > 0.95

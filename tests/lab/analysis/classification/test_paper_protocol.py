@@ -16,7 +16,7 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import train_test_split
 from sklearn.neural_network import MLPClassifier
 
-from tacbench_cad.lab.analysis.classification.augment import Augmentation, noise_block, trial_seed
+from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, noise_block, trial_seed
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
@@ -29,7 +29,7 @@ from tacbench_cad.util.types import Bools, Floats, Strings
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
-PAPER = ClassificationSettings(protocol="paper", resolution=1.0, components=6, epochs=20)
+PAPER = ClassificationSettings(protocol="paper", augmentation=PAPER_COPIES, resolution=1.0, components=6, epochs=20)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def run(collection: Collection, out: Path, settings: ClassificationSettings, tri
 
 
 def test_without_noise_results_equal_the_script_from_the_text(study: Collection, tmp_path: Path) -> None:
-    settings = replace(PAPER, estimators=("forest",), augmentation=Augmentation(noise=None), seed=3)
+    settings = replace(PAPER, estimators=("forest",), augmentation=replace(PAPER_COPIES, noise=None), seed=3)
     result = run(study, tmp_path, settings)
     rows = read_features(study, Preprocess()).rows.astype(float)
     seed = trial_seed(3, 1)

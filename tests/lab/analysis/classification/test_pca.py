@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ pytest.importorskip("sklearn")
 
 from sklearn.decomposition import PCA
 
-from tacbench_cad.lab.analysis.classification.augment import Augmentation, noise_block
+from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation, noise_block
 from tacbench_cad.lab.analysis.classification.features import Features
 from tacbench_cad.lab.analysis.classification.pca import (
     WRITTEN_OUT,
@@ -29,7 +30,7 @@ from tacbench_cad.util.types import Bytes, Floats
 
 pytestmark = pytest.mark.usefixtures("single_thread")
 
-PLAIN = Augmentation(noise=None, brightness=())
+PLAIN = Augmentation()
 
 
 def images_of(count: int, pixels: int, seed: int = 0) -> Bytes:
@@ -59,14 +60,14 @@ def assert_equals_scikit_learn(result: Scores, written: Floats, frames: Floats, 
 @pytest.mark.parametrize(
     ("count", "numbers", "components", "augmentation"),
     [
-        pytest.param(40, 30, 6, Augmentation(), id="noise-drawn-number-by-number"),
-        pytest.param(60, 15, 6, Augmentation(), id="fewer-numbers-than-readings"),
-        pytest.param(40, 24, 22, Augmentation(), id="components-in-the-noise"),
+        pytest.param(40, 30, 6, PAPER_COPIES, id="noise-drawn-number-by-number"),
+        pytest.param(60, 15, 6, PAPER_COPIES, id="fewer-numbers-than-readings"),
+        pytest.param(40, 24, 22, PAPER_COPIES, id="components-in-the-noise"),
         pytest.param(40, 30, 6, Augmentation(brightness=(10.0, 25.0, -4.0), noise=3.0), id="brightness-unbalanced"),
-        pytest.param(40, 30, 6, Augmentation(brightness=()), id="noise-only"),
-        pytest.param(60, 300, 6, Augmentation(noise=None), id="brightness-only"),
+        pytest.param(40, 30, 6, replace(PAPER_COPIES, brightness=()), id="noise-only"),
+        pytest.param(60, 300, 6, replace(PAPER_COPIES, noise=None), id="brightness-only"),
         pytest.param(60, 300, 6, PLAIN, id="as-they-are"),
-        pytest.param(260, 2500, 25, Augmentation(noise=None), id="not-written-out-and-several-blocks"),
+        pytest.param(260, 2500, 25, replace(PAPER_COPIES, noise=None), id="not-written-out-and-several-blocks"),
     ],
 )
 def test_scores_equal_those_of_the_explicit_training_set(
@@ -107,7 +108,7 @@ def test_training_scores_equal_those_of_noise_with_the_drawn_inner_products() ->
     pool = Pool.of(rows, np.arange(0, 45, 2), components=8, seeds=(3,))
     assert pool.factor is not None
     noise = Noise.of(pool, 5.0, 3)
-    result = principal_scores(pool, noise, Augmentation(), 8)
+    result = principal_scores(pool, noise, PAPER_COPIES, 8)
     drawn = explicit_noise(pool, noise)
     assert 0.95 < drawn.std() / 5.0 < 1.05
     train = rows[pool.inside].astype(float)
@@ -129,7 +130,7 @@ def test_the_noise_has_the_distribution_of_drawn_pixels() -> None:
     random = np.random.default_rng(9)
     ours, theirs = [], []
     for seed in range(DRAWS):
-        scores = scores_of(pool, Augmentation(noise=20.0), 8, seed)
+        scores = scores_of(pool, replace(PAPER_COPIES, noise=20.0), 8, seed)
         ours.append(features(scores.variance, scores.train[12:24], scores.plain[12:]))
     for _ in range(DRAWS):
         noisy = train + 20.0 * random.standard_normal(train.shape)
@@ -150,7 +151,7 @@ def features(variance: Floats, noisy: Floats, others: Floats) -> Floats:
 
 def test_a_draw_depends_on_its_seed_only() -> None:
     pool = Pool.of(images_of(40, 300), np.arange(0, 40, 2), components=5, seeds=(1, 2))
-    first, second, other = (scores_of(pool, Augmentation(), 5, seed) for seed in (1, 1, 2))
+    first, second, other = (scores_of(pool, PAPER_COPIES, 5, seed) for seed in (1, 1, 2))
     assert np.array_equal(first.train, second.train) and np.array_equal(first.plain, second.plain)
     assert np.abs(first.train - other.train).max() > 1
 
@@ -178,7 +179,7 @@ def test_a_trial_needs_memory_for_two_more_matrices(numbers: int) -> None:
 def test_clipped_copies_equal_those_of_the_explicit_training_set() -> None:
     images = images_of(40, 150)
     images[:, :75] = 3  # a dark background: darker copies are clipped there
-    augmentation = Augmentation(noise=None)
+    augmentation = replace(PAPER_COPIES, noise=None)
     result = clipped_scores(images, np.arange(20), augmentation, 5, seed=4)
     train = images[:20].astype(float)
     written = np.concatenate([np.clip(train + level, 0, 255) for level in (0, 10, -10)])
@@ -189,10 +190,10 @@ def test_clipped_copies_equal_those_of_the_explicit_training_set() -> None:
 
 def test_clipped_noise_is_rounded_and_seeded_and_close_to_unclipped_noise_on_bright_images() -> None:
     images = np.asarray(images_of(60, 400) // 2 + 70, dtype=np.uint8)
-    first, other, repeated = (clipped_scores(images, np.arange(40), Augmentation(), 4, seed=seed) for seed in (1, 2, 1))
+    first, other, repeated = (clipped_scores(images, np.arange(40), PAPER_COPIES, 4, seed=seed) for seed in (1, 2, 1))
     np.testing.assert_array_equal(first.train, repeated.train)
     assert np.abs(first.train[40:80] - other.train[40:80]).max() > 1
-    free = scores_of(Pool.of(images, np.arange(40), components=4, seeds=(7,)), Augmentation(), 4)
+    free = scores_of(Pool.of(images, np.arange(40), components=4, seeds=(7,)), PAPER_COPIES, 4)
     np.testing.assert_allclose(first.variance, free.variance, rtol=0.05)
     assert first.train.shape == free.train.shape == (160, 4)
 
@@ -246,25 +247,25 @@ def test_white_noise_needs_no_more_memory_than_its_eigenvectors() -> None:
 def test_more_components_than_directions_are_refused() -> None:
     rows = images_of(20, 50)
     for components, augmentation, message in [
-        (0, Augmentation(), "components = 0: must be from 1 to 50"),
-        (51, Augmentation(), "components = 51"),
+        (0, PAPER_COPIES, "components = 0: must be from 1 to 50"),
+        (51, PAPER_COPIES, "components = 51"),
         (20, PLAIN, "components = 20: must be from 1 to 19"),
     ]:
         with pytest.raises(InputError, match=message):
             scores_of(Pool.of(rows, components=components), augmentation, components)
     with pytest.raises(InputError, match="components = 25: must be from 1 to 19"):
-        clipped_scores(images_of(20, 50), np.arange(5), Augmentation(), 25, seed=1)
+        clipped_scores(images_of(20, 50), np.arange(5), PAPER_COPIES, 25, seed=1)
 
 
 def test_constant_images_vary_only_by_noise_and_brightness() -> None:
     """Equal images have no coordinates of full rank, so the program adds tiny differences."""
     images = np.full((10, 64), 80, np.uint8)
     with pytest.raises(InputError, match="at most 1, the number of directions"):
-        scores_of(Pool.of(images, components=2), Augmentation(noise=None), 2)
+        scores_of(Pool.of(images, components=2), replace(PAPER_COPIES, noise=None), 2)
     with pytest.raises(InputError, match="at most 1, the number of directions"):
-        clipped_scores(images, np.arange(10), Augmentation(noise=None), 2, seed=0)
+        clipped_scores(images, np.arange(10), replace(PAPER_COPIES, noise=None), 2, seed=0)
     pool = Pool.of(images, np.arange(6), components=2, seeds=(7,))
     assert pool.factor is not None
-    result = scores_of(pool, Augmentation(), 2)
+    result = scores_of(pool, PAPER_COPIES, 2)
     assert result.variance[0] > result.variance[1] > 0
     assert np.ptp(result.plain, axis=0).max() < 1e-2

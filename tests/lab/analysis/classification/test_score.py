@@ -9,7 +9,6 @@ import pickle
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -170,35 +169,20 @@ def test_bytes_that_are_not_text_are_refused(split: Split, tmp_path: Path) -> No
         score(path, split)
 
 
-def test_intervals_count_prints_and_not_presses() -> None:
-    """If all presses of a print are right or all are wrong, the number of trials is the number of prints."""
-    right = [i < 3 for i in range(6) for _ in range(100)]
-    prints = [i for i in range(6) for _ in range(100)]
-    uniform = accuracy_of(right, prints)
-    mixed = accuracy_of([i % 2 == 0 for i in range(600)], prints)
-    assert uniform.low is not None and uniform.high is not None and mixed.low is not None and mixed.high is not None
-    assert uniform.high - uniform.low > 0.7 > 0.12 > mixed.high - mixed.low
+def test_one_correlation_is_used_for_all_rows_of_a_score(split: Split, tmp_path: Path) -> None:
+    """Both textures have two prints with five presses: the more accurate one has the higher interval."""
+    rows = right_rows(split)
+    for row in rows[:2]:
+        row["predicted"] = "texture-2"
+    worse, better = score(write_rows(tmp_path / "p.csv", rows), split).recall.values()
+    assert worse.low is not None and better.low is not None and better.low > worse.low
+    assert worse.high is not None and better.high is not None and better.high >= worse.high
 
 
-def test_the_interval_of_a_perfect_score_depends_on_the_number_of_prints() -> None:
-    result = accuracy_of([True] * 600, [i // 100 for i in range(600)])
-    assert result.high == 1.0 and result.low == pytest.approx(0.025 ** (1 / 6))
-    assert accuracy_of([True] * 600, [0] * 600) == Accuracy(
+def test_an_accuracy_of_one_print_has_no_interval() -> None:
+    assert accuracy_of([True] * 600, [0] * 600, 0.1) == Accuracy(
         fraction=1.0, low=None, high=None, right=600, presses=600, prints=1
     )
-
-
-@pytest.mark.parametrize(("prints", "mean", "precision"), [(6, 0.7, 8.0), (12, 0.9, 4.0), (12, 0.5, 2.0)])
-def test_intervals_cover_studies_with_prints_that_differ(prints: int, mean: float, precision: float) -> None:
-    """Accuracies of prints are drawn from a beta distribution; 95 % intervals over 400 studies."""
-    rng = np.random.default_rng(5)
-    covered = 0
-    for _ in range(400):
-        accuracy = rng.beta(mean * precision, (1.0 - mean) * precision, prints)
-        result = accuracy_of(rng.random((prints, 50)).ravel() < np.repeat(accuracy, 50), np.repeat(range(prints), 50))
-        assert result.low is not None and result.high is not None
-        covered += result.low <= mean <= result.high
-    assert 0.90 <= covered / 400 <= 1.0
 
 
 def test_the_command_prints_the_score_or_every_fault(split: Split, tmp_path: Path) -> None:

@@ -1,0 +1,93 @@
+"""Test reports on images whose prints or sessions are unknown: a random split of them leaks, and every place says so.
+
+The images have no trace of their class. Each class was recorded in each of five sessions, and each of these recordings
+has its own background. A random split recognises the background; a held-out session cannot.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+pytest.importorskip("matplotlib")
+
+from tacbench_cad.cli import main
+from tacbench_cad.lab import ImportOptions, import_samples
+from tacbench_cad.lab.analysis.classification.splits import MAY_LEAK
+from tacbench_cad.lab.analysis.collection import Collection
+
+pytestmark = pytest.mark.usefixtures("single_thread", "few_trees", "no_figures")
+
+CLASSES, SESSIONS, EACH = ("felt", "rubber"), 5, 10
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write 100 images in a folder for each class, and a table with the session of each."""
+    folder = tmp_path_factory.mktemp("photographs")
+    rng = np.random.default_rng(3)
+    rows = ["image,label,session"]
+    for label in CLASSES:
+        (folder / "images" / label).mkdir(parents=True)
+        for session in range(SESSIONS):
+            background = 128.0 + cv2.resize(rng.normal(0.0, 40.0, (4, 6)), (48, 32), interpolation=cv2.INTER_CUBIC)
+            for number in range(EACH):
+                image = np.clip(background + rng.normal(0.0, 4.0, (32, 48)), 0, 255).astype(np.uint8)
+                name = f"{label}/{session}_{number}.png"
+                cv2.imwrite(str(folder / "images" / name), image)
+                rows.append(f"{name},{label},{session}")
+    (folder / "labels.csv").write_text("\n".join(rows))
+    return folder
+
+
+def reported(runs: Path, out: Path, capsys: Capture) -> tuple[str, dict[str, object], str]:
+    """Classify and report; return what classify prints, the report's document, and the text of its page and tables."""
+    assert main(["classify", str(runs), "--trials", "1", "--jobs", "1", "-o", str(out / "classified")]) == 0
+    printed = capsys.readouterr().out
+    words = ["report", str(runs), "--classify", str(out / "classified"), "-o", str(out / "report.html")]
+    assert main(words) == 0
+    capsys.readouterr()
+    files = out / "report_files"
+    page = re.sub(r"data:image/png;base64,[^\"]*", "", (out / "report.html").read_text())
+    texts = [page, *(path.read_text() for path in files.rglob("*.csv"))]
+    return printed, json.loads((files / "report.json").read_text()), "\n".join(texts)
+
+
+def test_a_random_split_is_not_called_leak_free(images: Path, tmp_path: Path, capsys: Capture) -> None:
+    assert import_samples([images / "images"], tmp_path / "runs", ImportOptions()).ok
+    assert Collection.open([tmp_path / "runs"]).unknown_groups == ("prints", "sessions")
+    printed, document, text = reported(tmp_path / "runs", tmp_path, capsys)
+    for words in (printed, text, json.dumps(document)):
+        assert "leak-free" not in words
+    (sentence,) = (row["text"] for row in document["summary"] if row["topic"] == "Telling apart")  # type: ignore[attr-defined]
+    assert "In a random split that may leak (the prints and sessions are unknown), a random forest predicts" in sentence
+    assert float(re.findall(r"predicts ([\d.]+) %", sentence)[0]) > 95.0
+    assert "This is too high if similar samples are on both sides" in sentence
+    table = document["table"]
+    assert f"predicted correctly, {MAY_LEAK} (%)" in table["heads"]  # type: ignore[index]
+    with (tmp_path / "report_files" / "textures.csv").open(newline="") as stream:
+        assert {row["hold_out"] for row in csv.DictReader(stream)} == {MAY_LEAK}
+    assert MAY_LEAK in printed and "prints and sessions are unknown" in printed
+
+
+def test_with_sessions_the_held_out_session_is_quoted(images: Path, tmp_path: Path, capsys: Capture) -> None:
+    sources = [images / "images", images / "labels.csv"]
+    assert import_samples(sources, tmp_path / "runs", ImportOptions()).ok
+    assert Collection.open([tmp_path / "runs"]).unknown_groups == ("prints",)
+    _, document, text = reported(tmp_path / "runs", tmp_path, capsys)
+    (sentence,) = (row["text"] for row in document["summary"] if row["topic"] == "Telling apart")  # type: ignore[attr-defined]
+    assert "At the hold-out level session (the prints are unknown), a random forest predicts" in sentence
+    assert float(re.findall(r"predicts ([\d.]+) %", sentence)[0]) < 75.0
+    assert "leak-free" not in text and MAY_LEAK in text  # the level press is below, with its name
+
+
+def test_a_planned_study_is_leak_free(make_study: object) -> None:
+    assert make_study(still=0).unknown_groups == ()  # type: ignore[operator]
