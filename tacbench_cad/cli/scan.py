@@ -163,8 +163,9 @@ def _blocks(
     """Return the possible blocks, what is known about the print, and the run if the user named its folder."""
     from tacbench_cad.making.labelled import blocks_named
     from tacbench_cad.scan.result import PrintOrigin
+    from tacbench_cad.spec.textures import is_texture_name
 
-    if word is not None and (Path(word) / "run.json").is_file():
+    if word is not None and not is_texture_name(word) and (Path(word) / "run.json").is_file():
         from tacbench_cad.lab.runs.reading import Run
 
         opened = Run.open(Path(word))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,7 +80,10 @@ def test_splines_with_the_same_domain_are_added_exactly() -> None:
 
 def test_waves_and_a_spline_are_added_within_the_error() -> None:
     spline = height_map(TABLE, mm_per_pixel=0.6)
-    total = added([WAVES, spline])
+    with pytest.raises(InputError, match="surfaces: some are in mm and others in units"):
+        added([WAVES, spline])
+    total = added([replace(WAVES, unit="mm"), spline])
+    assert total.unit == "mm"
     assert np.abs(total(U, V) - WAVES(U, V) - spline(U, V)).max() <= total.error
     assert total.evidence == "measured"
 

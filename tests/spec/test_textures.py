@@ -212,9 +212,12 @@ def test_a_wave_with_an_angle(tmp_path: Path) -> None:
     units = read(tmp_path, head + "wavelength=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
     along = U * 0.5 + V * math.sqrt(0.75)
     np.testing.assert_allclose(units.texture.surface(U, V), np.sin(math.pi * along), atol=1e-12)
-    printed = read(tmp_path, head + "wavelength_mm=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
-    np.testing.assert_allclose(printed.texture.surface(U / 1.2, V / 1.5), np.sin(math.pi * along), atol=1e-12)
-    assert read(tmp_path, head + "wavelength_mm=2\n").block.mm_per_unit == (1.0, 1.0, 1.0)
+    assert units.texture.surface.unit == "units"
+    for block in ("", "[block]\nmm_per_unit=[1.2, 1.5, 1]\n"):
+        printed = read(tmp_path, head + "wavelength_mm=2\n" + block).texture
+        assert (printed.surface.unit, printed.block.mm_per_unit) == ("mm", None)
+        assert printed.equation == "1 mm sine of 2 mm at 60 degrees"
+        np.testing.assert_allclose(printed.surface(U, V), np.sin(math.pi * along), atol=1e-12)
 
 
 def test_a_sum_of_textures(tmp_path: Path) -> None:
