@@ -17,7 +17,7 @@ from tacbench_cad.spec.outlines import outline_of_word
 from tacbench_cad.spec.presets import PRESETS, VALUES, with_table
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.textures import BlockTable, Texture
+from tacbench_cad.spec.textures import BlockTable, Texture, is_texture_name
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import open_input, read_document
@@ -97,6 +97,8 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
     """
     words = name.split("_")
     if len(words) < 3 or words[1] not in PRESETS or not (scale := re.fullmatch(rf"x({_NUMBER})", words[2])):
+        return None
+    if texture is None and not is_texture_name(words[0]):  # a name in a file must not make the program open files
         return None
     rest = words[3:]
     size, unit, origin = _numbers(rest, "", 3), _numbers(rest, "mm", 3), _numbers(rest, "from", 2)

@@ -131,6 +131,8 @@ def command(
     if simulate is not None:
         if file is not None:
             raise InputError("simulate", str(simulate), f"writes a scan and reads none; leave out {file}")
+        if block is not None and len(blocks) > 1:
+            raise InputError("block", block, "means several blocks, but one is simulated; name one, for example 4")
         _simulate(blocks[0], simulate, values["copy"])
         named = [] if block is None else ["--block", block]
         print_next("scan", simulate, *named, *next_block(("all",), preset, scale, key_mm))
