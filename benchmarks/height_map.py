@@ -27,7 +27,7 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampled import height_map
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import Texture, table_in_mm
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.types import Floats
 
 #: The sides and the height of the relief, in mm.
@@ -63,7 +63,7 @@ def main() -> None:
     table = heights(options.samples)
     start, cpu = time.perf_counter(), time.process_time()
     surface = height_map(table, mm_per_pixel=SIDE_MM / (options.samples - 1), height_mm=HEIGHT_MM)
-    texture = Texture(name="map", surface=surface, block=table_in_mm(surface))
+    texture = Texture(name="map", surface=surface)
     part = block_part(Block.of(texture, sampling=Tolerance(mm=options.tolerance)))
     with tempfile.TemporaryDirectory() as folder:
         write_stl(part, Path(folder) / "map.stl")

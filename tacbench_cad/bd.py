@@ -23,6 +23,7 @@ Importing this module imports build123d.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, ClassVar
 
 from build123d import (
@@ -57,7 +58,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
     the lower corner of the underside, with z up.
 
     Args:
-        texture: A texture, the number or name of one of the six textures, or a
+        texture: A texture, the number or name of one of the six textures, the name of a later one, a TOML file, or a
             :class:`~tacbench_cad.spec.block.Block`. With a block, the arguments up to ``step_tolerance_mm`` must keep
             their defaults.
         preset: ``paper`` or ``released``.
@@ -83,7 +84,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
 
     def __init__(
         self,
-        texture: Block | Texture | str | int,
+        texture: Block | Texture | str | int | Path,
         preset: str = "paper",
         scale: float = 1.0,
         size_mm: tuple[float, float] | None = None,
@@ -140,7 +141,7 @@ class TextureBlock(BasePartObject):  # type: ignore[misc]  # build123d is not ty
 def textured(
     part: Shape | None,
     face: Face | Iterable[Face],
-    texture: Texture | str | int,
+    texture: Texture | str | int | Path,
     *,
     mode: Mode = Mode.REPLACE,
     **settings: Any,
@@ -152,7 +153,7 @@ def textured(
     Args:
         part: The part, with exactly one solid; None for the part of the builder. It is not changed.
         face: A face of the part, or several faces that get the texture one after another.
-        texture: A texture, or the number or name of one of the six.
+        texture: A texture, the number or name of one of the six, the name of a later one, or a TOML file.
         mode: How the result is combined with the part of a builder. ``Mode.PRIVATE`` leaves the builder as it is.
         **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`: ``depth_mm``,
             ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.

@@ -24,6 +24,7 @@ Importing this module imports CadQuery.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import cadquery as cq
@@ -96,14 +97,17 @@ def texture_face(block: Block) -> cq.Face:
 
 
 def textured(
-    part: cq.Workplane | cq.Shape, face: cq.Workplane | cq.Face | str, texture: Texture | str | int, **settings: Any
+    part: cq.Workplane | cq.Shape,
+    face: cq.Workplane | cq.Face | str,
+    texture: Texture | str | int | Path,
+    **settings: Any,
 ) -> cq.Workplane:
     """Put a texture on a planar or cylindrical face of a part.
 
     Args:
         part: The part, with exactly one solid. It is not changed.
         face: A face of the part, a workplane with the face, or a selector, for example ``">Z"``.
-        texture: A texture, or the number or name of one of the six.
+        texture: A texture, the number or name of one of the six, the name of a later one, or a TOML file.
         **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`: ``depth_mm``,
             ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.
 
@@ -152,7 +156,7 @@ def register() -> None:
         """Add a texture block at every point of the stack. Its lower corner is at the point."""
         return self.eachpoint(solid(block).moved, True, combine, clean)
 
-    def texture_method(self: cq.Workplane, texture: Texture | str | int, **settings: Any) -> cq.Workplane:
+    def texture_method(self: cq.Workplane, texture: Texture | str | int | Path, **settings: Any) -> cq.Workplane:
         """Put a texture on the selected faces."""
         return self.newObject([_textured(self.findSolid(), self.vals(), texturing(texture, **settings))])
 

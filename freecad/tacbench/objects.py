@@ -218,14 +218,14 @@ class TexturedFace(Parametric):
             "Texture of the paper, or a later texture of its authors",
         ),
         ("App::PropertyFile", "TextureFile", "", "TOML file of a texture, which replaces the texture above"),
-        (LENGTH, "Depth", 1.0, "Height from the lowest valley to the highest point"),
+        (LENGTH, "Depth", 0.0, "Height from the lowest valley to the highest point; 0 for that of the file, or 1 mm"),
         (LENGTH, "Margin", 1.0, "Distance between the texture and the edges of the face"),
         (LENGTH, "Fade", 0.0, "Length over which the texture fades out towards its outline; 0 for no fade"),
         (CHOICE, "Up", ["default", *UPS], "Direction of the texture's x on a plane, or of its beginning on a cylinder"),
         (SWITCH, "Sunk", False, "Whether the texture lies below the face instead of above it"),
         (LENGTH, "Base", 0.2, "Distance of the texture from the face, which is the height of the walls around it"),
-        (LENGTH, "UnitX", 0.0, "Length of one unit of u; 0 for that of the preset paper"),
-        (LENGTH, "UnitY", 0.0, "Length of one unit of v; 0 for that of the preset paper"),
+        (LENGTH, "UnitX", 0.0, "Length of one unit of u; 0 for that of the file or the preset paper"),
+        (LENGTH, "UnitY", 0.0, "Length of one unit of v; 0 for that of the file or the preset paper"),
         (NUMBER, "ToleranceMicrometres", 1.0, "Largest distance of the surface from the formula, in micrometres"),
     )
     results = (
@@ -249,7 +249,7 @@ class TexturedFace(Parametric):
             "texturing": {
                 "texture": obj.Texture,
                 "file": obj.TextureFile or None,
-                "depth_mm": number(obj.Depth),
+                "depth_mm": set_number(obj.Depth),
                 "margin_mm": number(obj.Margin),
                 "fade_mm": number(obj.Fade),
                 "up": None if obj.Up == "default" else obj.Up,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from housing import Holder, Jig
-from tacbench_cad import Block, InputError, TacbenchError, as_part, catalogue, export, read_texture, textured_part
+from tacbench_cad import Block, InputError, TacbenchError, as_part, catalogue, export, textured_part
 from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.later import EQUATIONS
@@ -25,15 +25,17 @@ def block_of(options: dict[str, Any]) -> Block:
         options: The arguments of ``Block.of``. The key ``file`` names a TOML file that replaces the texture. A side of
             None stands for the side of the file or the preset.
     """
-    texture, table = options.pop("texture"), None
-    file, sides = options.pop("file"), options.pop("size_mm")
-    if file is not None:
-        source = read_texture(Path(file))
-        texture, table = source.texture, source.block
+    texture, sides = texture_of(options), options.pop("size_mm")
     if any(side is not None for side in sides):
-        default = Block.of(texture, options["preset"], table=table).nominal_size_mm
+        default = Block.of(texture, options["preset"]).nominal_size_mm
         options["size_mm"] = tuple(own if own is not None else other for own, other in zip(sides, default, strict=True))
-    return Block.of(texture, **options, table=table)
+    return Block.of(texture, **options)
+
+
+def texture_of(options: dict[str, Any]) -> str | Path:
+    """Take the texture or its file out of the options."""
+    texture, file = options.pop("texture"), options.pop("file")
+    return texture if file is None else Path(file)
 
 
 def face_of(request: dict[str, Any]) -> tuple[Any, Any]:
@@ -57,9 +59,7 @@ def answer_for_face(request: dict[str, Any]) -> dict[str, Any]:
     from tacbench_cad.geometry.textured.solid import textured_solid
 
     options = request["texturing"]
-    file, texture = options.pop("file"), options.pop("texture")
-    if file is not None:
-        texture = read_texture(Path(file)).texture
+    texture = texture_of(options)
     shape, face = face_of(request)
     if request["action"] == "export":
         part = textured_part(shape, face, texture, name=Path(request["file"]).stem, **options)

@@ -17,7 +17,7 @@ from tacbench_cad.spec.later import EQUATIONS
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import BlockTable, Texture, catalogue, read_texture
+from tacbench_cad.spec.textures import Texture, catalogue
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, one_of
 
@@ -50,7 +50,7 @@ class Expectation:
         later: Whether the authors' later textures are meant if no texture is given, and not the six of the paper.
     """
 
-    texture: Texture | str | None = None
+    texture: Texture | str | Path | None = None
     preset: str | None = None
     scale: float | None = None
     claim: str | None = None
@@ -67,20 +67,10 @@ class Expectation:
         """Whether neither texture nor preset was given."""
         return self.texture is None and self.preset is None
 
-    @property
-    def _table(self) -> BlockTable | None:
-        """The table ``[block]`` of the texture's TOML file; None if there is none."""
-        texture = self.texture
-        return read_texture(Path(texture)).block if isinstance(texture, str) and texture.endswith(".toml") else None
-
     def textures(self, preset: str) -> tuple[Texture, ...]:
         """Return the possible textures of a preset."""
         if self.texture is None:
             return tuple(find_texture(name) for name in EQUATIONS) if self.later else catalogue(preset)
-        if isinstance(self.texture, Texture):
-            return (self.texture,)
-        if self.texture.endswith(".toml"):
-            return (read_texture(Path(self.texture)).texture,)
         return (find_texture(self.texture, preset),)
 
     @property
@@ -131,22 +121,20 @@ class Expectation:
                     if preset == self.preset == "released" and sampling != "grid":
                         continue
                     try:
-                        block = _known(texture, preset, sampling, self._table, 1.0)
+                        block = _known(texture, preset, sampling, 1.0)
                         scale = self.scale or scale_of(block, sides_mm)
-                        yield _known(texture, preset, sampling, self._table, scale)
+                        yield _known(texture, preset, sampling, scale)
                     except InputError:
                         continue
 
 
 @functools.lru_cache(maxsize=128)
-def _known(
-    texture: Texture, preset: str, sampling: Tolerance | Literal["grid"], table: BlockTable | None, scale: float
-) -> Block:
+def _known(texture: Texture, preset: str, sampling: Tolerance | Literal["grid"], scale: float) -> Block:
     """Return the block of a preset at a scale.
 
     The blocks are cached, because computing their extreme heights takes most of the time of a check.
     """
-    return Block.of(texture, preset, sampling=sampling, table=table, scale=scale)
+    return Block.of(texture, preset, sampling=sampling, scale=scale)
 
 
 def stretch_of(block: Block, shape: BodyShape, placement: Placement) -> tuple[float, float, float]:

@@ -19,7 +19,7 @@ def check(
     path: Path | str,
     part: Any = None,
     *,
-    texture: Texture | str | None = None,
+    texture: Texture | str | Path | None = None,
     preset: str | None = None,
     scale: float | None = None,
     full: bool | None = None,

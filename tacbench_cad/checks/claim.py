@@ -14,10 +14,10 @@ from tacbench_cad.formats.stl import HEADER_BYTES, stl_header
 from tacbench_cad.spec.block import CORRECTED, Block
 from tacbench_cad.spec.compensation import corrected_for, in_file
 from tacbench_cad.spec.outlines import outline_of_word
-from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.presets import PRESETS, VALUES, with_table
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.textures import BlockTable, Texture, is_texture_name
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import open_input, read_document
@@ -125,6 +125,8 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
     words = name.split("_")
     if len(words) < 3 or words[1] not in PRESETS or not (scale := re.fullmatch(rf"x({_NUMBER})", words[2])):
         return None
+    if texture is None and not is_texture_name(words[0]):  # a name in a file must not make the program open files
+        return None
     rest = words[3:]
     size, unit, origin = _numbers(rest, "", 3), _numbers(rest, "mm", 3), _numbers(rest, "from", 2)
     outline = next((shape for word in rest if (shape := outline_of_word(word)) is not None), None)
@@ -137,20 +139,23 @@ def claimed_block(name: str, texture: Texture | None = None) -> Block | None:
             sampling = SampleGrid(nx=int(grid[0]), ny=int(grid[1]))
         elif tolerance:
             sampling = Tolerance(mm=tolerance[0])
+        own = texture or find_texture(words[0], words[1])
+        _, own_unit, own_origin, _ = with_table(VALUES[words[1]], own.block, own.surface)
         block = Block.of(
-            texture or find_texture(words[0], words[1]),
+            own,
             words[1],
             scale=float(scale.group(1)),
             sampling=sampling,
-            size_mm=(size[0], size[1]) if size else None,
+            size_mm=(size[0], size[1]) if size else VALUES[words[1]].size_mm if outline is None else None,
             height_mm=size[2] if size else height[0] if height else None,
-            mm_per_unit=(unit[0], unit[1], unit[2]) if unit else None,
+            mm_per_unit=(unit[0], unit[1], unit[2]) if unit else own_unit,
             key_mm=key[0] if key else None,
             label="label" in rest,
             copy=int(copy[0]) if copy else None,
             outline=outline,
+            table=BlockTable(),
         )
-        return dataclasses.replace(block, origin_uv=(origin[0], origin[1])) if origin else block
+        return dataclasses.replace(block, origin_uv=(origin[0], origin[1]) if origin else own_origin)
     except InputError:
         return None
 

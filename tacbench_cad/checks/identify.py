@@ -62,7 +62,7 @@ ROUNDING_MM = 1e-5
 
 def examine(
     path: Path,
-    texture: Texture | str | None = None,
+    texture: Texture | str | Path | None = None,
     preset: str | None = None,
     scale: float | None = None,
     *,

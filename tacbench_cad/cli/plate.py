@@ -97,10 +97,7 @@ def command(
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)
     material = own_name("filament", filament if filament is not None else machine.filaments[0])
-    blocks = [
-        Block.of(texture, preset, scale=scale, key_mm=key_mm, table=table)
-        for texture, table in textures_of(textures, preset)
-    ]
+    blocks = [Block.of(texture, preset, scale=scale, key_mm=key_mm) for texture in textures_of(textures, preset)]
     if compensate is not None:
         model = read_printer_model(compensate)
         model.require_for(own_name("printer", machine.name), material)

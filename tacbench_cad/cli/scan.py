@@ -131,6 +131,8 @@ def command(
     if simulate is not None:
         if file is not None:
             raise InputError("simulate", str(simulate), f"writes a scan and reads none; leave out {file}")
+        if block is not None and len(blocks) > 1:
+            raise InputError("block", block, "means several blocks, but one is simulated; name one, for example 4")
         _simulate(blocks[0], simulate, values["copy"])
         named = [] if block is None else ["--block", block]
         print_next("scan", simulate, *named, *next_block(("all",), preset, scale, key_mm))
@@ -163,8 +165,9 @@ def _blocks(
     """Return the possible blocks, what is known about the print, and the run if the user named its folder."""
     from tacbench_cad.making.labelled import blocks_named
     from tacbench_cad.scan.result import PrintOrigin
+    from tacbench_cad.spec.textures import is_texture_name
 
-    if word is not None and (Path(word) / "run.json").is_file():
+    if word is not None and not is_texture_name(word) and (Path(word) / "run.json").is_file():
         from tacbench_cad.lab.runs.reading import Run
 
         opened = Run.open(Path(word))

@@ -39,7 +39,10 @@ if TYPE_CHECKING:
 )
 @options.flag("--sunk", "Put the texture below the face, not above it.", options.PARTS)
 @options.option(
-    "--depth", options.MM, "Height of the texture from its lowest to its highest point.", options.SIZE, default="1"
+    "--depth",
+    options.MM,
+    "Height of the texture from its lowest to its highest point. Default: as its file says in mm, or else 1.",
+    options.SIZE,
 )
 @options.option(
     "--margin", options.MM, "Distance of the texture from the edges of the region.", options.SIZE, default="1"
@@ -55,7 +58,7 @@ if TYPE_CHECKING:
 @options.option(
     "--mm-per-unit",
     options.coordinates("X,Y"),
-    "Length of one unit of u and v of the formula, in mm. Default: as in the preset paper.",
+    "Length of one unit of u and v of the formula, in mm. Default: as in its file, or else in the preset paper.",
     options.SIZE,
 )
 @options.option(

@@ -14,6 +14,7 @@ from tacbench_cad.spec.block import CORRECTED, Block
 from tacbench_cad.spec.compensation import corrected_for
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.printermodel import PrinterModel
+from tacbench_cad.spec.textures import is_texture_name
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME
@@ -32,7 +33,8 @@ def blocks_named(
 
     Args:
         word: A texture (1 to 6, a name, or a TOML file), the words of a label (``T4 PAPER X1 03``), the name of a block
-            (``texture-4_paper_x1_key3``), or the folder of a print set with a manifest. None for the six textures.
+            (``texture-4_paper_x1_key3``), or the folder of a print set with a manifest. None for the six textures. A
+            texture comes before a folder with the same name; ``./4`` is the folder.
         preset: The preset, if the word does not contain it.
         scale: The scale, if the word does not contain it.
         key_mm: The leg of the key, if the word does not contain it; None for no key.
@@ -46,7 +48,7 @@ def blocks_named(
     if word is None:
         return [replace(block, key_mm=key_mm) for block in described(("all",), preset, scale)]
     folder = Path(word)
-    if folder.is_dir():
+    if folder.is_dir() and not is_texture_name(word):
         return _of_print_set(folder)
     label = _LABEL.fullmatch(word.strip())
     if corrected_preset(word) is not None or (label is not None and label["corrected"]):

@@ -60,7 +60,7 @@ class Request:
             files as the formula says. Fixtures get the sides of the corrected files.
     """
 
-    textures: tuple[str | int | Texture, ...] = ("all",)
+    textures: tuple[str | int | Path | Texture, ...] = ("all",)
     preset: str = "paper"
     scale: float = 1.0
     size_mm: tuple[float, float] | None = None
@@ -206,7 +206,7 @@ def blocks_of(request: Request) -> list[Block]:
     textures = textures_of(request.textures, request.preset)
     blocks: dict[str, Block] = {}
     # The highest relief comes first, so that an error message suggests a height that is sufficient for all blocks.
-    for texture, table in sorted(textures, key=lambda pair: -pair[0].surface.amplitude_sum):
+    for texture in sorted(textures, key=lambda texture: -texture.surface.amplitude_sum):
         blocks[texture.name] = Block.of(
             texture,
             request.preset,
@@ -219,9 +219,8 @@ def blocks_of(request: Request) -> list[Block]:
             key_mm=request.key_mm,
             label=request.label or request.copies is not None,
             step_tolerance_mm=request.step_tolerance_mm,
-            table=table,
         )
-    chosen = [blocks[texture.name] for texture, _ in textures]
+    chosen = [blocks[texture.name] for texture in textures]
     if request.compensate is None:
         return chosen
     model = request.compensate

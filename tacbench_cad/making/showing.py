@@ -13,8 +13,8 @@ from tacbench_cad.making.plan import Source
 from tacbench_cad.making.request import PARTS, Request, plan
 from tacbench_cad.render.viewing.page import write_page
 from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing
-from tacbench_cad.spec.later import EQUATIONS, later_name
-from tacbench_cad.spec.textures import catalogue, file_hint
+from tacbench_cad.spec.later import EQUATIONS
+from tacbench_cad.spec.textures import catalogue, file_hint, is_texture_name, texture_path
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest
 from tacbench_cad.util.processes import why_not_importable
 from tacbench_cad.util.text import report_rows
@@ -32,21 +32,13 @@ def request_of(words: Sequence[str], options: Request) -> Request:
         InputError: A word is unknown.
     """
     textures, parts = [], []
-    six = catalogue(options.preset)
-    known = {word for texture in six for word in (str(texture.number), texture.name)} | {"all", "later"}
     for word in words:
         if word in PARTS:
             parts.append(word)
-        elif (
-            word.lower() in known
-            or later_name(word.lower())
-            or word.lower().endswith(".toml")
-            or "/" in word
-            or Path(word).exists()
-        ):
+        elif is_texture_name(word) or texture_path(word):
             textures.append(word)
         else:
-            names = [*PARTS, *(texture.name for texture in six), *EQUATIONS]
+            names = [*PARTS, *(texture.name for texture in catalogue(options.preset)), *EQUATIONS]
             hint = file_hint(word) or nearest(word, names)
             raise InputError("parts", word, f"{hint}; 1 to 6 and TOML files are also allowed")
     if not words:

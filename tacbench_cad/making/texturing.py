@@ -17,10 +17,10 @@ from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.formats.threemf import read_untrusted
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.textured.height import around
 from tacbench_cad.geometry.textured.on_mesh import TexturedMesh, texture_on_mesh
 from tacbench_cad.geometry.textured.part import TexturedFaces, face_at, faces_by
 from tacbench_cad.geometry.texturing import texturing
-from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.writing import export
 from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
@@ -29,7 +29,7 @@ from tacbench_cad.util.files import replacing
 
 
 def textured_mesh(
-    mesh: Any, at: Sequence[float], texture: Texture | str | int, *, scale: float = 1.0, **settings: Any
+    mesh: Any, at: Sequence[float], texture: Texture | str | int | Path, *, scale: float = 1.0, **settings: Any
 ) -> TexturedMesh:
     """Put a texture on the flat or cylindrical region of a mesh around a point.
 
@@ -67,8 +67,7 @@ def textured_mesh(
         raise InputError("mesh", mesh, "must be an STL or 3MF file, or an object with vertices and faces")
     if scale != 1.0:
         own = Mesh(own.vertices * scale, own.faces)
-    chosen = texture if isinstance(texture, Texture) else textures_of((texture,), "paper")[0][0]
-    return texture_on_mesh(own, at, texturing(chosen, **{"tolerance_mm": TOLERANCE_MM, **settings}), name)
+    return texture_on_mesh(own, at, texturing(texture, **{"tolerance_mm": TOLERANCE_MM, **settings}), name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,6 +103,7 @@ class TexturedFile:
             "region": "plane" if radius is None else "cylinder",
             "radius_mm": radius,
             "size_mm": list(region.size_mm),
+            "depth_mm": self.faces.depth_mm,
             "texture": self.faces.texturing.texture.name,
             "triangles": self.report.triangles,
             "bodies": 1,
@@ -121,12 +121,13 @@ class TexturedFile:
         document = self.as_dict()
         names = []
         for result in self.faces.results:
-            around = "" if result.periods is None else f", {result.periods} periods around it"
+            closing = around(result.texturing, result.mm_per_unit, result.periods)
             for region, _, _ in result.regions:
                 radius = region.frame.radius_mm
                 kind = "plane" if radius is None else f"cylinder of radius {radius:.5g} mm"
                 names.append(
-                    f"{document['texture']} on a {kind}, {region.size_mm[0]:.4g} x {region.size_mm[1]:.4g} mm{around}"
+                    f"{document['texture']} on a {kind}, {region.size_mm[0]:.4g} x {region.size_mm[1]:.4g} mm, "
+                    f"{document['depth_mm']:.4g} mm high{closing}"
                 )
         volumes = f"volume {document['volume_mm3']:.7g} mm^3, expected {document['expected_volume_mm3']:.7g} mm^3"
         return [
@@ -140,7 +141,7 @@ class TexturedFile:
 def texture_step_file(
     file: Path | str,
     out: Path | str,
-    texture: Texture | str | int,
+    texture: Texture | str | int | Path,
     *,
     face: str | None = None,
     at: Sequence[float] | None = None,
@@ -171,14 +172,15 @@ def texture_step_file(
     with as_input("file"):
         step.require_readable(file)
         shape = step.read_step(file)
-    chosen = texture if isinstance(texture, Texture) else textures_of((texture,), "paper")[0][0]
     if tolerance_mm is not None and form.shape == "solid":
         settings["tolerance_mm"] = tolerance_mm
     faces = [item.wrapped for item in faces_by(shape, face)] if face else [face_at(shape, at or ())]
     mesh_tolerance_mm = TOLERANCE_MM if tolerance_mm is None else tolerance_mm
     require_between("tolerance_mm", mesh_tolerance_mm, 1e-5 if form.shape == "solid" else 1e-4, 1.0, " mm")
-    made = TexturedFaces(shape, faces, texturing(chosen, **settings), mesh_tolerance_mm, keeps_place=True)
-    part = made.part(_name_of(out), "part", f"{out.stem} with {chosen.name}", {"texture": chosen.name, **settings})
+    made = TexturedFaces(shape, faces, texturing(texture, **settings), mesh_tolerance_mm, keeps_place=True)
+    name = made.texturing.texture.name
+    spec = {**settings, "texture": name, "depth_mm": made.depth_mm}
+    part = made.part(_name_of(out), "part", f"{out.stem} with {name}", spec)
     return TexturedFile(faces=made, report=export(part, out))
 
 
@@ -219,7 +221,7 @@ def write_textured_mesh(result: TexturedMesh, path: Path | str) -> Path:
     mesh, settings = result.mesh, result.texturing
     low, high = mesh.bounds_mm
     x, y, z = (high - low).tolist()
-    spec = {"texture": settings.texture.name, "depth_mm": settings.depth_mm, "margin_mm": settings.margin_mm}
+    spec = {"texture": settings.texture.name, "depth_mm": result.depth_mm, "margin_mm": settings.margin_mm}
     part = Part(
         name=_name_of(path),
         kind="part",

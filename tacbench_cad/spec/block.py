@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_t
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, attainable_mm, highest_sample
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.textures import BlockTable, Texture
+from tacbench_cad.spec.textures import BlockTable, Texture, require_own_unit
 from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.text import decimal, mm, report
@@ -86,7 +87,7 @@ class Block:
     @classmethod
     def of(
         cls,
-        texture: Texture | str | int,
+        texture: Texture | str | int | Path,
         preset: str = "paper",
         *,
         mm_per_unit: tuple[float, float, float] | None = None,
@@ -104,9 +105,10 @@ class Block:
         """Make a block from a preset. The options are applied in this order: mm per unit, size, height, scale.
 
         Args:
-            texture: A texture, or the number or name of one of the six.
+            texture: A texture, the number or name of one of the six, the name of a later one, or a TOML file.
             preset: ``paper`` or ``released``.
-            mm_per_unit: A new mapping from units to mm. The sides stay the same, and the domain changes.
+            mm_per_unit: A new mapping from units to mm. The sides stay the same, and the domain changes. A texture in
+                mm is never stretched, so it allows none.
             size_mm: New sides, in mm. The mapping stays the same, and the domain changes.
             height_mm: A new height, in mm. Only the base becomes thicker or thinner.
             scale: The factor that multiplies the sides, the height and the mm per unit. The domain stays the same.
@@ -128,9 +130,10 @@ class Block:
             InputError: A value is not allowed.
         """
         one_of("preset", preset, PRESETS)
-        surface = texture if isinstance(texture, Texture) else find_texture(texture, preset)
+        surface = find_texture(texture, preset)
         values, table = VALUES[preset], surface.block if table is None else table
-        start = with_table(values, table)
+        require_own_unit("mm_per_unit", mm_per_unit, surface.surface)
+        start = with_table(values, table, surface.surface)
         if preset == "released" and sampling is None and (mm_per_unit or size_mm or height_mm or start[3]):
             raise InputError(
                 "preset", preset, "with other sides, height or mm per unit it needs --grid or --tolerance as well"
@@ -255,7 +258,7 @@ class Block:
         """The formula in mm over (x, y) of the block frame, without the offset :attr:`datum_mm`."""
         x, y, z = self.mm_per_unit
         width, depth = self.size_mm
-        return self.texture.surface.mapped((x, y), z, self.origin_uv).over((0.0, width), (0.0, depth))
+        return self.texture.surface.mapped((x, y), z, self.origin_uv, "mm").over((0.0, width), (0.0, depth))
 
     @property
     def keep(self) -> HalfPlane | None:
@@ -398,7 +401,11 @@ class Block:
 
     @property
     def name(self) -> str:
-        """The name of the STL and 3MF files: texture, preset and scale, then all values that are not the default."""
+        """The name of the STL and 3MF files: texture, preset and scale, then all values that are not the default.
+
+        The defaults of the sides and the height are those of the preset. The defaults of the mm per unit and of the
+        origin are those of the texture's own file.
+        """
         own = self.sampling
         return self._name(own.mm if isinstance(own, Tolerance) and own != VALUES[self.preset].sampling else None)
 
@@ -419,9 +426,10 @@ class Block:
                 parts.append(f"h{decimal(self.nominal_height_mm)}")
         elif (*self.nominal_size_mm, self.nominal_height_mm) != (*values.size_mm, values.height_mm):
             parts.append("x".join(decimal(side) for side in (*self.nominal_size_mm, self.nominal_height_mm)))
-        if self.nominal_mm_per_unit != values.mm_per_unit:
+        _, mm_per_unit, origin_uv, _ = with_table(values, self.texture.block, self.texture.surface)
+        if self.nominal_mm_per_unit != mm_per_unit:
             parts.append("mm" + "x".join(decimal(factor) for factor in self.nominal_mm_per_unit))
-        if self.origin_uv != (0.0, 0.0):
+        if self.origin_uv != origin_uv:
             parts.append("from" + "x".join(decimal(shift) for shift in self.origin_uv))
         if self.key_mm is not None:
             parts.append(f"key{decimal(self.key_mm)}")
@@ -451,6 +459,8 @@ class Block:
     def __str__(self) -> str:
         """A dimension report."""
         (u0, u1), (v0, v1) = self.domain
+        in_mm = self.texture.surface.unit == "mm"
+        x, y = ("x", "y") if in_mm else ("u", "v")
         shortest = [f"{2.0 * math.pi / k:.4g} mm" if k else "none" for k in self.surface.highest_frequency]
         lines = {
             "name": self.name,
@@ -460,8 +470,9 @@ class Block:
             "relief": f"{mm(self.relief_mm)} from the lowest valley to the highest point",
             "base": f"{mm(self.base_mm)} below the lowest valley",
             "volume": f"{self.volume_mm3(self.datum_mm):.6g} mm^3",
-            "mm per unit": ", ".join(f"{one:.6g}" for one in self.mm_per_unit) + " of u, v, z",
-            "domain": f"u {u0:.6g} to {u1:.6g}, v {v0:.6g} to {v1:.6g}",
+            "mm per unit": ", ".join(f"{one:.6g}" for one in self.mm_per_unit)
+            + (" (a texture in mm)" if in_mm else " of u, v, z"),
+            "domain": f"{x} {u0:.6g} to {u1:.6g}, {y} {v0:.6g} to {v1:.6g}",
             "finest wave": f"{shortest[0]} along x, {shortest[1]} along y",
             "mesh": self.sampling_in_words,
             "key": mm(self.key_mm) + " at the corner (x, 0)" if self.key_mm is not None else "none",

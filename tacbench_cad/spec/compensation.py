@@ -245,7 +245,7 @@ class Print:
 def _multiplied(surface: WaveSum, factors: Floats) -> WaveSum:
     """Return the surface with each wave multiplied by its factor."""
     waves = zip(surface.waves, factors.tolist(), strict=True)
-    return WaveSum(tuple(replace(wave, amplitude=wave.amplitude * by) for wave, by in waves))
+    return replace(surface, waves=tuple(replace(wave, amplitude=wave.amplitude * by) for wave, by in waves))
 
 
 def transfers(surface: WaveSum, model: PrinterModel) -> Floats:

@@ -15,12 +15,14 @@ import numpy as np
 from tacbench_cad.spec.sampled import sampled
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import Unit, Wave, WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
 #: The error of a sampled result, as a fraction of the bound of its height.
 SAMPLED_FRACTION = 1e-4
+#: Two lines that are nearer than this fraction of the domain are the same line.
+_SAME_LINE = 1e-6
 
 #: The ends of a domain along u and v.
 Domain = tuple[tuple[float, float], tuple[float, float]]
@@ -39,13 +41,17 @@ def added(surfaces: Sequence[Surface], domain: Domain | None = None) -> Surface:
     The sum of waves is a sum of waves. Splines with the same domain are added exactly. Anything else is sampled.
 
     Args:
-        surfaces: The surfaces.
+        surfaces: The surfaces, all with the same unit.
         domain: The domain of a sampled sum; None for the common domain of the splines.
+
+    Raises:
+        InputError: Some surfaces are in mm and others in units, or the domain is missing.
     """
+    common_unit(surfaces)
     waves = [surface for surface in surfaces if isinstance(surface, WaveSum)]
     splines = [surface for surface in surfaces if isinstance(surface, SplineSurface)]
     if not splines:
-        return WaveSum(tuple(wave for surface in waves for wave in surface.waves))
+        return WaveSum(tuple(wave for surface in waves for wave in surface.waves), common_unit(surfaces))
     total = splines[0]
     same = [spline.u.ends == total.u.ends and spline.v.ends == total.v.ends for spline in splines]
     repeats = {(spline.u.repeats, spline.v.repeats) for spline in splines}
@@ -66,11 +72,12 @@ def turned(surface: Surface, angle_deg: float, domain: Domain | None = None) -> 
     """
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     if isinstance(surface, WaveSum):
-        return WaveSum(
-            tuple(
+        return replace(
+            surface,
+            waves=tuple(
                 Wave(amplitude=w.amplitude, f=c * w.f - s * w.g, g=s * w.f + c * w.g, phase=w.phase)
                 for w in surface.waves
-            )
+            ),
         )
     if isinstance(surface, SplineSurface) and not (surface.u.repeats and surface.v.repeats):
         raise InputError("turn", angle_deg, "a height map can only be turned if it repeats along both sides")
@@ -82,7 +89,7 @@ def windowed(surface: Surface, margin: float | tuple[float, float], domain: Doma
 
     Args:
         surface: The surface.
-        margin: The width over which it fades, along u and v, in units.
+        margin: The width over which it fades, along u and v, in the unit of the surface.
         domain: The domain; None for the domain of a spline.
     """
     (u0, u1), (v0, v1) = _domain([surface], domain)
@@ -150,7 +157,21 @@ def _sum(first: SplineSurface, second: SplineSurface) -> SplineSurface:
         poles = [np.moveaxis(each, 0, which) for each in turned_poles]
         axes.append(SplineAxis(pair[0].knots, pair[0].degree, pair[0].repeats))
     evidence = first.evidence if second.evidence == "proved" else second.evidence
-    return SplineSurface(axes[0], axes[1], poles[0] + poles[1], error=first.error + second.error, evidence=evidence)
+    error = first.error + second.error
+    return replace(first, u=axes[0], v=axes[1], poles=poles[0] + poles[1], error=error, evidence=evidence)
+
+
+def common_unit(surfaces: Sequence[Surface]) -> Unit:
+    """Return the unit of surfaces.
+
+    Raises:
+        InputError: Some are in mm and others in units.
+    """
+    units = {surface.unit for surface in surfaces}
+    if len(units) > 1:
+        allowed = 'some are in mm and others in units; bring them to mm with mapped((x, y), z, unit="mm")'
+        raise InputError("surfaces", None, allowed)
+    return units.pop() if units else "units"
 
 
 def _domain(surfaces: Sequence[Surface], domain: Domain | None) -> Domain:
@@ -174,10 +195,24 @@ def _sampled(
     domain: Domain | None,
     lines: tuple[Sequence[float], Sequence[float]] = ((), ()),
 ) -> SplineSurface:
-    """Return a sampled function of surfaces, with their errors added to its own. Their creases are kept."""
-    u, v = _domain(surfaces, domain)
-    known = [each.over(u, v) for each in surfaces if isinstance(each, SplineSurface) and not lines[0]]
-    creases = [sorted({*lines[i], *(at for each in known for at in each.creases[i].tolist())}) for i in (0, 1)]
+    """Return a sampled function of surfaces, with their errors added to its own. Their creases are kept.
+
+    Args:
+        function: The function.
+        surfaces: The surfaces that it calls.
+        domain: The domain; None for the common domain of the splines.
+        lines: Further lines along u and v at which the sampling must begin anew, because the function changes there.
+    """
+    u, v = ends = _domain(surfaces, domain)
+    known = [each.over(u, v) for each in surfaces if isinstance(each, SplineSurface)]
+    creases = []
+    for i, (low, high) in enumerate(ends):
+        # the creases come first: of two lines at almost the same place, the second is left out
+        kept = [low, high]
+        for at in (*(at for each in known for at in each.creases[i].tolist()), *lines[i]):
+            if min(abs(at - other) for other in kept) > _SAME_LINE * (high - low):
+                kept.append(at)
+        creases.append(sorted(kept[2:]))
     error = SAMPLED_FRACTION * sum(each.amplitude_sum for each in surfaces)
-    result = sampled(function, u=u, v=v, error=error, creases=(creases[0], creases[1]))
+    result = sampled(function, u=u, v=v, error=error, creases=(creases[0], creases[1]), unit=common_unit(surfaces))
     return replace(result, error=result.error + sum(each.error for each in surfaces))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
+from tacbench_cad.spec.waves import Unit
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.types import Bools, Floats
 
@@ -106,7 +108,7 @@ def height_map(
     if repeats:
         table = np.pad(table, (0, 1), mode="wrap")
     x, y = (np.linspace(0.0, round((n - 1) * step, 9), n) for n, step in zip(table.shape, steps, strict=True))
-    return spline_through(x, y, table, repeats=(repeats, repeats))
+    return replace(spline_through(x, y, table, repeats=(repeats, repeats)), unit="mm")
 
 
 def smoothed(heights: ArrayLike, smooth_mm: float, mm_per_pixel: float | tuple[float, float], repeats: bool) -> Floats:
@@ -170,6 +172,7 @@ def sampled(
     error: float = 1e-4,
     creases: tuple[Sequence[float], Sequence[float]] = ((), ()),
     repeats: tuple[bool, bool] = (False, False),
+    unit: Unit = "units",
 ) -> SplineSurface:
     """Make a surface from a Python function ``h(u, v)``.
 
@@ -185,6 +188,7 @@ def sampled(
         error: The largest allowed difference between the spline and the function.
         creases: Positions along u and along v where the slope changes suddenly. The spline has creases there.
         repeats: Whether the surface repeats beyond the ends, as the function does.
+        unit: ``mm`` if u, v and the height are lengths in mm; ``units`` if a block maps them to mm.
 
     Raises:
         InputError: The function cannot be called, does not return finite numbers, or needs too many samples.
@@ -206,7 +210,7 @@ def sampled(
     surface = measured_error(call, _spline(call, segments, repeats))
     if surface.error > error:
         raise _too_fine(function, error, surface.error)
-    return surface
+    return replace(surface, unit=unit)
 
 
 def _too_fine(function: Function, error: float, reached: float) -> InputError:
@@ -324,7 +328,7 @@ def measured_error(function: Callable[[Floats, Floats], Floats], surface: Spline
             near.append(np.linspace(lines[i], lines[i + 1], _ZOOM))
         difference = np.abs(surface.grid(near[0], near[1]) - function(near[0][:, None], near[1][None, :]))
         largest = max(largest, off, float(difference.max()))
-    return SplineSurface(surface.u, surface.v, surface.poles, error=largest, evidence="measured")
+    return replace(surface, error=largest, evidence="measured")
 
 
 def _thinned(lines: Floats) -> Floats:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, Region, search_cells
 from tacbench_cad.spec.intervals import Intervals
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.waves import Sines, Unit
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -211,6 +211,7 @@ class SplineSurface:
         error: The largest vertical distance of the spline from the function that it represents; 0 if the spline itself
             is the definition of the surface.
         evidence: Whether ``error`` is ``proved`` or only ``measured`` at many points.
+        unit: The unit of u, v and the height.
     """
 
     u: SplineAxis
@@ -218,6 +219,7 @@ class SplineSurface:
     poles: Floats
     error: float = 0.0
     evidence: Literal["proved", "measured"] = "proved"
+    unit: Unit = "units"
     _derived: dict[tuple[int, int], SplineSurface] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -237,7 +239,7 @@ class SplineSurface:
 
     @cached_property
     def _key(self) -> tuple[object, ...]:
-        return (self.digest, self.poles.shape, self.u.repeats, self.v.repeats, self.error, self.evidence)
+        return (self.digest, self.poles.shape, self.u.repeats, self.v.repeats, self.error, self.evidence, self.unit)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SplineSurface) and self._key == other._key
@@ -451,14 +453,19 @@ class SplineSurface:
         return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
 
     def mapped(
-        self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
+        self,
+        per_unit: tuple[float, float],
+        height_per_unit: float,
+        origin: tuple[float, float] = (0.0, 0.0),
+        unit: Unit | None = None,
     ) -> SplineSurface:
         """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise."""
         u, v = (
             replace(axis, knots=(axis.knots - start) * factor)
             for axis, start, factor in zip((self.u, self.v), origin, per_unit, strict=True)
         )
-        return replace(self, u=u, v=v, poles=self.poles * height_per_unit, error=self.error * abs(height_per_unit))
+        poles, error = self.poles * height_per_unit, self.error * abs(height_per_unit)
+        return replace(self, u=u, v=v, poles=poles, error=error, unit=unit or self.unit)
 
     def over(self, u: tuple[float, float], v: tuple[float, float]) -> SplineSurface:
         """Return the part of the surface over a rectangle. It does not repeat.

@@ -5,15 +5,15 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from tacbench_cad.spec.sampled import MAX_POLES, MAX_SAMPLES
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Wave, WaveSum
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.spec.waves import Unit, Wave, WaveSum
+from tacbench_cad.util.errors import InputError, located, one_of
 from tacbench_cad.util.types import Floats
 
 #: The number formats of packed poles. Single precision is used where it loses nothing.
@@ -24,21 +24,22 @@ def surface_values(surface: Surface) -> dict[str, Any]:
     """Return everything that is needed to make a surface again, as plain values.
 
     Returns:
-        The key ``waves`` with rows ``amplitude, f, g, phase``, or the key ``spline`` with a table.
+        The key ``unit``, and the key ``waves`` with rows ``amplitude, f, g, phase`` or the key ``spline`` with a table.
     """
     if isinstance(surface, WaveSum):
-        return {"waves": [[w.amplitude, w.f, w.g, w.phase] for w in surface.waves]}
+        return {"unit": surface.unit, "waves": [[w.amplitude, w.f, w.g, w.phase] for w in surface.waves]}
     assert isinstance(surface, SplineSurface)
     single = np.array_equal(surface.poles.astype(np.float32).astype(np.float64), surface.poles)
     number = "float32" if single else "float64"
     packed = zlib.compress(np.ascontiguousarray(surface.poles, dtype=_FORMATS[number]).tobytes())
     return {
+        "unit": surface.unit,
         "spline": {
             **surface_summary(surface)["spline"],
             "knots": [surface.u.knots.tolist(), surface.v.knots.tolist()],
             "numbers": number,
             "data": base64.b64encode(packed).decode("ascii"),
-        }
+        },
     }
 
 
@@ -46,10 +47,12 @@ def surface_summary(surface: Surface) -> dict[str, Any]:
     """Return the same without the knots and the poles of a spline, for people and for manifests."""
     if isinstance(surface, WaveSum):
         return {
+            "unit": surface.unit,
             "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in surface.waves],
         }
     assert isinstance(surface, SplineSurface)
     return {
+        "unit": surface.unit,
         "spline": {
             "degree": [surface.u.degree, surface.v.degree],
             "poles": list(surface.poles.shape),
@@ -57,7 +60,7 @@ def surface_summary(surface: Surface) -> dict[str, Any]:
             "error": surface.error,
             "evidence": surface.evidence,
             "sha256": surface.digest,
-        }
+        },
     }
 
 
@@ -65,14 +68,17 @@ def surface_from(values: Mapping[str, Any], where: str = "") -> Surface:
     """Make a surface from the plain values of :func:`surface_values`.
 
     Args:
-        values: A table with the key ``waves`` or ``spline``. Other keys are ignored.
+        values: A table with the key ``unit``, and the key ``waves`` or ``spline``. Other keys are ignored.
         where: The beginning of every error message.
 
     Raises:
         InputError: The values were not written by this program.
     """
+    unit: Unit = values["unit"]
+    with located(f"{where}[block] "):
+        one_of("unit", unit, get_args(Unit))
     if "spline" not in values:
-        return WaveSum(tuple(Wave(**_row(row, where)) for row in values["waves"]))
+        return WaveSum(tuple(Wave(**_row(row, where)) for row in values["waves"]), unit)
     try:
         table = dict(values["spline"])
         counts = tuple(int(count) for count in table["poles"])
@@ -90,7 +96,8 @@ def surface_from(values: Mapping[str, Any], where: str = "") -> Surface:
             if axis.knots.ndim != 1 or not np.isfinite(axis.knots).all() or np.any(np.diff(axis.knots) < 0.0):
                 raise ValueError
         one_of("evidence", table["evidence"], ("proved", "measured"))
-        return SplineSurface(axes[0], axes[1], poles, error=float(table["error"]), evidence=table["evidence"])
+        error, evidence = float(table["error"]), table["evidence"]
+        return SplineSurface(axes[0], axes[1], poles, error=error, evidence=evidence, unit=unit)
     except (KeyError, TypeError, ValueError, zlib.error, InputError):
         raise InputError(f"{where}[block] spline", None, "is not a spline that this program wrote") from None
 

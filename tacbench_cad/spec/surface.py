@@ -14,12 +14,17 @@ from typing import Literal, Protocol
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, Region
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.waves import Sines, Unit
 from tacbench_cad.util.types import Floats
 
 
 class Surface(Protocol):
     """A function ``z(u, v)`` with bounds of its derivatives."""
+
+    @property
+    def unit(self) -> Unit:
+        """The unit of u, v and the height. Every operation keeps it."""
+        ...
 
     @property
     def error(self) -> float:
@@ -119,9 +124,16 @@ class Surface(Protocol):
         ...
 
     def mapped(
-        self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
+        self,
+        per_unit: tuple[float, float],
+        height_per_unit: float,
+        origin: tuple[float, float] = (0.0, 0.0),
+        unit: Unit | None = None,
     ) -> Surface:
-        """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise."""
+        """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise.
+
+        The new unit is ``unit``; None keeps it.
+        """
         ...
 
     def over(self, u: tuple[float, float], v: tuple[float, float]) -> Surface:

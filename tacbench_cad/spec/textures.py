@@ -22,7 +22,7 @@ from tacbench_cad.spec.wavefit import fit_waves
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.door import read_document
-from tacbench_cad.util.errors import InputError, located, one_of
+from tacbench_cad.util.errors import InputError, located, nearest, one_of
 
 Law = Literal["triangle", "square", "sawtooth"]
 Terms = Literal["highest", "count"]
@@ -36,6 +36,8 @@ MAX_WAVES = 1_000
 _BOUNDS = {"amplitude": Bounds(-1e6, 1e6), "f": Bounds(-1e4, 1e4), "g": Bounds(-1e4, 1e4), "phase": Bounds(-1e6, 1e6)}
 #: The names that a user's texture must not have, because they are names of other parts of a print set.
 RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
+#: The words for all six textures and for all later ones.
+GROUPS = ("all", "later")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,8 +47,8 @@ class BlockTable:
     Args:
         size_mm: The sides x, y, in mm.
         height_mm: The height of the highest point, in mm.
-        mm_per_unit: The millimetres per unit of u, v and height.
-        domain: The part of the plane to use, ``((u low, u high), (v low, v high))``.
+        mm_per_unit: The millimetres per unit of u, v and height; None if the texture is in mm.
+        domain: The part of the plane to use, ``((u low, u high), (v low, v high))``, in the unit of the surface.
         outline: The outline in words: ``disc``, ``hexagon:30``; see :func:`tacbench_cad.spec.outlines.outline_of`.
     """
 
@@ -78,6 +80,25 @@ class Texture:
     number: int | None = None
     block: BlockTable = field(default_factory=BlockTable)
 
+    def in_mm(self, mm_per_unit: tuple[float, float, float] | None) -> Texture:
+        """Return the texture with a surface in mm.
+
+        Args:
+            mm_per_unit: The millimetres per unit of u, v and height. A texture in mm needs none.
+
+        Raises:
+            InputError: The texture has units, and no millimetres per unit are given.
+        """
+        if self.surface.unit == "mm":
+            return self
+        if mm_per_unit is None:
+            allowed = f"is missing; {self.name} has units, and cannot be added to a texture in mm without it"
+            raise InputError("[block] mm_per_unit", None, allowed)
+        x, y, z = mm_per_unit
+        return replace(
+            self, surface=self.surface.mapped((x, y), z, unit="mm"), block=table_in_mm(self.block, mm_per_unit)
+        )
+
     def __new__(cls, **values: Any) -> Texture:
         """Refuse the former name of ``surface``."""
         if "waves" in values:
@@ -105,6 +126,30 @@ class Texture:
                         raise InputError(f"texture {self.name} wave {name}", value, refusal)
         if not self.equation:
             object.__setattr__(self, "equation", str(self.surface))
+
+
+def require_own_unit(field: str, mm_per_unit: Sequence[float] | None, surface: Surface) -> None:
+    """Check that a texture in mm is not stretched.
+
+    Args:
+        field: The name of the setting, for the error message.
+        mm_per_unit: The millimetres per unit that were given, or None.
+        surface: The surface of the texture.
+
+    Raises:
+        InputError: The surface is in mm, and a unit would not be 1 mm.
+    """
+    if surface.unit == "mm" and mm_per_unit is not None and any(factor != 1.0 for factor in mm_per_unit):
+        raise InputError(field, tuple(mm_per_unit), "the texture is in mm; leave this out, or use scale to enlarge it")
+
+
+def table_in_mm(table: BlockTable, mm_per_unit: Sequence[float]) -> BlockTable:
+    """Return the settings for a surface that was brought to mm."""
+    if table.domain is None:
+        return replace(table, mm_per_unit=None)
+    (u0, u1), (v0, v1) = table.domain
+    x, y = mm_per_unit[:2]
+    return replace(table, mm_per_unit=None, domain=((u0 * x, u1 * x), (v0 * y, v1 * y)))
 
 
 def equation1(A1: float, A2: float, f1: float, f2: float, phase: float = 0.0) -> WaveSum:  # noqa: N803 (the paper's)
@@ -237,24 +282,52 @@ def later_texture(name: str) -> Texture | None:
     return Texture(name=known, surface=later_surface(known), equation=EQUATIONS[known])
 
 
-def texture(name: str | int, preset: str = "paper") -> Texture:
-    """Return one of the six textures, or one of the authors' later textures, by its number or name.
+def texture(name: Texture | str | int | Path, preset: str = "paper", folder: Path = Path()) -> Texture:
+    """Return one texture by its number, its name or its file. All functions that take one texture use this one.
 
     Args:
-        name: ``4``, ``"4"`` or ``"texture-4"``; ``"dunes"`` or ``"z13"``.
+        name: ``4``, ``"4"`` or ``"texture-4"``; ``"dunes"`` or ``"z13"``; a TOML file, whose block settings the texture
+            then has; or a texture, which is returned as it is.
         preset: ``paper`` or ``released``.
+        folder: The folder of relative paths.
 
     Raises:
-        InputError: There is no such texture.
+        InputError: There is no such texture, the file cannot be read, or the word means several textures.
     """
-    word = str(name).strip().lower()
-    for texture in catalogue(preset):
-        if word in (str(texture.number), texture.name):
-            return texture
-    if later := later_texture(word):
-        return later
-    allowed = f"allowed: 1 to 6, texture-1 to texture-6, {', '.join(EQUATIONS)}, a TOML file or all"
-    raise InputError("texture", str(name), file_hint(str(name)) or allowed)
+    if isinstance(name, Texture):
+        return name
+    if isinstance(name, Path):
+        return read_texture(folder / name).texture
+    word = str(name).strip()
+    if path := texture_path(word, folder):
+        return read_texture(path).texture
+    six = {key: texture for texture in catalogue(preset) for key in (str(texture.number), texture.name)}
+    known = six.get(word.lower()) or later_texture(word.lower())
+    if known is not None:
+        return known
+    if word.lower() in GROUPS:
+        allowed = "means several textures; name one: 1 to 6, a name such as dunes, or a TOML file"
+        raise InputError("texture", word, allowed)
+    hint = file_hint(word, folder) or nearest(word.lower(), [*(six[str(i)].name for i in range(1, 7)), *EQUATIONS])
+    raise InputError("texture", word, f"{hint}; a number from 1 to 6 and a TOML file are also allowed")
+
+
+def is_texture_name(word: str) -> bool:
+    """Return whether a word is the number or the name of a texture, or ``all`` or ``later``; files do not matter."""
+    word = word.lower()
+    six = {key for texture in catalogue() for key in (str(texture.number), texture.name)}
+    return word in six or word in GROUPS or later_name(word) is not None
+
+
+def texture_path(word: str, folder: Path = Path()) -> Path | None:
+    """Return the path of the texture file that a word means; None for the name or number of a texture, and others.
+
+    A file whose name does not end in ``.toml`` is only meant if no texture has this name.
+    """
+    if is_texture_name(word):
+        return None
+    is_file = word.lower().endswith(".toml") or "/" in word or (folder / word).is_file()
+    return folder / word if is_file else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,33 +335,42 @@ class TextureFile:
     """The content of a texture file.
 
     Args:
-        texture: The texture.
-        block: The block settings.
+        texture: The texture, with the block settings.
     """
 
     texture: Texture
-    block: BlockTable = field(default_factory=BlockTable)
+
+    @property
+    def block(self) -> BlockTable:
+        """The block settings."""
+        return self.texture.block
 
 
-def read_texture(path: Path) -> TextureFile:
+def read_texture(path: Path | str, within: tuple[Path, ...] = ()) -> TextureFile:
     """Read a texture and its block settings from a TOML file.
 
     Args:
         path: The file. ``docs/textures.md`` lists the keys.
+        within: The files that name this file, the outermost first.
 
     Raises:
         InputError: The file cannot be read, or a key or a value is not allowed.
     """
-    return texture_of_document(read_document(path, "texture", "toml"), f"{path}: ", path.parent)
+    path = Path(path)
+    within = (*within, path.resolve())
+    return texture_of_document(read_document(path, "texture", "toml"), f"{path}: ", path.parent, within)
 
 
-def texture_of_document(document: Mapping[str, Any], where: str = "", folder: Path = Path()) -> TextureFile:
+def texture_of_document(
+    document: Mapping[str, Any], where: str = "", folder: Path = Path(), within: tuple[Path, ...] = ()
+) -> TextureFile:
     """Make a texture and its block settings from the tables of a texture file.
 
     Args:
         document: The tables, as a TOML parser returns them.
         where: The beginning of every error message: the name of the file.
         folder: The folder of the other files that the tables name.
+        within: The file of the tables, and the files that name it.
 
     Raises:
         InputError: A key or a value is not allowed.
@@ -298,8 +380,22 @@ def texture_of_document(document: Mapping[str, Any], where: str = "", folder: Pa
     with located(where):
         if not isinstance(family, _PlaneWaves) and tables.wave:
             raise InputError("[[wave]]", None, f'only allowed with family = "plane-waves", not "{family.family}"')
-        texture, table = family.made(tables, folder)
-        return TextureFile(texture=texture, block=table)
+        texture, table = family.made(tables, _Files(folder, within))
+        require_own_unit("[block] mm_per_unit", table.mm_per_unit, texture.surface)
+        return TextureFile(texture=replace(texture, block=table))
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Where a texture file is.
+
+    Args:
+        folder: The folder of the other files that it names.
+        within: The file itself, and the files that name it.
+    """
+
+    folder: Path
+    within: tuple[Path, ...]
 
 
 _Amplitude = Annotated[float, _BOUNDS["amplitude"]]
@@ -352,7 +448,7 @@ class _Equation1:
     f2: _Frequency
     phase: _Phase = 0.0
 
-    def made(self, document: _Document, _: Path) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, _: _Files) -> tuple[Texture, BlockTable]:
         surface = equation1(self.A1, self.A2, self.f1, self.f2, self.phase)
         return Texture(name=self.name, surface=surface), document.block
 
@@ -374,7 +470,7 @@ class _Series:
             if self.weights is None and getattr(self, name) is None:
                 raise InputError(name, None, "is missing; a series needs law and N, or weights")
 
-    def made(self, document: _Document, _: Path) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, _: _Files) -> tuple[Texture, BlockTable]:
         if self.weights is not None:
             return Texture(name=self.name, surface=harmonics(self.weights, self.axes)), document.block
         assert self.law is not None and self.N is not None
@@ -388,14 +484,14 @@ class _PlaneWaves:
     name: str
     family: Literal["plane-waves"]
 
-    def made(self, document: _Document, _: Path) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, _: _Files) -> tuple[Texture, BlockTable]:
         if not document.wave:
             raise InputError("[[wave]]", None, "at least one such table is needed")
-        block = document.block
+        units = document.block.mm_per_unit or (1.0, 1.0, 1.0)
+        surface, block = WaveSum(tuple(wave.wave(units) for wave in document.wave)), document.block
         if any(wave.wavelength_mm is not None for wave in document.wave):
-            block = replace(block, mm_per_unit=block.mm_per_unit or (1.0, 1.0, 1.0))
-        units = block.mm_per_unit or (1.0, 1.0, 1.0)
-        return Texture(name=self.name, surface=WaveSum(tuple(wave.wave(units) for wave in document.wave))), block
+            surface, block = surface.mapped(units[:2], units[2], unit="mm"), table_in_mm(block, units)
+        return Texture(name=self.name, surface=surface), block
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -416,17 +512,17 @@ class _Image:
         if (self.fit == "waves") != (self.waves is not None):
             raise InputError("waves", self.waves, 'the number of waves belongs to fit = "waves"')
 
-    def made(self, document: _Document, folder: Path) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, files: _Files) -> tuple[Texture, BlockTable]:
         texture = image_texture(
             self.name,
-            folder / self.file,
+            files.folder / self.file,
             mm_per_pixel=self.mm_per_pixel,
             height_mm=self.height_mm,
             smooth_mm=self.smooth_mm,
             repeats=self.repeats,
             waves=self.waves,
         )
-        return texture, _merged(texture.block, document.block)
+        return texture, document.block
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -440,15 +536,24 @@ class _Combined:
     turn_deg: Annotated[float, Bounds(-360.0, 360.0)] = 0.0
     fade: Annotated[float, Bounds(1e-3, 1e4)] | None = None
 
-    def made(self, document: _Document, folder: Path) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, files: _Files) -> tuple[Texture, BlockTable]:
         weights = self.weights or (1.0,) * len(self.of)
         if len(weights) != len(self.of):
             raise InputError("weights", len(weights), f"needs one number for each of the {len(self.of)} textures")
-        parts = [self._part(word, folder) for word in self.of]
+        parts, own = [self._part(word, files) for word in self.of], document.block
+        units = {part.block.mm_per_unit for part in parts if part.block.mm_per_unit is not None}
+        if any(part.surface.unit == "mm" for part in parts):
+            mixed = any(part.surface.unit != "mm" for part in parts)
+            parts = [part.in_mm(own.mm_per_unit or part.block.mm_per_unit) for part in parts]
+            if mixed and own.mm_per_unit is not None:
+                own = table_in_mm(own, own.mm_per_unit)
+        elif own.mm_per_unit is None and len(units) > 1:
+            allowed = "is missing; the files in [texture] of have different ones, so say which this sum has"
+            raise InputError("[block] mm_per_unit", None, allowed)
         table = parts[0].block
         for part in parts[1:]:
             table = _merged(table, part.block)
-        table = _merged(table, document.block)
+        table = _merged(table, own)
         surface = added([scaled(part.surface, weight) for part, weight in zip(parts, weights, strict=True)])
         if self.turn_deg:
             surface = turned(surface, self.turn_deg)
@@ -462,11 +567,14 @@ class _Combined:
             text += f", fading out over {self.fade:g}"
         return Texture(name=self.name, surface=surface, equation=text), table
 
-    def _part(self, word: str, folder: Path) -> Texture:
-        if word.endswith(".toml"):
-            file = read_texture(folder / word)
-            return replace(file.texture, block=file.block)
-        return texture(word)
+    def _part(self, word: str, files: _Files) -> Texture:
+        path = texture_path(word, files.folder)
+        if path is None:
+            return texture(word, folder=files.folder)
+        if path.resolve() in files.within:
+            allowed = "is this file itself, or a file that names this one, so the sum would never end; leave it out"
+            raise InputError("[texture] of", word, allowed)
+        return read_texture(path, files.within).texture
 
 
 def _merged(table: BlockTable, own: BlockTable) -> BlockTable:
@@ -519,19 +627,11 @@ def image_texture(
             heights = smoothed(heights, smooth_mm, steps, repeats or waves is not None)
         if waves is not None:
             fit = fit_waves(heights, waves=waves, mm_per_pixel=steps, height_mm=height_mm)
-            table = BlockTable(mm_per_unit=(1.0, 1.0, 1.0))
-            return Texture(name=name, surface=fit.surface, equation=f"{path.name} as {fit}", block=table)
+            return Texture(name=name, surface=fit.surface, equation=f"{path.name} as {fit}")
         surface = height_map(heights, mm_per_pixel=steps, height_mm=height_mm, repeats=repeats)
     rows, columns = np.shape(heights)
     text = f"{path.name}, {columns} x {rows} samples"
-    return Texture(name=name, surface=surface, equation=text, block=table_in_mm(surface))
-
-
-def table_in_mm(surface: SplineSurface) -> BlockTable:
-    """Return the block settings for a surface whose units are mm: the block has the size of the surface."""
-    if surface.u.repeats or surface.v.repeats:
-        return BlockTable(mm_per_unit=(1.0, 1.0, 1.0))
-    return BlockTable(mm_per_unit=(1.0, 1.0, 1.0), domain=(surface.u.ends, surface.v.ends))
+    return Texture(name=name, surface=surface, equation=text)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,7 +100,7 @@ def fit_waves(
                 phase=float(np.angle(spectrum[i, j]) + math.pi / 2.0),
             )
         )
-    surface = WaveSum(tuple(made))
+    surface = WaveSum(tuple(made), "mm")
     x, y = (np.arange(count, dtype=np.float64) * step for count, step in zip((n, m), steps, strict=True))
     difference = seamless - seamless.mean() - surface.grid(x, y)
     variance = float(seamless.var())

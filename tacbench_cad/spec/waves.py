@@ -1,8 +1,8 @@
 """Finite sums of plane waves, from which everything else is computed.
 
 A texture is a surface ``z(u, v) = sum A sin(f u + g v + phase)``. For such sums this module computes values,
-derivatives, bounds of any derivative, integrals in closed form, and extremes with a proved error. The numbers have no
-units; :class:`tacbench_cad.spec.block.Block` uses the same class for lengths in mm.
+derivatives, bounds of any derivative, integrals in closed form, and extremes with a proved error. A sum states whether
+its numbers are lengths in mm, or have no unit as in the paper.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from numpy.typing import ArrayLike
 from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region, clipped_rectangle, search_interval, search_rectangle
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
+
+#: What the numbers of a surface are: ``units`` without a dimension, which a block maps to mm, or lengths in ``mm``.
+Unit = Literal["units", "mm"]
 
 #: The largest absolute error of the extremes of separable sums and of parallel waves.
 EXTREMES_ERROR = 1e-9
@@ -126,17 +129,24 @@ class WaveSum:
 
     Args:
         waves: The waves. A sum without waves is zero.
+        unit: The unit of u, v and the height.
     """
 
     waves: tuple[Wave, ...]
+    unit: Unit = "units"
     #: A sum of waves is its own definition, so it has no error.
     error: ClassVar[float] = 0.0
     #: The kind of evidence for the error.
     evidence: ClassVar[Literal["proved", "measured"]] = "proved"
 
     def __str__(self) -> str:
-        """Return the formula as text with at most three waves: ``0.6 sin(2u + v) + sin(2u - v)``."""
+        """Return the formula as text with at most three waves: ``0.6 sin(2u + v) + sin(2u - v)``.
+
+        Of waves in mm, the text has wavelengths and directions: ``0.4 mm sine of 2 mm at 0, 60, 120 degrees``.
+        """
         shown = [w for w in self.waves if w.amplitude != 0.0]
+        if self.unit == "mm":
+            return _in_words(shown)
         text = _joined([(w.amplitude, _sine(w)) for w in shown[:3]]) or "0"
         return text + (f" + {len(shown) - 3} more waves" if len(shown) > 3 else "")
 
@@ -358,7 +368,11 @@ class WaveSum:
         return Extremes(found.low, found.high, place(found.at_low[0]), place(found.at_high[0]), found.error)
 
     def mapped(
-        self, per_unit: tuple[float, float], height_per_unit: float, origin: tuple[float, float] = (0.0, 0.0)
+        self,
+        per_unit: tuple[float, float],
+        height_per_unit: float,
+        origin: tuple[float, float] = (0.0, 0.0),
+        unit: Unit | None = None,
     ) -> WaveSum:
         """Return the same surface in other coordinates: ``x = (u - origin_u) * per_unit_x``, and y likewise.
 
@@ -366,6 +380,7 @@ class WaveSum:
             per_unit: The new length units per unit along u and v.
             height_per_unit: The new length units per unit of height.
             origin: The point (u, v) that becomes (0, 0).
+            unit: The new unit; None keeps it.
         """
         return WaveSum(
             tuple(
@@ -376,7 +391,8 @@ class WaveSum:
                     phase=w.phase + w.f * origin[0] + w.g * origin[1],
                 )
                 for w in self.waves
-            )
+            ),
+            unit or self.unit,
         )
 
     def over(self, u: tuple[float, float], v: tuple[float, float]) -> WaveSum:
@@ -434,6 +450,22 @@ def _sine(wave: Wave) -> str:
     """Write a wave without its amplitude: ``sin u``, ``sin(2u - v + 0.5)``."""
     inner = _joined([(wave.f, "u"), (wave.g, "v"), (wave.phase, "")]) or "0"
     return f"sin {inner}" if inner in ("u", "v") else f"sin({inner})"
+
+
+def _in_words(waves: Sequence[Wave]) -> str:
+    """Write waves in mm by amplitude, wavelength and direction, at most three different ones."""
+    angles: dict[str, list[str]] = {}
+    for wave in waves:
+        frequency = math.hypot(wave.f, wave.g)
+        if not frequency:
+            angles[f"{wave.amplitude * math.sin(wave.phase):.4g} mm"] = []
+            continue
+        phase = f" with phase {wave.phase:.4g}" if wave.phase else ""
+        kind = f"{wave.amplitude:.4g} mm sine of {2.0 * math.pi / frequency:.4g} mm{phase} at "
+        angles.setdefault(kind, []).append(f"{math.degrees(math.atan2(wave.g, wave.f)) + 0.0:.4g}")
+    texts = [kind + (f"{', '.join(each)} degrees" if each else "") for kind, each in angles.items()]
+    rest = sum(max(1, len(each)) for each in list(angles.values())[3:])
+    return " + ".join(texts[:3] or ["0"]) + (f" + {rest} more waves" if rest else "")
 
 
 def _joined(terms: Sequence[tuple[float, str]]) -> str:

@@ -56,6 +56,8 @@ def test_a_3mf_file_is_written_for_a_3mf_name(pad: Path, tmp_path: Path, capsys:
         (["--at", "99,0,0", "--texture", "2"], "mm from the mesh; the nearest triangle is at"),
         (["--at", "1,2", "--texture", "2"], "must be X,Y,Z"),
         (["--at", "15,10,5", "--texture", "wood"], "texture = 'wood'"),
+        (["--at", "15,10,5", "--texture", "all"], "texture = 'all': means several textures; name one: 1 to 6"),
+        (["--at", "15,10,5", "--texture", "later"], "texture = 'later': means several textures; name one: 1 to 6"),
         (["--at", "15,10,5", "--texture", "2", "--scale", "1000"], "is probably not the millimetre"),
         (["--at", "15,10,5", "--texture", "2", "--out", "pad.step"], "must end in .stl or .3mf"),
         (["--face", ">Z", "--texture", "2"], "needs a STEP file; name the region of a mesh by --at"),

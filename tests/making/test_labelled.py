@@ -54,6 +54,18 @@ def test_a_corrected_block_of_a_print_set_means_its_intended_print(tmp_path: Pat
     assert block.surface == Block.of(1).surface
 
 
+@pytest.mark.parametrize("word", ["4", "texture-4", "dunes"])
+def test_a_texture_comes_before_a_folder_with_its_name(
+    word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / word).mkdir()
+    assert blocks_named(word) == [Block.of(word)]
+    row = {"file": "1.stl", "sha256": "", "part": "texture-1_paper_x1", "kind": "block"}
+    (tmp_path / word / MANIFEST_NAME).write_text(json.dumps({"schema": 1, "files": [row]}), encoding="utf-8")
+    assert blocks_named(f"./{word}") == [Block.of(1)]
+
+
 def test_a_folder_without_blocks_and_an_unknown_word_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no manifest"):
         blocks_named(str(tmp_path))

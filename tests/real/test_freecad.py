@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.checkout import ROOT
+from helpers.millimetres import KNOWN, PLATE_MM, REGION_MM, off_mm
 from helpers.outsiders import PATIENCE_S, Written, part_named
 
 pytest.importorskip("OCP", reason="solids need the extra cad")
@@ -313,6 +314,32 @@ reply([rough.getStatusString(), rough.Shape.Volume, rough.FormulaVolume.Value, r
     assert read_stl(tmp_path / "plate.stl").volume_mm3 == pytest.approx(kept[2], rel=1e-3)
     assert kept[4] == pytest.approx(kept[2], rel=1e-5)
     assert kept[5]
+
+
+@pytest.mark.parametrize("name", ["wavelength_mm", "table"])
+def test_a_texture_file_has_its_millimetres_in_freecad(freecad: Script, name: str, tmp_path: Path) -> None:
+    """A face and a block with the default properties and a texture file agree with a formula in mm of the test."""
+    known = KNOWN[name]
+    file, size = known.write(tmp_path), list(PLATE_MM)
+    face, block, base_mm = freecad(
+        f"""
+from freecad.tacbench import make_block, make_textured_face
+document = FreeCAD.newDocument()
+plate = document.addObject("Part::Box", "Plate")
+plate.Length, plate.Width, plate.Height = {size!r}
+document.recompute()
+(top,) = (i for i, face in enumerate(plate.Shape.Faces, 1) if abs(face.CenterOfMass.z - {size[2]}) < 1e-6)
+rough = make_textured_face(document, plate, "Face%d" % top, TextureFile={str(file)!r})
+block = make_block(document, TextureFile={str(file)!r})
+document.recompute()
+def points(shape):
+    return [list(vertex) for vertex in shape.tessellate(0.02)[0]]
+reply([points(rough.Shape), points(block.Shape), 7.0 - block.Relief.Value])
+"""
+    )
+    assert off_mm(np.array(face), known.pattern, REGION_MM, np.array([1.0, 1.0, size[2] + 0.1])) < 0.0015
+    sides = Block.of(file).size_mm
+    assert off_mm(np.array(block), known.pattern, sides, np.array([0.0, 0.0, base_mm - 0.1])) < 0.0015
 
 
 def test_the_macro_writes_files_that_are_ours(freecad: Script, home: Path) -> None:

@@ -62,6 +62,13 @@ def test_the_table_and_the_files_of_a_scan(scan: Path, folder: Path, capsys: Cap
     }
 
 
+@pytest.mark.parametrize("word", ["all", "later"])
+def test_one_block_is_simulated_and_not_the_first_of_several(word: str, folder: Path, capsys: Capture) -> None:
+    assert main(["scan", "--simulate", "scan.ply", "--block", word]) == 2
+    assert f"block = '{word}': means several blocks, but one is simulated" in capsys.readouterr().err
+    assert not (folder / "scan.ply").exists()
+
+
 def test_a_limit_that_is_not_met_gives_exit_code_1_and_one_line(scan: Path, folder: Path, capsys: Capture) -> None:
     words = ["--limits", "top_rms_mm=0.000001", "--printer", "ender-3", "--copy", "3", "--json", "--no-picture"]
     assert main(["scan", str(scan), *HALF, *words]) == 1

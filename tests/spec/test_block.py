@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.lab.runs.info import printed_block_from
+from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import MIN_BASE_MM, Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
 from tacbench_cad.spec.presets import PRESETS
@@ -220,6 +225,48 @@ def test_only_the_published_grids_of_4_and_6_alias() -> None:
 )
 def test_names_contain_options_that_are_not_default(options: dict[str, object], name: str) -> None:
     assert Block.of(**{"texture": 4, **options}).name == name  # type: ignore[arg-type]
+
+
+MILLIMETRES = "[block]\nmm_per_unit = [0.28489, 0.28489, 0.21]\ndomain = [[-1.0, 90.0], [2.0, 95.0]]\n"
+
+
+@pytest.mark.parametrize(
+    ("wave", "block", "options", "rest"),
+    [
+        ("wavelength_mm = 1.3\nangle_deg = 60", "", {}, ""),
+        ("wavelength_mm = 1.3\nangle_deg = 60", "[block]\nsize_mm = [20, 21]\nheight_mm = 6\n", {}, "_20x21x6"),
+        ("wavelength_mm = 1.3\nangle_deg = 60", "[block]\nsize_mm = [20, 21]\n", {"size_mm": (23.3, 30.0)}, ""),
+        ("f = 1.0\ng = 0.5", MILLIMETRES, {"size_mm": (30.0, 30.0), "key_mm": 3.0}, "_30x30x7_key3"),
+        (
+            "f = 1.0\ng = 0.5",
+            MILLIMETRES,
+            {"size_mm": (9.0, 9.0), "mm_per_unit": (1.5, 1.0, 0.2)},
+            "_9x9x7_mm1.5x1x0.2",
+        ),
+        ("f = 1.0\ng = 0.5", "[block]\noutline = 'disc:20'\nheight_mm = 6\n", {}, "_disc20_h6"),
+    ],
+)
+def test_names_state_what_differs_from_the_texture_file(
+    wave: str, block: str, options: dict[str, Any], rest: str, tmp_path: Path
+) -> None:
+    """The name is short, and together with the file it still means the same block."""
+    path = tmp_path / "bumps.toml"
+    head = '[texture]\nname = "slider-bumps"\nfamily = "plane-waves"\n[[wave]]\namplitude = 0.3\n'
+    path.write_text(f"{head}{wave}\n{block}", encoding="utf-8")
+    own = Block.of(path, **options)
+    assert own.name == f"slider-bumps_paper_x1{rest}"
+    assert claimed_block(own.name, own.texture) == own
+    stored = printed_block_from(PrintedBlock(block=own, printer="ender-3", filament="pla").as_dict())
+    assert (stored.block, stored.block.name) == (own, own.name)
+
+
+def test_a_name_in_a_file_does_not_open_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = '[texture]\nname = "own"\nfamily = "equation1"\nf1 = 1\nf2 = 1\n'
+    (tmp_path / "own").write_text(text, encoding="utf-8")
+    (tmp_path / "own.toml").write_text(text, encoding="utf-8")
+    assert [claimed_block(f"{word}_paper_x1") for word in ("own", "own.toml", "./own", "all")] == [None] * 4
+    assert Block.of("own").texture.name == "own"
 
 
 @pytest.mark.parametrize(("size", "text"), [(38.0 * 0.8, "30.4"), (23.3 * 1.1, "25.63")])

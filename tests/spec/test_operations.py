@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
+from tacbench_cad.spec.later import later_surface
 from tacbench_cad.spec.operations import added, masked, repeated, scaled, turned, windowed
 from tacbench_cad.spec.sampled import height_map, sampled
 from tacbench_cad.spec.spline import SplineSurface
+from tacbench_cad.spec.storage import surface_from, surface_values
 from tacbench_cad.spec.textures import plane_waves
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
@@ -79,7 +83,10 @@ def test_splines_with_the_same_domain_are_added_exactly() -> None:
 
 def test_waves_and_a_spline_are_added_within_the_error() -> None:
     spline = height_map(TABLE, mm_per_pixel=0.6)
-    total = added([WAVES, spline])
+    with pytest.raises(InputError, match="surfaces: some are in mm and others in units"):
+        added([WAVES, spline])
+    total = added([replace(WAVES, unit="mm"), spline])
+    assert total.unit == "mm"
     assert np.abs(total(U, V) - WAVES(U, V) - spline(U, V)).max() <= total.error
     assert total.evidence == "measured"
 
@@ -114,3 +121,49 @@ def test_a_surface_repeats_only_without_a_step() -> None:
 def test_a_domain_is_needed_where_none_follows() -> None:
     with pytest.raises(InputError, match=r"domain: is missing"):
         windowed(WAVES, 1.0)
+
+
+def test_a_window_keeps_the_creases() -> None:
+    """The bounds of cells, from which a certificate is made, hold between the creases of |sin u| + |cos v|."""
+    faded = windowed(later_surface("diamond"), 2.0, ((0.5, 11.5), (0.3, 10.3)))
+    for found, kinks in zip(faded.creases, (math.pi * np.arange(1, 4), math.pi * (np.arange(3) + 0.5)), strict=True):
+        assert np.abs(found[:, None] - kinks).min(axis=0).max() < 1e-6
+    u, v = np.random.default_rng(2).uniform(2.6, 8.2, (2, 4000))
+    assert np.abs(faded(u, v) - np.abs(np.sin(u)) - np.abs(np.cos(v))).max() <= faded.error
+    # Without the creases, the same function needs many more samples, and its slope would change over a short length.
+    assert faded.poles.size < 10_000
+
+
+def test_lines_of_a_window_that_lie_on_a_crease_or_on_each_other_are_one_line() -> None:
+    kinks = sampled(lambda u, v: np.abs(u - 1.0) + 0.0 * v, u=(0.0, 6.0), v=(0.0, 6.0), creases=([1.0], []))
+    assert windowed(kinks, 1.0 + 1e-9).creases[0].tolist() == pytest.approx([1.0, 5.0], abs=1e-6)
+    assert windowed(WAVES, 3.0, ((0.0, 6.0), (0.0, 6.0))).creases[0].tolist() == [3.0]
+
+
+@pytest.mark.parametrize("unit", ["units", "mm"])
+def test_every_operation_keeps_the_unit(unit: Literal["units", "mm"]) -> None:
+    waves, spline = replace(WAVES, unit=unit), replace(height_map(TABLE), unit=unit)
+    ends = ((0.0, 6.0), (0.0, 6.0))
+    for surface in (
+        *(waves.mapped((2.0, 3.0), 0.5), spline.mapped((2.0, 3.0), 0.5), spline.over((1.0, 5.0), (2.0, 6.0))),
+        *(scaled(waves, 2.0), scaled(spline, 2.0), added([waves, waves]), added([spline, spline])),
+        *(added([waves, spline]), turned(waves, 20.0), windowed(waves, 1.0, ends), windowed(spline, 1.0)),
+        *(masked(spline, lambda u, v: np.exp(-u) + 0.0 * v), spline.derivative((0, 0))),
+        turned(repeated(replace(spline, poles=np.ones_like(spline.poles) + _bump(spline.poles.shape))), 30.0, ends),
+        surface_from(surface_values(waves)),
+        surface_from(surface_values(spline)),
+    ):
+        assert surface.unit == unit
+    assert WAVES.mapped((1.0, 1.0), 1.0, unit="mm").unit == "mm"
+
+
+def _bump(shape: tuple[int, int]) -> np.ndarray:
+    """A table that is 0 at its edge."""
+    return np.multiply.outer(*(np.sin(np.linspace(0.0, math.pi, n)) ** 2 for n in shape))
+
+
+def test_a_stored_surface_states_a_known_unit() -> None:
+    values = surface_values(replace(WAVES, unit="mm"))
+    assert surface_from(values) == replace(WAVES, unit="mm") != WAVES
+    with pytest.raises(InputError, match=r"run.json: \[block\] unit = 'inch'"):
+        surface_from(values | {"unit": "inch"}, "run.json: ")

@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.lab.study.plate import block_of_word
+from tacbench_cad.making.choice import textures_of
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.later import EQUATIONS
 from tacbench_cad.spec.textures import (
     Texture,
     TextureFile,
@@ -212,9 +217,12 @@ def test_a_wave_with_an_angle(tmp_path: Path) -> None:
     units = read(tmp_path, head + "wavelength=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
     along = U * 0.5 + V * math.sqrt(0.75)
     np.testing.assert_allclose(units.texture.surface(U, V), np.sin(math.pi * along), atol=1e-12)
-    printed = read(tmp_path, head + "wavelength_mm=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
-    np.testing.assert_allclose(printed.texture.surface(U / 1.2, V / 1.5), np.sin(math.pi * along), atol=1e-12)
-    assert read(tmp_path, head + "wavelength_mm=2\n").block.mm_per_unit == (1.0, 1.0, 1.0)
+    assert units.texture.surface.unit == "units"
+    for block in ("", "[block]\nmm_per_unit=[1.2, 1.5, 1]\n"):
+        printed = read(tmp_path, head + "wavelength_mm=2\n" + block).texture
+        assert (printed.surface.unit, printed.block.mm_per_unit) == ("mm", None)
+        assert printed.equation == "1 mm sine of 2 mm at 60 degrees"
+        np.testing.assert_allclose(printed.surface(U, V), np.sin(math.pi * along), atol=1e-12)
 
 
 def test_a_sum_of_textures(tmp_path: Path) -> None:
@@ -251,3 +259,120 @@ def test_a_sum_that_fades_out_towards_the_edges(tmp_path: Path) -> None:
     edge = np.linspace(0.0, 8.0, 50)
     assert np.abs(texture.surface(edge, 0.0)).max() < 1e-9
     assert texture.surface(4.0, 5.0) == pytest.approx(math.sin(4.0) + math.cos(5.0), abs=2e-3)
+
+
+OWN = '[texture]\nname="own"\nfamily="plane-waves"\n[[wave]]\namplitude=0.2\nangle_deg=60\nwavelength_mm=2\n'
+
+
+def test_a_path_is_accepted_wherever_a_texture_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path, OWN + "[block]\nsize_mm=[20, 21]\nheight_mm=6\n")
+    monkeypatch.chdir(tmp_path)
+    own = read_texture(str(path)).texture
+    assert own == read_texture(path).texture and own.block.size_mm == (20.0, 21.0)
+    for word in (str(path), path, "texture.toml", Path("texture.toml"), own):
+        assert texture(word) == own
+        assert texturing(word).texture == own
+        assert textures_of((word,), "paper") == [own]
+        block = Block.of(word)
+        assert (block.size_mm, block.height_mm) == ((20.0, 21.0), 6.0)
+    assert block_of_word("texture.toml", "paper", 1.0, None, tmp_path) == Block.of(own)
+
+
+@pytest.mark.parametrize("word", ["all", "later", "ALL"])
+def test_a_word_for_several_textures_is_refused_where_one_is_needed(word: str) -> None:
+    for ask in (texture, Block.of, texturing, lambda each: block_of_word(each, "paper", 1.0, None, Path())):
+        with pytest.raises(InputError, match=rf"texture = '{word}': means several textures; name one: 1 to 6"):
+            ask(word)
+    assert len(textures_of((word,), "paper")) == (14 if word == "later" else 6)
+
+
+def test_everything_that_the_messages_allow_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, OWN)
+    with pytest.raises(
+        InputError, match=r"allowed: texture-1, .*; a number from 1 to 6 and a TOML file are also allowed"
+    ):
+        texture("xyz")
+    with pytest.raises(InputError, match=r'did you mean "dunes"\?; a number'):
+        texture("dune")
+    with pytest.raises(InputError, match=r'did you mean the file "texture.toml"\?'):
+        texture("texture")
+    names = [f"texture-{i}" for i in range(1, 7)] + list(EQUATIONS) + [str(i) for i in range(1, 7)]
+    for word in [*names, *range(1, 7), "texture.toml"]:
+        assert texture(word).surface is not None
+    assert textures_of(("all",), "paper") == list(catalogue())
+
+
+def test_a_file_that_has_the_name_of_a_texture_does_not_hide_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "4").write_text(OWN, encoding="utf-8")
+    (tmp_path / "own").write_text(OWN, encoding="utf-8")
+    assert texture("4").number == 4
+    assert texture("./4").name == texture("own").name == "own"
+    total = '[texture]\nname="t"\nfamily="sum"\nof=["4"]\n'
+    assert read(tmp_path, total).texture.surface == texture(4).surface
+
+
+@pytest.mark.parametrize(
+    ("names", "where"),
+    [
+        (("texture",), "texture.toml"),
+        (("texture", "second"), "second.toml"),
+        (("texture", "second", "third"), "third.toml"),
+    ],
+)
+def test_files_that_name_each_other_are_refused(names: tuple[str, ...], where: str, tmp_path: Path) -> None:
+    for name, following in zip(names, [*names[1:], names[0]], strict=True):
+        text = f'[texture]\nname="{name}"\nfamily="sum"\nof=["2", "./{following}.toml"]\n'
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(
+        InputError, match=rf"{where}: \[texture\] of = './texture.toml': is this file itself, or"
+    ) as caught:
+        read_texture(tmp_path / "texture.toml")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_may_be_named_twice(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
+    (tmp_path / "half.toml").write_text('[texture]\nname="half"\nfamily="sum"\nof=["own.toml"]\nweights=[0.5]\n')
+    total = read(tmp_path, '[texture]\nname="t"\nfamily="sum"\nof=["own.toml", "half.toml"]\n').texture
+    expected = 0.3 * np.sin(math.pi * (0.5 * U + math.sqrt(0.75) * V))
+    np.testing.assert_allclose(total.surface(U, V), expected, atol=1e-12)
+
+
+def test_a_sum_of_mm_and_units_needs_the_mm_per_unit(tmp_path: Path) -> None:
+    """The units are resolved when the file is read, and an explicit table also counts for files with their own."""
+    (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
+    total = '[texture]\nname="t"\nfamily="sum"\nof=["own.toml", "1"]\n'
+    with pytest.raises(InputError, match=r"\[block\] mm_per_unit: is missing; texture-1 has units"):
+        read(tmp_path, total)
+    mixed = read(tmp_path, total + "[block]\nmm_per_unit=[1.2, 1.5, 0.5]\ndomain=[[1, 11], [2, 12]]\n").texture
+    expected = 0.2 * np.sin(math.pi * (0.5 * U + math.sqrt(0.75) * V)) + 0.5 * np.sin(U / 1.2)
+    np.testing.assert_allclose(mixed.surface(U, V), expected, atol=1e-12)
+    assert (mixed.surface.unit, mixed.block.domain) == ("mm", ((1.2, 13.2), (3.0, 18.0)))
+    assert Block.of(mixed).size_mm == pytest.approx((12.0, 15.0))
+    only_mm = total.replace(', "1"', "")
+    with pytest.raises(InputError, match=r"\[block\] mm_per_unit = \(1\.2, 1\.5, 0\.5\): the texture is in mm"):
+        read(tmp_path, only_mm + "[block]\nmm_per_unit=[1.2, 1.5, 0.5]\n")
+    for name, unit in (("a", 1.0), ("b", 2.0)):
+        text = f'[texture]\nname="{name}"\nfamily="equation1"\nf1=1\nf2=1\n[block]\nmm_per_unit=[{unit}, 1, 1]\n'
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    both = '[texture]\nname="t"\nfamily="sum"\nof=["a.toml", "b.toml"]\n'
+    with pytest.raises(
+        InputError, match=r"\[block\] mm_per_unit: is missing; the files in \[texture\] of have different"
+    ):
+        read(tmp_path, both)
+    assert read(tmp_path, both + "[block]\nmm_per_unit=[3, 1, 1]\n").block.mm_per_unit == (3.0, 1.0, 1.0)
+
+
+def test_the_title_of_waves_in_mm_has_wavelengths(tmp_path: Path) -> None:
+    wave = "[[wave]]\namplitude={}\nangle_deg={}\nwavelength_mm={}\nphase={}\n"
+    head = '[texture]\nname="a"\nfamily="plane-waves"\n'
+    three = read(tmp_path, head + "".join(wave.format(0.4, angle, 1.3, 0) for angle in (0, 60, 120))).texture
+    assert three.equation == "0.4 mm sine of 1.3 mm at 0, 60, 120 degrees"
+    two = read(tmp_path, head + wave.format(0.4, 0, 1.3, 0) + wave.format(0.1, 90, 2, 0.5)).texture
+    assert two.equation == "0.4 mm sine of 1.3 mm at 0 degrees + 0.1 mm sine of 2 mm with phase 0.5 at 90 degrees"
+    many = read(tmp_path, head + "".join(wave.format(0.4, 0, length, 0) for length in (1, 2, 3, 4, 5))).texture
+    assert many.equation.endswith("0.4 mm sine of 3 mm at 0 degrees + 2 more waves")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.millimetres import KNOWN
 
 pytest.importorskip("starlette", reason="the design page needs the extra web")
 pytest.importorskip("httpx2", reason="the test client of Starlette needs httpx2")
@@ -20,6 +21,7 @@ from starlette.testclient import TestClient
 from trimesh import load
 
 from tacbench_cad.checks.check import check
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.later import EQUATIONS
 from tacbench_cad.spec.textures import catalogue, read_texture, texture
 from tacbench_cad.util.errors import InputError
@@ -293,3 +295,16 @@ def test_slow_questions_are_limited(page: Page, monkeypatch: pytest.MonkeyPatch)
     assert [json.loads(page.connection.receive_text())["id"] for _ in range(app.MAX_WAITING)] == list(
         range(app.MAX_WAITING)
     )
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_the_page_keeps_the_millimetres_of_a_file(name: str, tmp_path: Path) -> None:
+    """The block of an opened file, and that of the file which the page writes, agree with a formula in mm."""
+    path, pattern = KNOWN[name].write(tmp_path), KNOWN[name].pattern
+    design = opened(path.read_text(encoding="utf-8"), path.name, tmp_path)
+    path.write_text(toml(design), encoding="utf-8")
+    x, y = np.random.default_rng(0).uniform(0.0, 9.0, (2, 500))
+    for block in (design.block, Block.of(path)):
+        assert np.ptp(block.height_at(x, y) - pattern(x, y)) < 3e-5
+    assert np.ptp(design.surface(x, y) - pattern(x, y)) < 3e-5
+    assert "_mm" not in design.block.name

@@ -26,8 +26,8 @@ RECORD = "texture.json"
 README = "README.md"
 #: The keys that identify a block. All other keys of its description follow from these.
 IDENTITY = (
-    *("texture", "waves", "spline", "preset", "scale", "size_mm", "height_mm", "mm_per_unit", "domain", "sampling"),
-    *("key_mm", "label", "copy"),
+    *("texture", "unit", "waves", "spline", "preset", "scale", "size_mm", "height_mm", "mm_per_unit", "domain"),
+    *("sampling", "key_mm", "label", "copy"),
 )
 _NEW, _OLD = f"{TEMPORARY_PREFIX}new-", f"{TEMPORARY_PREFIX}old-"
 

@@ -61,11 +61,13 @@ def combined(
     for region, height, texturing, mm_per_unit in textures:
         low, high = height.range_mm
         on_grid = region.frame.radius_mm is not None or height.fade.length_mm > 0.0
-        block = Block.of(
-            texturing.texture,
-            size_mm=region.size_mm,
-            mm_per_unit=(*mm_per_unit, height.factor),
-            height_mm=_BLOCK_BASE_MM + high - low,
+        block = Block(
+            texture=texturing.texture,
+            preset="paper",
+            nominal_size_mm=region.size_mm,
+            nominal_mm_per_unit=(*mm_per_unit, height.factor),
+            nominal_height_mm=_BLOCK_BASE_MM + high - low,
+            origin_uv=texturing.origin_uv,
             sampling=Tolerance(mm=(0.4 if on_grid else _FRACTION) * tolerance_mm),
         )
         if on_grid:

@@ -87,6 +87,11 @@ class Height:
         far = self.start_mm + self.factor * (self.far_mm - self.zero_mm)
         return min(self.start_mm, far), max(self.start_mm, far)
 
+    @property
+    def depth_mm(self) -> float:
+        """The difference between the highest and the lowest point of the texture, in mm."""
+        return abs(self.factor * (self.far_mm - self.zero_mm))
+
     def grid(self, s: Floats, t: Floats) -> Floats:
         """Return the heights on a grid, shape (n, m), in mm."""
         values = self.surface.grid(s, t) if isinstance(self.surface, WaveSum) else self._beyond(s, t)

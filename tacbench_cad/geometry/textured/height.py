@@ -7,17 +7,18 @@ import math
 import numpy as np
 
 from tacbench_cad.geometry.textured.field import Fade, Height
-from tacbench_cad.geometry.texturing import Texturing
-from tacbench_cad.spec.presets import VALUES
+from tacbench_cad.geometry.texturing import DEPTH_RANGE_MM, Texturing
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, require_between
 
 #: The material that must remain below a sunk texture, in mm.
 FLOOR_MM = 0.4
 #: The largest fraction by which frequencies may differ from multiples of a common one.
 _COMMON = 1e-6
+#: The fraction of a side by which a height map may be smaller.
+_NEAR = 1e-9
 #: The largest multiple of the common frequency that the lowest frequency may have.
 _MAX_MULTIPLE = 12
 
@@ -40,18 +41,21 @@ def height_over(
         InputError: The texture is flat over the region, or cannot close around the cylinder.
     """
     formula = texturing.texture.surface
-    unit = texturing.mm_per_unit or VALUES["paper"].mm_per_unit[:2]
+    unit = texturing.unit_mm
     periods = None
     if is_closed:
         unit, periods = _closing(formula, unit, size_mm[0])
     s, t = size_mm
-    surface = formula.mapped(unit, 1.0, (0.0, 0.0)).over((0.0, s), (0.0, t))
+    placed = formula.mapped(unit, 1.0, texturing.origin_uv)
+    _require_known(placed, size_mm, texturing.texture.name)
+    surface = placed.over((0.0, s), (0.0, t))
     extremes = surface.extremes((0.0, s), (0.0, t))
     if extremes.high - extremes.low < 1e-9:
         raise InputError(
             "texture", texturing.texture.name, "is flat over this face; choose another texture or direction"
         )
-    factor = texturing.depth_mm / (extremes.high - extremes.low)
+    factor = texturing.factor(extremes.high - extremes.low)
+    require_between("depth_mm", factor * (extremes.high - extremes.low), *DEPTH_RANGE_MM, " mm")
     start, zero = (-texturing.base_mm, extremes.high) if texturing.sunk else (texturing.base_mm, extremes.low)
     height = Height(
         surface=surface,
@@ -63,6 +67,29 @@ def height_over(
         size_mm=size_mm,
     )
     return height, unit, periods
+
+
+def around(texturing: Texturing, mm_per_unit: tuple[float, float], periods: int | None) -> str:
+    """Return the number of periods around a cylinder in words, and how much they were stretched to close around it."""
+    if periods is None:
+        return ""
+    stretch = mm_per_unit[0] / texturing.unit_mm[0] - 1.0
+    return f", {periods} periods around it, stretched by {100.0 * stretch:+.2g} % to close"
+
+
+def _require_known(surface: Surface, size_mm: tuple[float, float], name: str) -> None:
+    """Check that a height map covers a region.
+
+    Raises:
+        InputError: It does not.
+    """
+    if not isinstance(surface, SplineSurface):
+        return
+    for axis, size, side in zip((surface.u, surface.v), size_mm, "xy", strict=True):
+        low, high = axis.ends
+        if not axis.repeats and (low > _NEAR * size or high < (1.0 - _NEAR) * size):
+            covered = f"covers {low:.4g} to {high:.4g} mm along {side}, but the textured region {size:.4g} mm"
+            raise InputError("texture", name, f"{covered}; choose a larger margin_mm, or let the texture repeat")
 
 
 def _closing(surface: Surface, unit: tuple[float, float], around_mm: float) -> tuple[tuple[float, float], int | None]:

@@ -41,7 +41,7 @@ class ReliefGrid:
     evidence: Literal["proved", "measured"]
 
 
-def relief_grid(height: Height, depth_mm: float, frame: Frame, tolerance_mm: float) -> ReliefGrid:
+def relief_grid(height: Height, frame: Frame, tolerance_mm: float) -> ReliefGrid:
     """Place lines so that triangles between points of the formula are within a tolerance of it.
 
     On a triangle with the legs a and b along s and t, the distance of an interpolation from the surface P is at most
@@ -50,7 +50,6 @@ def relief_grid(height: Height, depth_mm: float, frame: Frame, tolerance_mm: flo
 
     Args:
         height: The height above the region.
-        depth_mm: The largest distance of the texture from the level to which it fades.
         frame: The local coordinates.
         tolerance_mm: The largest distance of the triangles from the formula.
 
@@ -62,9 +61,9 @@ def relief_grid(height: Height, depth_mm: float, frame: Frame, tolerance_mm: flo
     strips = [_strips(height, axis, breaks[axis]) for axis in (0, 1)]
     if is_proved:
         # The mixed term is at most a**2 |P_st| + b**2 |P_st|.
-        ss, st, _ = _second_derivatives(height, depth_mm, frame, strips[0], breaks[1])
+        ss, st, _ = _second_derivatives(height, frame, strips[0], breaks[1])
         along_s = (ss + st).max(axis=1)
-        _, st, tt = _second_derivatives(height, depth_mm, frame, breaks[0], strips[1])
+        _, st, tt = _second_derivatives(height, frame, breaks[0], strips[1])
         along_t = (st + tt).max(axis=0)
     else:
         along_s, along_t = _second_differences(height, strips[0], strips[1])
@@ -82,7 +81,7 @@ def relief_grid(height: Height, depth_mm: float, frame: Frame, tolerance_mm: flo
                 f"needs {count / 1e6:.3g} million triangles, but {MAX_TRIANGLES / 1e6:g} million are the maximum; use "
                 "a coarser tolerance",
             )
-        error = _bound(height, depth_mm, frame, s, t) if is_proved else _measured(height, s, t)
+        error = _bound(height, frame, s, t) if is_proved else _measured(height, s, t)
         tried += 1
         if error <= tolerance_mm and (tried > 1 or error > 0.9 * tolerance_mm):
             return ReliefGrid(s, t, error, "proved" if is_proved else "measured")
@@ -142,11 +141,9 @@ def _window(height: Height, axis: int, lines: Floats) -> tuple[Floats, Floats]:
     return np.where(active, first / fade.length_mm, 0.0), np.where(active, second / fade.length_mm**2, 0.0)
 
 
-def _second_derivatives(
-    height: Height, depth_mm: float, frame: Frame, s: Floats, t: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _second_derivatives(height: Height, frame: Frame, s: Floats, t: Floats) -> tuple[Floats, Floats, Floats]:
     """Return bounds of |P_ss|, |P_st| and |P_tt| on each cell of a grid, shape (n - 1, m - 1) each."""
-    surface, factor = height.surface, abs(height.factor)
+    surface, factor, depth_mm = height.surface, abs(height.factor), height.depth_mm
 
     def bound(*order: int) -> Floats:
         return factor * surface.cell_bounds(s, t, (order[0], order[1]))
@@ -165,8 +162,8 @@ def _second_derivatives(
     return np.hypot(h_ss + reach / radius**2, 2.0 * h_s / radius), np.hypot(h_st, h_t / radius), h_tt
 
 
-def _bound(height: Height, depth_mm: float, frame: Frame, s: Floats, t: Floats) -> float:
-    ss, st, tt = _second_derivatives(height, depth_mm, frame, s, t)
+def _bound(height: Height, frame: Frame, s: Floats, t: Floats) -> float:
+    ss, st, tt = _second_derivatives(height, frame, s, t)
     a, b = np.diff(s)[:, None], np.diff(t)[None, :]
     return float(((a * a * ss + 2.0 * a * b * st + b * b * tt) / 8.0).max())
 

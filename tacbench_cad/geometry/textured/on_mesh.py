@@ -14,7 +14,7 @@ from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.textured.amount import added_volume_mm3
 from tacbench_cad.geometry.textured.field import Fade, Height
 from tacbench_cad.geometry.textured.frame import Frame
-from tacbench_cad.geometry.textured.height import FLOOR_MM, height_over, require_fade
+from tacbench_cad.geometry.textured.height import FLOOR_MM, around, height_over, require_fade
 from tacbench_cad.geometry.textured.mesh_region import MeshRegion, region_at, require_closed, require_unit
 from tacbench_cad.geometry.textured.mesh_relief import ReliefGrid, body_between, relief_grid
 from tacbench_cad.geometry.texturing import Texturing
@@ -96,6 +96,7 @@ class TexturedMesh:
         texturing: The settings.
         radius_mm: The radius of a cylindrical region; None for a flat one.
         size_mm: The extents of the textured region along s and t.
+        depth_mm: The peak-to-peak height of the texture.
         volume_mm3: The expected volume: that of the part, plus the integral of the formula.
         error_mm: The largest distance of the texture's triangles from the formula.
         evidence: Whether this distance is proved or measured. It is measured with a fade along an outline that is not a
@@ -109,6 +110,7 @@ class TexturedMesh:
     texturing: Texturing
     radius_mm: float | None
     size_mm: tuple[float, float]
+    depth_mm: float
     volume_mm3: float
     error_mm: float
     evidence: Literal["proved", "measured"]
@@ -122,6 +124,7 @@ class TexturedMesh:
             "region": "plane" if self.radius_mm is None else "cylinder",
             "radius_mm": self.radius_mm,
             "size_mm": list(self.size_mm),
+            "depth_mm": self.depth_mm,
             "texture": self.texturing.texture.name,
             "triangles": len(self.mesh.faces),
             "bodies": self.bodies,
@@ -136,10 +139,10 @@ class TexturedMesh:
     def lines(self) -> list[str]:
         """Return a short description for people."""
         region = "plane" if self.radius_mm is None else f"cylinder of radius {self.radius_mm:.5g} mm"
-        around = "" if self.periods is None else f", {self.periods} periods around it"
         volumes = f"volume {self.mesh.volume_mm3:.7g} mm^3, expected {self.volume_mm3:.7g} mm^3"
         return [
-            f"{self.texturing.texture.name} on a {region}, {self.size_mm[0]:.4g} x {self.size_mm[1]:.4g} mm{around}",
+            f"{self.texturing.texture.name} on a {region}, {self.size_mm[0]:.4g} x {self.size_mm[1]:.4g} mm, "
+            f"{self.depth_mm:.4g} mm high{around(self.texturing, self.mm_per_unit, self.periods)}",
             f"{len(self.mesh.faces):,} triangles, at most {self.error_mm:.2g} mm from the formula ({self.evidence})",
             f"closed, {'1 body' if self.bodies == 1 else f'{self.bodies} bodies'}; {volumes}",
         ]
@@ -164,12 +167,12 @@ def texture_on_mesh(mesh: Mesh, at: Sequence[float], texturing: Texturing, name:
     region = region_at(mesh, at, texturing.up)
     _require_base(region, texturing)
     result, expected, slack = part, mesh.volume_mm3, 0.0
-    errors, proofs, sizes = [], [], []
+    errors, proofs, sizes, depths = [], [], [], []
     for field in _fields(region, texturing.margin_mm):
         require_fade(texturing.fade_mm, field.size_mm, field.is_closed)
         height, unit, periods = height_over(field.size_mm, field.is_closed, texturing, _fade(field, texturing.fade_mm))
-        _require_room(part, field, texturing)
-        grid = relief_grid(height, texturing.depth_mm, field.frame, texturing.tolerance_mm)
+        _require_room(part, field, texturing, height.depth_mm)
+        grid = relief_grid(height, field.frame, texturing.tolerance_mm)
         body = _body(region, field, height, grid, texturing.sunk)
         result = result - body if texturing.sunk else result + body
         expected += added_volume_mm3(field, height) + _below_ideal_mm3(region, field)
@@ -177,6 +180,7 @@ def texture_on_mesh(mesh: Mesh, at: Sequence[float], texturing: Texturing, name:
         errors.append(grid.error_mm + height.own_error_mm)
         proofs += [grid.evidence, height.surface.evidence]
         sizes.append(field.size_mm)
+        depths.append(height.depth_mm)
     textured, rounding = _rounded(result)
     bodies = len(part.decompose())
     _require_sound(textured, bodies, expected, slack + rounding * float(result.surface_area()), texturing.sunk)
@@ -185,6 +189,7 @@ def texture_on_mesh(mesh: Mesh, at: Sequence[float], texturing: Texturing, name:
         texturing=texturing,
         radius_mm=region.frame.radius_mm,
         size_mm=max(sizes),
+        depth_mm=max(depths),
         volume_mm3=expected,
         error_mm=max(errors) + rounding,
         evidence="proved" if set(proofs) == {"proved"} else "measured",
@@ -352,26 +357,26 @@ def _space(field: _Field, low_mm: float, high_mm: float) -> Any:
     return body_between(frame, s, t, np.full((1, 1), low_mm), np.full((1, 1), high_mm), field.is_closed)
 
 
-def _require_room(part: Any, field: _Field, texturing: Texturing) -> None:
+def _require_room(part: Any, field: _Field, texturing: Texturing, depth_mm: float) -> None:
     """Check that a raised texture does not touch other faces of the part, or that a sunk texture lies in material."""
-    reach, radius = texturing.base_mm + texturing.depth_mm, field.frame.radius_mm
+    reach, radius = texturing.base_mm + depth_mm, field.frame.radius_mm
     inwards = reach + FLOOR_MM if texturing.sunk else -reach
     if radius is not None and field.frame.side * inwards >= radius:
-        raise InputError("depth_mm", texturing.depth_mm, f"is too much for a cylinder of radius {radius:.4g} mm")
+        raise InputError("depth_mm", depth_mm, f"is too much for a cylinder of radius {radius:.4g} mm")
     base = texturing.base_mm
     space = _space(field, -reach - FLOOR_MM, -base) if texturing.sunk else _space(field, base, reach)
     common, whole = float((space ^ part).volume()), float(space.volume())
     if texturing.sunk and common < (1.0 - 1e-4) * whole:
         raise InputError(
             "depth_mm",
-            texturing.depth_mm,
+            depth_mm,
             f"leaves less than {FLOOR_MM:g} mm of material below the texture; choose a smaller depth_mm or a larger "
             "margin_mm",
         )
     if not texturing.sunk and common > 1e-6 * whole:
         raise InputError(
             "depth_mm",
-            texturing.depth_mm,
+            depth_mm,
             "makes the texture touch another face of the part; choose a larger margin_mm",
         )
 

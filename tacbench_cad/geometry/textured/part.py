@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,7 +40,7 @@ _ROUNDING_MM = 1e-5
 def textured_part(
     part: Any,
     face: Any,
-    texture: Texture | str | int,
+    texture: Texture | str | int | Path,
     *,
     name: str,
     kind: str = "part",
@@ -58,7 +59,7 @@ def textured_part(
     Args:
         part: A part of CadQuery, build123d or Open CASCADE with one solid, in mm.
         face: A planar or cylindrical face of the part, or several faces.
-        texture: A texture, or the number or name of one of the six.
+        texture: A texture, the number or name of one of the six, the name of a later one, or a TOML file.
         name: The name of the part in its files.
         kind: The kind of part, a word of your own.
         title: A description for people, in one line.
@@ -75,7 +76,7 @@ def textured_part(
     if not faces:
         raise InputError("face", None, "must be a face of the part; select at least one")
     made = TexturedFaces(kernel.shape_of(part, "part"), faces, texturing(texture, **settings), mesh_tolerance_mm)
-    own = {**(spec or {}), "texture": made.texturing.texture.name, **settings}
+    own = {**(spec or {}), **settings, "texture": made.texturing.texture.name, "depth_mm": made.depth_mm}
     return made.part(name, kind, title, own)
 
 
@@ -165,6 +166,7 @@ class TexturedFaces:
             volume += result.added_mm3
             before = result.solid
             self.results.append(result)
+        self.depth_mm = max(height.depth_mm for result in self.results for _, _, height in result.regions)
         low, high = kernel.box_mm(before)
         to_origin = np.eye(4)
         self._shift_mm = np.zeros(3) if keeps_place else -low

@@ -77,7 +77,7 @@ def textured_solid(shape: TopoDS_Shape, face: TopoDS_Face, texturing: Texturing)
     for region in regions:
         fade = _fade(region, texturing.fade_mm)
         height, mm_per_unit, periods = height_over(region.size_mm, region.is_closed, texturing, fade)
-        _require_room(solid, region, texturing)
+        _require_room(solid, region, texturing, height.depth_mm)
         exact = not height.fade.length_mm or height.fade.sides is not None
         field = (ExactField if exact and isinstance(height.surface, WaveSum) else SampledField)(
             height, region.frame, region.is_closed
@@ -134,27 +134,27 @@ def _avoid(region: Region) -> Avoid:
     return Avoid(corners=np.concatenate(points), outline=outline)
 
 
-def _require_room(solid: TopoDS_Solid, region: Region, texturing: Texturing) -> None:
+def _require_room(solid: TopoDS_Solid, region: Region, texturing: Texturing, depth_mm: float) -> None:
     """Check that a raised texture does not touch other faces of the part, or that a sunk texture lies in material."""
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
 
-    reach = texturing.base_mm + texturing.depth_mm
+    reach = texturing.base_mm + depth_mm
     radius = region.frame.radius_mm
     inwards = reach + FLOOR_MM if texturing.sunk else -reach
     if radius is not None and region.frame.side * inwards >= radius:
-        raise InputError("depth_mm", texturing.depth_mm, f"is too much for a cylinder of radius {radius:.4g} mm")
+        raise InputError("depth_mm", depth_mm, f"is too much for a cylinder of radius {radius:.4g} mm")
     low, high = (-reach - FLOOR_MM, 0.0) if texturing.sunk else (1e-3, reach)
     space = thickened(region, low, high)
     common, whole = abs(kernel.volume_mm3(BRepAlgoAPI_Common(space, solid).Shape())), abs(kernel.volume_mm3(space))
     if texturing.sunk and common < (1.0 - 1e-4) * whole:
         raise InputError(
             "depth_mm",
-            texturing.depth_mm,
+            depth_mm,
             f"leaves less than {FLOOR_MM:g} mm of material below the texture; choose a smaller depth",
         )
     if not texturing.sunk and common > 1e-6 * whole:
         raise InputError(
-            "depth_mm", texturing.depth_mm, "makes the texture touch another face of the part; choose a larger margin"
+            "depth_mm", depth_mm, "makes the texture touch another face of the part; choose a larger margin"
         )
 
 

@@ -307,9 +307,9 @@ def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
     """
     try:
         block = dict(values)
-        surface = surface_from({key: block.pop(key) for key in ("waves", "spline") if key in block}, where)
+        surface = surface_from({key: block.pop(key) for key in ("unit", "waves", "spline") if key in block}, where)
         sampling = block.pop("sampling")
-        texture = {"name": block.pop("texture"), "surface": surface}
+        texture = {"name": block.pop("texture"), "surface": surface, "block": block.pop("texture_block")}
         texture |= {key: block.pop(key) for key in ("number", "equation")}
         printed = {key: block.pop(key) for key in ("printer", "filament", "copy")}
         outline = None

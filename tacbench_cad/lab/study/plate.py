@@ -11,7 +11,7 @@ from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.printermodel import read_printer_model
-from tacbench_cad.spec.textures import file_hint, read_texture
+from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError, located
 
@@ -36,12 +36,7 @@ def block_of_word(word: str, preset: str, scale: float, key_mm: float | None, fo
     Raises:
         InputError: A value is not allowed.
     """
-    if word.endswith(".toml"):
-        file = read_texture(folder / word)
-        return Block.of(file.texture, preset, scale=scale, key_mm=key_mm, table=file.block)
-    if hint := file_hint(word, folder):
-        raise InputError("texture", word, f"{hint}; 1 to 6 are also allowed")
-    return Block.of(word, preset, scale=scale, key_mm=key_mm)
+    return Block.of(find_texture(word, preset, folder), preset, scale=scale, key_mm=key_mm)
 
 
 def read_layout(path: Path) -> tuple[PrintedBlock, ...]:

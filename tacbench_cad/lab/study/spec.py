@@ -200,6 +200,7 @@ def block_values(block: Block) -> dict[str, Any]:
         "number": texture.number,
         "equation": texture.equation,
         **surface_values(texture.surface),
+        "texture_block": to_plain(texture.block, without_none=True),
         "preset": block.preset,
         "scale": block.scale,
         "nominal_size_mm": list(block.nominal_size_mm),

@@ -13,6 +13,7 @@ from tacbench_cad.spec.images import PICTURES
 from tacbench_cad.spec.later import EQUATIONS, later_name
 from tacbench_cad.spec.outlines import NAMED
 from tacbench_cad.spec.presets import VALUES, with_table
+from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.textures import file_hint, texture_of_document
 from tacbench_cad.util.door import parse_toml, read_text
 from tacbench_cad.util.errors import InputError, nearest, one_of
@@ -128,7 +129,11 @@ def design_of(document: Mapping[str, Any], name: str, folder: Path | None = None
     draft.require_files()
     file = texture_of_document(document, f"{name}: ", draft.folder)
     paper = VALUES["paper"]
-    size, unit, origin, _ = with_table(paper, file.block)
+    surface = file.texture.surface
+    size, unit, (u, v), _ = with_table(paper, file.block, surface)
+    if surface.unit == "mm":  # the page keeps the waves of the file, and therefore also its units
+        unit = tuple(document.get("block", {}).get("mm_per_unit") or unit)
+        u, v = u / unit[0], v / unit[1]
     return replace(
         draft,
         name=file.texture.name,
@@ -137,7 +142,7 @@ def design_of(document: Mapping[str, Any], name: str, folder: Path | None = None
         height_mm=file.block.height_mm or paper.height_mm,
         period_mm=(PERIOD * unit[0], PERIOD * unit[1]),
         unit_mm=unit[2],
-        shift=origin,
+        shift=(u, v),
         outline=file.block.outline or RECTANGLE,
     )
 
@@ -155,9 +160,9 @@ def of_image(folder: Path, file: str) -> Design:
     table: dict[str, Any] = {"name": "my-texture", "family": "image", "file": file, "mm_per_pixel": 1.0}
     if Path(file).suffix.lower() in PICTURES:
         table["height_mm"] = [0.0, 1.0]
-    domain = texture_of_document({"texture": table}, folder=folder).block.domain
-    assert domain is not None
-    longest = max(high - low for low, high in domain)
+    surface = texture_of_document({"texture": table}, folder=folder).texture.surface
+    assert isinstance(surface, SplineSurface)
+    longest = max(high - low for low, high in (surface.u.ends, surface.v.ends))
     table |= {"mm_per_pixel": float(f"{IMAGE_MM / longest:.4g}"), "smooth_mm": 0.0}
     return design_of({"texture": table}, file, folder)
 
@@ -258,8 +263,8 @@ def toml(design: Design) -> str:
     Raises:
         InputError: The state is not a texture.
     """
-    block = {key: value for key, value in vars(design.formula.block).items() if value is not None}
     name = design.formula.name
+    block = {key: value for key, value in vars(design.block_table).items() if value is not None}
     lines = [
         f"# tacbench make --texture {name}.toml --parts blocks --tolerance {decimal(design.tolerance_mm)}",
         *_table("[texture]", {"name": name, **design.texture}),

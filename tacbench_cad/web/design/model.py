@@ -21,11 +21,11 @@ from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.making.request import Request
 from tacbench_cad.spec.block import SIZE_RANGE_MM, Block
 from tacbench_cad.spec.outlines import Outline, outline_of
-from tacbench_cad.spec.presets import VALUES
+from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.spectrum import printable_heights, spectrum
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.textures import BlockTable, Texture, texture_of_document
+from tacbench_cad.spec.textures import BlockTable, Texture, table_in_mm, texture_of_document
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.errors import InputError
@@ -134,9 +134,14 @@ class Design(Checked):
         """
         tables: dict[str, Any] = {"texture": {"name": self.name, **self.texture}}
         if self.wave:
-            tables |= {"wave": list(self.wave), "block": {"mm_per_unit": list(self.mm_per_unit)}}
+            tables["wave"] = list(self.wave)
+        if self.wave or self.texture.get("family") == "sum":
+            tables["block"] = {"mm_per_unit": list(self.mm_per_unit)}
         self.require_files()
-        return replace(_texture(json.dumps(tables), self.folder), block=self.block_table)
+        texture, table = _texture(json.dumps(tables), self.folder), self.block_table
+        if texture.surface.unit == "mm":
+            table = table_in_mm(table, self.mm_per_unit)
+        return replace(texture, block=table)
 
     @property
     def files(self) -> list[str]:
@@ -161,8 +166,9 @@ class Design(Checked):
 
         It is not cut to the block, and its extremes are not searched, because both can take longer than a picture may.
         """
-        x, y, z = self.mm_per_unit
-        return self.formula.surface.mapped((x, y), z, self.shift)
+        formula = self.formula
+        _, (x, y, z), origin, _ = with_table(_PAPER, formula.block, formula.surface)
+        return formula.surface.mapped((x, y), z, origin, "mm")
 
     @property
     def block(self) -> Block:
