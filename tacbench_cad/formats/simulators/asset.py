@@ -9,7 +9,7 @@ import numpy as np
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Certificate, Mesh
-from tacbench_cad.geometry.meshing.certify import paired, prove_axis, vertical
+from tacbench_cad.geometry.meshing.certify import prove_axis, vertical
 from tacbench_cad.geometry.meshing.certify_cells import Cells
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import VALUES, grid_of_same_step
@@ -159,7 +159,7 @@ def _certificate(block: Block, x: Floats, y: Floats, z: Floats) -> Certificate:
             prove_axis(surface.along_v, y, surface.along_v(y)),
         )
         high = vertical(*proofs)
-        return Certificate(distance_mm=min(paired(*proofs), high), vertical_mm=high)
+        return Certificate(distance_mm=high, vertical_mm=high)
     cells = Cells(surface, x, y)
     falling, rising = (astuple(cells.prove(z, rising=way)) for way in (False, True))
     proof = [float(np.maximum(a, b).max()) for a, b in zip(falling, rising, strict=True)]

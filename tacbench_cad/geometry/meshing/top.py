@@ -13,7 +13,7 @@ import numpy as np
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
 from tacbench_cad.geometry.meshing.adaptive import NetTop, adaptive_top
 from tacbench_cad.geometry.meshing.axis import Axis
-from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
+from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, prove_axis, vertical, within
 from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
@@ -155,9 +155,8 @@ def _sampled_top(block: Block, grid: SampleGrid) -> Top:
     if surface.is_separable:
         a, b = surface.along_u(x), surface.along_v(y)
         proofs = prove_axis(surface.along_u, lines[0], a), prove_axis(surface.along_v, lines[1], b)
-        high, rounding = vertical(*proofs), _rounding_mm(block)
-        distance = min(paired(*proofs), high)
-        certificate = Certificate(distance_mm=distance + rounding, vertical_mm=high + rounding)
+        bound = vertical(*proofs) + _rounding_mm(block)
+        certificate = Certificate(distance_mm=bound, vertical_mm=bound)
         return Top(*lines, z, Profiles(a, b), None, certificate)
     proof = Cells(surface, *lines).prove(z - datum, rising=False)
     return Top(*lines, z, None, None, _cells_certificate(block, proof, z, excess))
@@ -173,7 +172,7 @@ def _fitted_top(block: Block, tolerance: float) -> Top:
     x, a, along_x = _fit(p, budget, fraction)
     y, b, along_y = _fit(q, budget, 1.0 - fraction)
     proofs = along_x, along_y
-    distance = within(*proofs, budget, fraction)
+    distance = within(*proofs, fraction)
     high = vertical(*proofs)
     certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
     refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "use a larger tolerance")
