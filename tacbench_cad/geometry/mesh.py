@@ -122,7 +122,8 @@ class Certificate:
     """Bounds for the difference between a surface and the formula. They hold for the whole surface.
 
     Args:
-        distance_mm: The bound of ``|z - formula| / sqrt(1 + |gradient|^2)``.
+        distance_mm: The bound of the distance of each point of the surface from the nearest point of the formula's
+            surface over the rectangle around the block.
         vertical_mm: The bound of ``|z - formula|``.
         outline_mm: The largest distance of the outline of a mesh from that of the block, because chords replace its
             circles. It is 0 for straight sides and for solids.

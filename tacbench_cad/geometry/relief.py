@@ -1,7 +1,7 @@
 """Points on the triangles of a textured top, and their distances from a formula.
 
-The distance of a point is ``|z - formula| / sqrt(1 + |gradient|^2)`` at its x and y. To first order, this is the
-distance to the surface. The proved bounds use the same definition.
+The distance of a point is the length of the shortest way to the surface of the formula. The proved bounds use the same
+definition.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ _FLOAT32 = 2.0**-23
 POINTS = 200_000
 #: The largest number of steps along a side of the lattice in a triangle. It gives 1,035 points.
 MAX_STEPS = 44
+#: The number of steps of the search for the nearest point of the surface.
+STEPS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,28 +93,50 @@ def distance(points: Floats, surface: Surface, datum_mm: float) -> Distance:
     """Return the distances of points from ``z = datum + surface(x, y)``.
 
     Args:
-        points: The points in the frame of the surface, shape (k, 3), in mm.
+        points: The points in the frame of the surface, shape (k, 3), in mm. Only points of the surface within the
+            rectangle around them count.
         surface: The formula in mm.
         datum_mm: The z of the formula's zero.
     """
-    x, y, z = np.ascontiguousarray(points.T)
-    vertical = np.abs(z - datum_mm - surface(x, y))
-    # The gradient is only computed for points that can have the largest distance, because no distance is larger than
-    # the vertical distance.
-    likely = np.argpartition(vertical, -min(len(vertical), 1000))[-1000:]
-    best = float(_slanted(vertical[likely], x[likely], y[likely], surface).max())
-    possible = np.nonzero(vertical >= best)[0]
-    slanted = _slanted(vertical[possible], x[possible], y[possible], surface)
-    i = possible[int(np.argmax(slanted))]
-    some = slice(None, None, max(1, len(x) // 20_000))
-    sample = _slanted(vertical[some], x[some], y[some], surface)
+    points = points - np.array([0.0, 0.0, datum_mm])
+    nearest = np.abs(points[:, 2] - surface(points[:, 0], points[:, 1]))
+    box = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    # A distance is never larger than the previous estimate. So the next steps are only for points whose estimate is
+    # larger than the distance of the most likely points.
+    for steps in (1, STEPS):
+        likely = np.argpartition(nearest, -min(len(nearest), 1000))[-1000:]
+        nearest[likely] = np.minimum(nearest[likely], _nearest(points[likely], surface, box, STEPS))
+        possible = np.flatnonzero(nearest >= nearest[likely].max())
+        nearest[possible] = np.minimum(nearest[possible], _nearest(points[possible], surface, box, steps))
+    i = int(np.argmax(nearest))
+    some = slice(None, None, max(1, len(points) // 20_000))
+    x, y, z = points[i]
     return Distance(
-        largest_mm=float(slanted.max()),
-        rms_mm=float(np.sqrt(np.mean(sample**2))),
-        at_mm=(float(x[i]), float(y[i]), float(z[i])),
+        largest_mm=float(nearest[i]),
+        rms_mm=float(np.sqrt(np.mean(_nearest(points[some], surface, box, 1) ** 2))),
+        at_mm=(float(x), float(y), float(z + datum_mm)),
     )
 
 
-def _slanted(vertical: Floats, x: Floats, y: Floats, surface: Surface) -> Floats:
-    along_x, along_y = surface.gradient(x, y)
-    return np.asarray(vertical / np.sqrt(1.0 + along_x**2 + along_y**2))
+def _nearest(points: Floats, surface: Surface, box: tuple[Floats, Floats], steps: int) -> Floats:
+    """Return the distances to the nearest points of a surface that a few damped steps of Gauss and Newton find."""
+    place, z = np.ascontiguousarray(points[:, :2].T), points[:, 2]
+    low, high = (end[:, None] - place for end in box)
+    shift, rest = np.zeros_like(place), z - surface(*place)
+    nearest, step = np.abs(rest), np.ones(len(points))
+    for _ in range(steps):
+        slope = np.stack(surface.gradient(*(place + shift)))
+        drop = rest + (slope * shift).sum(axis=0)
+        full = slope * (drop / (1.0 + (slope**2).sum(axis=0)))
+        # a coordinate that would leave the box stays at its side, and the other one follows from that
+        bounded = np.clip(full, low, high)
+        free = np.where(bounded == full, slope, 0.0)
+        drop -= (slope * np.where(bounded == full, 0.0, bounded)).sum(axis=0)
+        full = np.where(bounded == full, free * (drop / (1.0 + (free**2).sum(axis=0))), bounded)
+        trial = np.clip(shift + step * (full - shift), low, high)
+        left = z - surface(*(place + trial))
+        length = np.sqrt((trial**2).sum(axis=0) + left**2)
+        nearer = length < nearest
+        shift, rest = np.where(nearer, trial, shift), np.where(nearer, left, rest)
+        nearest, step = np.minimum(length, nearest), np.where(nearer, 1.0, 0.4 * step)
+    return np.asarray(nearest)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Certificate, Mesh
-from tacbench_cad.geometry.meshing.certify import paired, prove_axis, vertical
+from tacbench_cad.geometry.meshing.certify import prove_axis, vertical
 from tacbench_cad.geometry.meshing.certify_cells import Cells
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import VALUES, grid_of_same_step
@@ -154,13 +154,10 @@ def sampled(block: Block, grid: SampleGrid) -> HeightField:
 def _certificate(block: Block, x: Floats, y: Floats, z: Floats) -> Certificate:
     surface = block.surface
     if surface.is_separable:
-        proofs = (
-            prove_axis(surface.along_u, x, surface.along_u(x)),
-            prove_axis(surface.along_v, y, surface.along_v(y)),
+        bound = vertical(
+            prove_axis(surface.along_u, x, surface.along_u(x)), prove_axis(surface.along_v, y, surface.along_v(y))
         )
-        high = vertical(*proofs)
-        return Certificate(distance_mm=min(paired(*proofs), high), vertical_mm=high)
-    cells = Cells(surface, x, y)
-    falling, rising = (astuple(cells.prove(z, rising=way)) for way in (False, True))
-    proof = [float(np.maximum(a, b).max()) for a, b in zip(falling, rising, strict=True)]
-    return Certificate(distance_mm=proof[0], vertical_mm=proof[1])
+    else:
+        cells = Cells(surface, x, y)
+        bound = max(float(cells.prove(z, rising=way).max()) for way in (False, True))
+    return Certificate(distance_mm=bound, vertical_mm=bound)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
-from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, prove, refuse_long_proof
+from tacbench_cad.geometry.meshing.certify_triangles import prove, refuse_long_proof
 from tacbench_cad.geometry.meshing.collapsing import collapse
 from tacbench_cad.geometry.meshing.heights import Heights
 from tacbench_cad.geometry.meshing.net import MIN_HEIGHT_MM, Net
@@ -85,11 +85,10 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
     needed = TRIANGLES_PER_IDEAL * ideal
     refuse_too_many("tolerance", tolerance, needed, f"use about {tolerance * needed / MAX_TRIANGLES:.2g} mm")
     net = _start(block, heights, tolerance, ideal)
-    bounds = DerivativeBounds(block.surface, *(axis.edges for axis in heights.axes))
     # flipping can make an edge long again, so a few long edges remain
     while net.split_long(LONGEST_BEND) > 0.01 * len(net.faces):
         if len(net.faces) > MANY / 3:
-            refuse_long_proof(bounds, net.x[net.faces], net.y[net.faces], tolerance)
+            refuse_long_proof(heights.bounds, net.x[net.faces], net.y[net.faces], tolerance)
         net.flip(3)
     if len(net.faces) < MANY:
         relax(net, 4, 2)
@@ -111,7 +110,7 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
         net.split_triangles(net.measure() > 1.15 - 0.05 * k)
         net.flip(2, above=0.9)
         relax(net, 8, 2, above=0.9)
-    return _proved(block, net, bounds, tolerance)
+    return _proved(block, net, tolerance)
 
 
 def _start(block: Block, heights: Heights, tolerance: float, ideal: float) -> Net:
@@ -182,23 +181,26 @@ def _filled(marks: list[float], step: float) -> Floats:
     return np.append(np.concatenate(runs), kept[-1])
 
 
-def _proved(block: Block, net: Net, bounds: DerivativeBounds, tolerance: float) -> NetTop:
+def _proved(block: Block, net: Net, tolerance: float) -> NetTop:
     """Round the vertices, and divide triangles until the distance of all is proved."""
     surface, datum = block.surface, block.formula_datum_mm
+    adapted, before = True, len(net.faces)
     for attempt in range(MAX_ROUNDS):
         z = net.rounded_height(datum)
         rows = np.flatnonzero(np.isnan(net.proof[0]))
         faces = net.faces[rows]
         points = np.stack([net.x[faces], net.y[faces], z[faces] - datum], axis=-1)
-        net.proof[:, rows] = prove(surface, bounds, points, tolerance)
+        net.proof[:, rows] = prove(surface, net.heights.bounds, points, tolerance)
         failed = np.isinf(net.proof[0])
         if not failed.any():
             distance, vertical = net.proof.max(axis=1).tolist()
             sheet = _sheet(net, z, block.key_mm is not None)
             return NetTop(sheet, Certificate(distance_mm=distance, vertical_mm=vertical))
         # the longest edge is the safe choice: the triangles become small in all directions
-        net.split_triangles(failed, by_length=attempt >= MAX_ADAPTED_ROUNDS)
-        if attempt < MAX_ADAPTED_ROUNDS:
+        adapted = adapted and attempt < MAX_ADAPTED_ROUNDS and failed.sum() < before
+        before = failed.sum()
+        net.split_triangles(failed, by_length=not adapted)
+        if adapted:
             net.flip(1, above=RESERVE)
             relax(net, 8, 1, above=RESERVE)
         else:

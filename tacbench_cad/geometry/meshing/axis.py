@@ -65,9 +65,10 @@ class Axis:
         while True:
             at, height = self._fewest(aim)
             proof = prove_axis(self.sines, at, height, allowance)
-            if proof.used(allowance) <= allowance.tolerance_mm:
+            distance = proof.distance(allowance.fraction)
+            if distance <= allowance.tolerance_mm:
                 return at, height, proof
-            aim = replace(aim, tolerance_mm=0.9985 * aim.tolerance_mm)
+            aim = replace(aim, tolerance_mm=min(0.9985, allowance.tolerance_mm / distance) * aim.tolerance_mm)
             if aim.tolerance_mm < 0.5 * allowance.tolerance_mm:
                 raise InputError("tolerance", allowance.tolerance_mm, "is too fine for lines in single precision")
 
@@ -79,11 +80,13 @@ class Axis:
         gap = np.diff(t)
         widest = np.maximum(np.append(gap, 0.0), np.append(0.0, gap))
         # subtract the possible effect of the formula and the tube between two samples, and of rounded positions
-        half = (1.0 - SPARE) * whole - (second + allowance.bend(slope, slope, second, third)) * widest**2 / 8.0
-        half -= 2.0 * np.spacing(np.float32(self.length_mm)) * np.sqrt(second * whole)
-        half = np.maximum(half, 0.25 * whole)
-        low = np.minimum(value - half, self.peak_height_mm)
-        high = np.minimum(value + half, self.peak_height_mm)
+        spare = (second + allowance.bend(slope, slope, second, third)) * widest**2 / 8.0
+        spare += 2.0 * np.spacing(np.float32(self.length_mm)) * np.sqrt(second * whole)
+        below, above = (
+            np.maximum((1.0 - SPARE) * half - spare, 0.25 * half) for half in allowance.half_widths(self.sines, t)
+        )
+        low = np.minimum(value - below, self.peak_height_mm)
+        high = np.minimum(value + above, self.peak_height_mm)
         low[np.searchsorted(t, self.peak_mm)] = self.peak_height_mm
         at, height = fewest_links(t, low, high)
         return _rounded(at, height, self.peak_height_mm)

@@ -23,8 +23,10 @@ PIECES = 40
 SPARE = 0.00125
 #: The largest phase of the finest wave on a piece, in radians.
 PIECE_PHASE = 0.125
-#: The number of bins of the slope for pairing two axes.
-BINS = 400
+#: The number of steps of the search for the nearest points.
+STEPS = 3
+#: The largest change of the shift per mm beside a point where the slope is 0.
+SHIFT_CHANGE = 4.0
 
 
 def derivatives(sines: Sines, t: Floats, orders: Sequence[int]) -> list[Floats]:
@@ -62,8 +64,30 @@ class Allowance:
     fraction: float
 
     def half_width(self, slope: Floats) -> Floats:
-        """Return the allowed deviation where p has this slope."""
+        """Return the allowed deviation where p has this slope, to first order."""
         return np.asarray(self.fraction * self.tolerance_mm * np.sqrt(1.0 + slope**2 / self.fraction))
+
+    def half_widths(self, sines: Sines, t: Floats) -> tuple[Floats, Floats]:
+        """Return the allowed deviations below and above p at some points, ascending from one end of the axis to the other.
+
+        A point above p is near enough if an ellipse around it, with the half axes ``sqrt(s) tolerance`` along the axis
+        and ``s tolerance`` along z, reaches p. The points where it touches p are found by a few steps.
+        """
+        value, slope = derivatives(sines, t, [0, 1])
+        reach = _reach(t, slope)
+        widths = []
+        for sign in (-1.0, 1.0):
+            width = np.full(len(t), self.fraction * self.tolerance_mm)
+            uphill = sign * np.sign(slope)
+            bent = slope
+            for _ in range(STEPS):
+                best = self.tolerance_mm * bent * np.sign(slope) / np.sqrt(1.0 + bent**2 / self.fraction)
+                shift = np.clip(best, 0.0, reach)
+                there, bent = derivatives(sines, t + uphill * shift, [0, 1])
+                ellipse = np.sqrt(np.maximum(self.tolerance_mm**2 - shift**2 / self.fraction, 0.0))
+                width = np.maximum(width, sign * (there - value) + self.fraction * ellipse)
+            widths.append(np.minimum(width, self.half_width(slope)))
+        return widths[0], widths[1]
 
     def bend(self, lowest: Floats, highest: Floats, second: Floats, third: Floats) -> Floats:
         """Return a bound of ``|w''|`` where ``lowest <= |p'| <= highest`` and ``|p''|``, ``|p'''|`` have these bounds.
@@ -81,40 +105,71 @@ class AxisProof:
     """Proved bounds for a one-dimensional fit, for each piece.
 
     Args:
+        sines: The sum p.
+        at: The ends of the pieces, ascending, shape (n + 1,).
+        fit: The fit at the ends of the pieces, shape (n + 1,). It is linear on each piece.
         above: The upper bound of ``fit - p`` on each piece, shape (n,).
         below: The upper bound of ``p - fit`` on each piece, shape (n,).
-        steep: The lower bound of ``|p'|`` on each piece, shape (n,).
-        steepest: The upper bound of ``|p'|`` on each piece, shape (n,).
-        ends: The values of ``|fit - p|`` and ``p'`` at both ends of each piece, shape (2, 2, n).
-        bend: The upper bounds of ``|p''|`` and ``|p'''|`` on each piece, shape (2, n).
-        width: The length of each piece, shape (n,).
     """
 
+    sines: Sines
+    at: Floats
+    fit: Floats
     above: Floats
     below: Floats
-    steep: Floats
-    steepest: Floats
-    ends: Floats
-    bend: Floats
-    width: Floats
 
     @property
     def exact(self) -> bool:
         """Whether the fit is equal to the function."""
         return not (np.any(self.above) or np.any(self.below))
 
-    def used(self, allowance: Allowance) -> float:
-        """Return an upper bound of the smallest tolerance that the fit meets, in mm.
+    def distance(self, fraction: float) -> float:
+        """Bound the distance between the fit and p, with this fraction s of the distance of a whole top.
 
-        The result is infinite if it is larger than the tolerance of the allowance. With the allowance w and the used
-        fraction r of it, ``F = |fit - p| - r w`` is at most its larger value at the two ends plus
-        ``max(-F'') h^2 / 8``, and ``-F'' <= |p''| + |w''|`` if r is at most 1.
+        Every point ``(x, fit(x))`` is compared with a point ``(x + v(x), p(x + v(x)))``. The shift v is continuous,
+        linear on each piece, and 0 at both ends of the axis, so every point of p is compared as well. The distance is
+        ``sqrt(v^2 / s + (fit(x) - p(x + v))^2 / s^2)``; see :func:`within`. On a piece, the second difference is at
+        most as far from its linear interpolation as p is from its own on the shifted piece, ``max|p''| h^2 / 8``. Any
+        shift gives a bound. Three damped steps of Gauss and Newton look for the one with the smallest distance.
         """
-        second, third = self.bend
-        spare = (second + allowance.bend(self.steep, self.steepest, second, third)) * self.width**2 / 8.0
-        deviation, slope = self.ends
-        used = float(np.max((deviation + spare) / allowance.half_width(slope)))
-        return used * allowance.tolerance_mm if used <= 1.0 else math.inf
+        value, slope, second = derivatives(self.sines, self.at, [0, 1, 2])
+        shift, rest = np.zeros(len(self.at)), self.fit - value
+        first = 1.5 * rest * slope / (fraction + slope**2)
+        most = np.minimum(np.abs(first), _reach(self.at, slope))
+        low, high = np.where(first < 0.0, -most, 0.0), np.where(first > 0.0, most, 0.0)
+        step = np.ones(len(self.at))
+        for _ in range(STEPS):
+            best = slope * (rest + slope * shift) / (fraction + slope**2)
+            trial = shift + step * (np.clip(best, low, high) - shift)
+            value, *bent = derivatives(self.sines, self.at + trial, [0, 1, 2])
+            left = self.fit - value
+            nearer = trial**2 * fraction + left**2 < shift**2 * fraction + rest**2
+            shift, rest = np.where(nearer, trial, shift), np.where(nearer, left, rest)
+            slope, second = np.where(nearer, bent[0], slope), np.where(nearer, bent[1], second)
+            step = np.where(nearer, 1.0, 0.4 * step)
+        square = np.diff(self.at + shift) ** 2 / 8.0
+        between = (_largest_end(np.abs(second)) + self.sines.bound(4) * square) * square / fraction
+        whole, rest = np.hypot(shift / math.sqrt(fraction), rest / fraction), np.abs(rest) / fraction
+        return float(np.sqrt(_largest_end(whole) ** 2 + between * (2.0 * _largest_end(rest) + between)).max())
+
+
+def _reach(t: Floats, slope: Floats) -> Floats:
+    """Return the largest shifts at some points: small near the ends, and near the points where the slope is 0.
+
+    There, the shifts to both sides must meet at 0.
+    """
+    flat = np.flatnonzero(slope[:-1] * slope[1:] <= 0.0)
+    turn = slope[flat] - slope[flat + 1]
+    part = np.divide(slope[flat], turn, out=np.full(len(flat), 0.5), where=turn != 0.0)
+    still = np.concatenate([[-np.inf], t[flat] + part * (t[flat + 1] - t[flat]), [np.inf]])
+    after = np.searchsorted(still, t)
+    level = np.minimum(t - still[after - 1], still[after] - t)
+    return np.asarray(np.minimum(np.minimum(t - t[0], t[-1] - t), SHIFT_CHANGE * level))
+
+
+def _largest_end(values: Floats) -> Floats:
+    """Return the larger value at the two ends of each piece."""
+    return np.asarray(np.maximum(values[:-1], values[1:]))
 
 
 def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance | None = None) -> AxisProof:
@@ -130,29 +185,17 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
     lengths = np.diff(at)
     if sines.is_constant:
         deviation = heights - derivatives(sines, at, [0])[0]
-        nothing = np.zeros(len(lengths))
-        ends = np.stack([np.stack([deviation[:-1], deviation[1:]]), np.zeros((2, len(lengths)))])
-        above, below = ends[0].max(axis=0), (-ends[0]).max(axis=0)
-        return AxisProof(above, below, nothing, nothing, np.abs(ends), np.zeros((2, len(lengths))), lengths)
+        return AxisProof(sines, at, heights, _largest_end(deviation), _largest_end(-deviation))
     link, fraction = _pieces(sines, at, allowance)
     points = at[link] + fraction * lengths[link]
     fit = heights[link] + fraction * (heights[link + 1] - heights[link])
-    value, slope, second, third = derivatives(sines, points, [0, 1, 2, 3])
-    width = np.diff(points)
-    square = width**2 / 8.0
+    value, second = derivatives(sines, points, [0, 2])
+    square = np.diff(points) ** 2 / 8.0
     swing = sines.bound(4) * square
-    highest = np.maximum(second[:-1], second[1:]) + swing
-    lowest = np.minimum(second[:-1], second[1:]) - swing
     deviation = fit - value
-    above = np.maximum(deviation[:-1], deviation[1:]) + np.maximum(highest, 0.0) * square
-    below = np.maximum(-deviation[:-1], -deviation[1:]) + np.maximum(-lowest, 0.0) * square
-    jerk = np.maximum(np.abs(third[:-1]), np.abs(third[1:])) + sines.bound(5) * square
-    left, right = np.abs(slope[:-1]), np.abs(slope[1:])
-    one_way = slope[:-1] * slope[1:] > 0.0
-    steep = np.where(one_way, np.maximum(np.minimum(left, right) - jerk * square, 0.0), 0.0)
-    steepest = np.maximum(left, right) + jerk * square
-    ends = np.stack([np.abs([deviation[:-1], deviation[1:]]), np.stack([slope[:-1], slope[1:]])])
-    return AxisProof(above, below, steep, steepest, ends, np.stack([np.maximum(highest, -lowest), jerk]), width)
+    above = _largest_end(deviation) + np.maximum(_largest_end(second) + swing, 0.0) * square
+    below = _largest_end(-deviation) + np.maximum(_largest_end(-second) + swing, 0.0) * square
+    return AxisProof(sines, points, fit, above, below)
 
 
 def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[Ints, Floats]:
@@ -172,60 +215,28 @@ def _pieces(sines: Sines, at: Floats, allowance: Allowance | None) -> tuple[Ints
     return np.append(link, len(lengths) - 1), np.append(fraction, 1.0)
 
 
-def within(along_x: AxisProof, along_y: AxisProof, tolerance_mm: float, fraction: float) -> float:
-    """Bound the distance of a separable top whose axes have the fractions s and 1 - s of a tolerance.
+def within(along_x: AxisProof, along_y: AxisProof, fraction: float) -> float:
+    """Bound the distance of a separable top from its formula.
 
-    The square root is concave, so by Jensen's inequality
-    ``s sqrt(1 + p'^2 / s) + (1 - s) sqrt(1 + q'^2 / (1 - s)) <= sqrt(1 + p'^2 + q'^2)``. If each axis is within its
-    allowance, the distance is therefore within the tolerance.
+    The shifts v and w of both axes and the differences a and b of their heights lead from each point of the top to a
+    point of the formula at the distance ``sqrt(v^2 + w^2 + (a + b)^2)``. The square is convex, so
+    ``(a + b)^2 <= a^2 / s + b^2 / (1 - s)``. If ``v^2 / s + a^2 / s^2`` and ``w^2 / (1 - s) + b^2 / (1 - s)^2`` are at
+    most the square of a distance, so is the sum. The shifts are continuous and keep the sides of the rectangle, so
+    they reach every point of the formula.
 
     Args:
         along_x: The proof along x.
         along_y: The proof along y.
-        tolerance_mm: The tolerance.
-        fraction: The fraction of the tolerance for x.
+        fraction: The fraction s of the distance for x.
 
     Returns:
-        The bound in mm. It is infinite if an axis exceeds its allowance.
+        The bound in mm of the distance of each point of one surface from the other surface.
     """
-    used = [0.0]
-    for proof, part in ((along_x, fraction), (along_y, 1.0 - fraction)):
-        if not proof.exact:
-            used.append(proof.used(Allowance(tolerance_mm=tolerance_mm, fraction=part)))
-    return max(used)
+    parts = ((along_x, fraction), (along_y, 1.0 - fraction))
+    return max([0.0, *(proof.distance(part) for proof, part in parts if not proof.exact)])
 
 
 def vertical(along_x: AxisProof, along_y: AxisProof) -> float:
     """Bound the vertical deviation ``e_p(x) + e_q(y)`` of a separable top."""
     highest = float(along_x.above.max() + along_y.above.max())
     return max(highest, float(along_x.below.max() + along_y.below.max()), 0.0)
-
-
-def paired(along_x: AxisProof, along_y: AxisProof) -> float:
-    """Bound the distance of a separable top by pairing all pieces of one axis with all pieces of the other axis."""
-    return max(_paired(along_x, along_y, "above"), _paired(along_x, along_y, "below"), 0.0)
-
-
-def _paired(along_x: AxisProof, along_y: AxisProof, side: str) -> float:
-    """Return the largest ``(e_p + e_q) / sqrt(1 + p'^2 + q'^2)`` over all pairs of pieces."""
-    e, s = _binned(getattr(along_x, side), along_x.steep**2)
-    f, r = _binned(getattr(along_y, side), along_y.steep**2)
-    return float(np.max((e[:, None] + f[None, :]) / np.sqrt(1.0 + s[:, None] + r[None, :])))
-
-
-def _binned(deviation: Floats, steep: Floats) -> tuple[Floats, Floats]:
-    """Return the largest deviation and the smallest slope in each bin of the slope.
-
-    Pairs of bins then give an upper bound for all pairs of pieces.
-    """
-    level = np.log1p(steep)
-    highest = float(level.max())
-    place = (
-        np.zeros(len(level), dtype=np.int64) if highest == 0.0 else (level * ((BINS - 1) / highest)).astype(np.int64)
-    )
-    largest = np.full(BINS, -np.inf)
-    np.maximum.at(largest, place, deviation)
-    smallest = np.full(BINS, np.inf)
-    np.minimum.at(smallest, place, steep)
-    used = np.isfinite(largest)
-    return largest[used], smallest[used]

@@ -11,7 +11,6 @@ give the bound ``(a M_u + b M_v) / 2``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,19 +21,6 @@ from tacbench_cad.util.types import Floats
 MAX_PARTS = 1_000_000
 #: The largest number of parts along each side of a cell.
 MAX_PARTS_A_SIDE = 12
-
-
-@dataclass(frozen=True, eq=False)
-class CellProof:
-    """Proved bounds for each cell, shape (n - 1, m - 1) each.
-
-    Args:
-        distance: The bound of ``|fit - f| / sqrt(1 + |gradient|^2)`` on the cell.
-        vertical: The bound of ``|fit - f|`` on the cell.
-    """
-
-    distance: Floats
-    vertical: Floats
 
 
 class Cells:
@@ -58,29 +44,24 @@ class Cells:
         # the slopes are bounded across creases as well, where the second derivatives are not
         sloped = (surface.cell_bounds(x, y, (1, 0)) * a + surface.cell_bounds(x, y, (0, 1)) * b) / (2.0 * parts)
         self._between = self._spread(np.minimum(bent, sloped))
-        steep = np.zeros_like(self._between)
-        for order, change in (((1, 0), uu * a + uv * b), ((0, 1), uv * a + vv * b)):
-            slope = np.abs(surface.grid(fine_x, fine_y, order))
-            steep += np.maximum(_largest_corner(slope) - self._spread(change / parts), 0.0) ** 2
-        self._stretch = np.sqrt(1.0 + steep)
 
     def _spread(self, per_cell: Floats) -> Floats:
         return np.repeat(np.repeat(per_cell, self._parts, axis=0), self._parts, axis=1)
 
-    def prove(self, z: Floats, rising: bool) -> CellProof:
-        """Bound the deviation of the faceted surface with these heights.
+    def prove(self, z: Floats, rising: bool) -> Floats:
+        """Bound the vertical deviation ``|fit - f|`` of the faceted surface with these heights.
 
         Args:
             z: The heights above the formula's zero at the crossings of the lines, shape (n, m).
             rising: True if the diagonals run from (i, j) to (i + 1, j + 1), False if they run from (i + 1, j) to
                 (i, j + 1).
+
+        Returns:
+            The bound for each cell, shape (n - 1, m - 1).
         """
         vertical = _largest_corner(np.abs(self._facets(z, rising) - self._value)) + self._between
-        return CellProof(self._largest_part(vertical / self._stretch), self._largest_part(vertical))
-
-    def _largest_part(self, values: Floats) -> Floats:
-        n, m = values.shape[0] // self._parts, values.shape[1] // self._parts
-        return np.asarray(values.reshape(n, self._parts, m, self._parts).max(axis=(1, 3)))
+        n, m = z.shape
+        return np.asarray(vertical.reshape(n - 1, self._parts, m - 1, self._parts).max(axis=(1, 3)))
 
     def _facets(self, z: Floats, rising: bool) -> Floats:
         """Return the heights of the facets at the corners of all parts."""

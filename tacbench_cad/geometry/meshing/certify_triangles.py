@@ -46,7 +46,7 @@ class DerivativeBounds:
     """
 
     def __init__(self, surface: Surface, x: Floats, y: Floats) -> None:
-        #: The number of boxes that have been bounded so far.
+        #: The number of triangles and parts of triangles that have been bounded so far.
         self.used = 0
         self._lines = (_cells(x, surface.breaks[0]), _cells(y, surface.breaks[1]))
         x, y = self._lines
@@ -73,6 +73,35 @@ class DerivativeBounds:
         kinks = np.append(~np.isfinite(across) & ~np.isin(lines[1:-1], surface.creases[axis]), False)
         return np.asarray(kinks | np.append(False, kinks[:-1]))
 
+    def around(self, low: Floats, high: Floats, by: float) -> tuple[Floats, Floats, Floats]:
+        """Return the distances of boxes from creases and from the sides, and larger boxes that end there.
+
+        Args:
+            low: The lower corners of the boxes, shape (2, m). No crease runs through their inside.
+            high: The upper corners.
+            by: The distance by which the boxes grow.
+
+        Returns:
+            The distances, shape (m,), and the lower and the upper corners of the larger boxes.
+        """
+        room, larger = np.full(low.shape[1], np.inf), []
+        for lines, creases, first, last in zip(self._lines, self._creases, low, high, strict=True):
+            inner = creases[(creases > lines[0]) & (creases < lines[-1])]
+            ends = np.concatenate([lines[:1], inner, lines[-1:]])
+            after = np.clip(np.searchsorted(ends, (first + last) / 2.0), 1, len(ends) - 1)
+            start, end = ends[after - 1], ends[after]
+            room = np.minimum(room, np.minimum(first - start, end - last))
+            larger.append((np.maximum(first - by, start), np.minimum(last + by, end)))
+        (left, right), (lower, upper) = larger
+        return np.maximum(room, 0.0), np.stack([left, lower]), np.stack([right, upper])
+
+    def bend(self, low: Floats, high: Floats) -> Floats:
+        """Return the bounds over boxes of the second derivative along any direction, shape (m,)."""
+        xx, xy, yy = self.over(low, high)[:3]
+        with np.errstate(invalid="ignore"):
+            bend = (xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy)
+        return np.asarray(np.where(np.isnan(bend), np.inf, bend))
+
     def over(self, low: Floats, high: Floats) -> Floats:
         """Return the bounds over boxes: the derivatives xx, xy, yy, xxx, xxy, xyy and yyy.
 
@@ -83,7 +112,6 @@ class DerivativeBounds:
         Returns:
             The bounds, shape (7, m). They are infinite if a crease runs through the inside of a box.
         """
-        self.used += low.shape[1]
         first, last = [], []
         for axis in range(2):
             lines = self._lines[axis]
@@ -118,8 +146,8 @@ def prove(
         divisions: How many times a triangle is divided at most.
 
     Returns:
-        The bounds of ``|fit - f| / sqrt(1 + |gradient|^2)`` and of ``|fit - f|``, shape (2, m). The first one is
-        infinite if it could not be proved to be at most the limit.
+        The bounds of the distance to the nearest point of the surface and of the vertical distance, shape (2, m). The
+        first one is infinite if it could not be proved to be at most the limit.
 
     Raises:
         InputError: The proofs of the mesh have more than :data:`MAX_PARTS` parts.
@@ -145,7 +173,8 @@ def _prove(
         limit: The allowed distance.
         divisions: How many times a triangle is divided at most.
     """
-    _refuse_too_rough(bounds.used + corners.shape[2])
+    bounds.used += corners.shape[2]
+    _refuse_too_rough(bounds.used)
     middles = (corners + corners[:, [1, 2, 0]]) / 2.0
     deviation = np.concatenate([deviation, middles[2] - surface(*middles[:2])])
     low, high = corners[:2].min(axis=1), corners[:2].max(axis=1)
@@ -159,13 +188,16 @@ def _prove(
     rows = np.flatnonzero(~(vertical <= limit))
     if len(rows) == 0:
         return distance, vertical
-    distance[rows] /= np.sqrt(1.0 + _steepness(surface, corners[:, :, rows], most[:, rows], w[rows], h[rows]) ** 2)
+    slopes = _slopes(surface, corners[:, :, rows], most[:, rows], w[rows], h[rows])
+    distance[rows] = _nearest(bounds, low[:, rows], high[:, rows], vertical[rows], slopes, limit)
     failed = rows[~(distance[rows] <= limit)]
     above = (np.abs(deviation[:, failed]) > limit).any(axis=0)
     lost = failed[above]
-    points = np.concatenate([corners[:2, :, lost], middles[:2, :, lost]], axis=1)
+    # no division helps where the bound for a single point is above the limit
+    points = np.concatenate([corners[:2, :, lost], middles[:2, :, lost]], axis=1).reshape(2, -1)
     slope = np.hypot(*surface.gradient(*points)) * (1.0 + 1e-9)
-    hopeless = (np.abs(deviation[:, lost]) > limit * np.sqrt(1.0 + slope**2)).any(axis=0)
+    single = _nearest(bounds, points, points, np.abs(deviation[:, lost]).ravel(), (slope, slope), limit)
+    hopeless = (single > limit).reshape(6, -1).any(axis=0)
     distance[lost[hopeless]] = np.inf
     failed = np.concatenate([failed[~above], lost[~hopeless]])
     if divisions == 0 or len(failed) == 0:
@@ -223,8 +255,54 @@ def _refuse_too_rough(parts: float) -> None:
         raise InputError("tolerance", None, f"{reason}; {advice}")
 
 
-def _steepness(surface: Surface, corners: Floats, most: Floats, w: Floats, h: Floats) -> Floats:
-    """Return a lower bound of the length of the gradient on triangles.
+def _nearest(
+    bounds: DerivativeBounds, low: Floats, high: Floats, vertical: Floats, slopes: tuple[Floats, Floats], limit: float
+) -> Floats:
+    """Bound the distance of triangles to the nearest point of the surface, where it is at most a limit.
+
+    A point is ``e`` above the surface, which has the slope g there. Towards the surface, a straight path leads uphill
+    by h and down by ``e - g h``. On a plane it would end there. Since the second derivative along the path is at most
+    M, it ends after at most ``k = 2 / (1 + sqrt(1 - 2 M h^2 / e))`` times its length. The best choice is
+    ``h = e g / (1 + g^2)``; then ``h^2 / e`` is ``e g^2 / (1 + g^2)^2``. A smaller h keeps the path away from creases and
+    from the sides of the rectangle, because k is at most 2.
+
+    Args:
+        bounds: The bounds of the surface's derivatives.
+        low: The lower corners of the boxes around the triangles, shape (2, m).
+        high: The upper corners.
+        vertical: The bounds of the vertical deviation, shape (m,).
+        slopes: The bounds of the slope from below and from above, shape (m,) each.
+        limit: The allowed distance.
+    """
+    least, most = slopes
+    room, low, high = bounds.around(low, high, limit)
+    return shortest(vertical, least, room, bounds.bend(low, high) * leaning(least, most))
+
+
+def leaning(least: Floats, most: Floats) -> Floats:
+    """Return the largest value of ``g^2 / (1 + g^2)^2`` for slopes g between two bounds."""
+    nearest = np.clip(1.0, least, most)
+    return np.asarray((nearest / (1.0 + nearest**2)) ** 2)
+
+
+def shortest(vertical: Floats, slope: Floats, room: Floats, bend: Floats) -> Floats:
+    """Return the length of the path to a surface; see :func:`_nearest`.
+
+    Args:
+        vertical: The vertical distance from the surface.
+        slope: The slope of the surface.
+        room: The largest horizontal length of the path.
+        bend: The second derivative of the surface, times :func:`leaning`.
+    """
+    with np.errstate(invalid="ignore"):
+        longer = 2.0 / (1.0 + np.sqrt(1.0 - 2.0 * bend * vertical))
+    uphill = np.minimum(vertical * slope / (1.0 + slope**2), room / 2.0)
+    length = longer * np.hypot(uphill, vertical - slope * uphill)
+    return np.asarray(np.fmin(vertical, length))
+
+
+def _slopes(surface: Surface, corners: Floats, most: Floats, w: Floats, h: Floats) -> tuple[Floats, Floats]:
+    """Return a lower and an upper bound of the length of the gradient on triangles.
 
     With a unit vector n, the gradient is at least as long as ``n gradient``. On a triangle, this differs from its
     linear interpolation by at most a sixth of its second derivative along the sides.
@@ -232,10 +310,10 @@ def _steepness(surface: Surface, corners: Floats, most: Floats, w: Floats, h: Fl
     slope = np.stack(surface.gradient(*corners[:2]))
     normal = slope.mean(axis=1)
     normal /= np.maximum(np.hypot(*normal), 1e-300)
-    xxx, xxy, xyy, yyy = np.where(np.isfinite(most[3:]), most[3:], 1e300)
-    bend = np.abs(normal[0]) * (xxx * w**2 + 2.0 * xxy * w * h + xyy * h**2)
-    bend += np.abs(normal[1]) * (xxy * w**2 + 2.0 * xyy * w * h + yyy * h**2)
-    return np.asarray(np.maximum((normal[:, None] * slope).sum(axis=0).min(axis=0) - bend / 6.0, 0.0))
+    xxx, xxy, xyy, yyy = np.where(np.isfinite(most[3:]), most[3:], 1e150)
+    bend = np.stack([xxx * w**2 + 2.0 * xxy * w * h + xyy * h**2, xxy * w**2 + 2.0 * xyy * w * h + yyy * h**2]) / 6.0
+    least = (normal[:, None] * slope).sum(axis=0).min(axis=0) - (np.abs(normal) * bend).sum(axis=0)
+    return np.maximum(least, 0.0), np.hypot(*slope).max(axis=0) + np.hypot(*bend)
 
 
 def _largest_quadratic(values: Floats) -> Floats:

@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.geometry.meshing.sheet import Sheet
-from tacbench_cad.geometry.meshing.top import Top, single
+from tacbench_cad.geometry.meshing.top import Top, cut_excess, single
 from tacbench_cad.util.types import Bools, Floats, Indices
-
-#: A vertex counts as on the cut if it is at most this many float32 steps away from it.
-ON_CUT_STEPS = 8.0
 
 
 def sheet(top: Top, key_mm: float | None, height_mm: float) -> Sheet:
@@ -52,10 +49,8 @@ def _cell_triangles(index: Indices, rising: Bools | None, chosen: Bools | None) 
 
 def _keyed(top: Top, key_mm: float, height_mm: float) -> Sheet:
     n, m = len(top.x), len(top.y)
-    cut = top.x[-1] - key_mm
     index = np.arange(n * m, dtype=np.int32).reshape(n, m)
-    excess = top.x[:, None] - top.y[None, :] - cut
-    excess[np.abs(excess) <= ON_CUT_STEPS * np.spacing(np.float32(max(top.x[-1], top.y[-1])))] = 0.0
+    excess = cut_excess(top.x, top.y, key_mm)
     whole = (excess[1:, :-1] <= 0.0) & (excess[:-1, 1:] < 0.0)
     crossed = (excess[1:, :-1] > 0.0) & (excess[:-1, 1:] < 0.0)
     cutter = _Cutter(_vertices(top), excess.ravel())

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, leaning, shortest
 from tacbench_cad.spec.intervals import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats, Ints
@@ -18,6 +19,8 @@ from tacbench_cad.util.types import Floats, Ints
 FRACTION = 0.02
 #: The smallest and the largest number of cells along a side.
 CELLS = (32, 1100)
+#: The number of bisections for the allowed vertical distance of each cell.
+BISECTIONS = 6
 _ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
 
@@ -38,17 +41,36 @@ class Heights:
             _CellAxis(side, int(np.clip(math.ceil(side / size), *CELLS)), creases)
             for side, creases in zip(sides, surface.creases, strict=True)
         ]
+        #: The bounds of the derivatives over any boxes.
+        self.bounds = DerivativeBounds(surface, *(axis.edges for axis in self.axes))
         x, y = (axis.middle for axis in self.axes)
         table = np.empty((len(x), len(y), 8))
         for column, order in enumerate(_ORDERS):
             table[:, :, column] = surface.grid(x, y, order)
-        table[:, :, 6] = 1.0 / np.sqrt(1.0 + table[:, :, 1] ** 2 + table[:, :, 2] ** 2)
+        self._add_ratios(table, tolerance)
         self._columns = len(y)
         self._table = table.reshape(-1, 8)
 
+    def _add_ratios(self, table: Floats, tolerance: float) -> None:
+        """Add the ratio of the tolerance to the vertical distance that it allows, about the cosine of the slope."""
+        slope = np.hypot(table[:, :, 1], table[:, :, 2]).ravel()
+        x, y = (axis.edges for axis in self.axes)
+        low, high = (
+            np.stack(np.meshgrid(*ends, indexing="ij")).reshape(2, -1) for ends in ((x[:-1], y[:-1]), (x[1:], y[1:]))
+        )
+        room, low, high = self.bounds.around(low, high, tolerance)
+        bend = self.bounds.bend(low, high) * leaning(slope, slope)
+        # the distance grows with the vertical distance
+        low, high = np.zeros(slope.shape), np.log1p(slope**2) / 2.0
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2.0
+            near = shortest(tolerance * np.exp(middle), slope, room, bend) <= tolerance
+            low, high = np.where(near, middle, low), np.where(near, high, middle)
+        table[:, :, 6] = np.exp(-low).reshape(table.shape[:2])
+
     @property
     def cells(self) -> Floats:
-        """The rows of the table: value, first and second derivatives, and the cosine of the slope, shape (8, n)."""
+        """The rows of the table: value, first and second derivatives, and the ratio, shape (8, n)."""
         return self._table.T
 
     def rows(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
@@ -58,13 +80,13 @@ class Heights:
         return row, x - self.axes[0].middle.take(i), y - self.axes[1].middle.take(j)
 
     def height(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Return the heights and the cosines of the slopes, with the shape of x."""
+        """Return the heights and the ratios, with the shape of x."""
         row, dx, dy = self.rows(x, y)
         cross = row[..., 1] + 0.5 * dx * row[..., 3] + dy * row[..., 4]
         return row[..., 0] + dx * cross + dy * (row[..., 2] + 0.5 * dy * row[..., 5]), row[..., 6]
 
     def slopes(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the heights, both first derivatives, and the cosines of the slopes, with the shape of x."""
+        """Return the heights, both first derivatives, and the ratios, with the shape of x."""
         row, dx, dy = self.rows(x, y)
         bend_x, bend_y = dx * row[..., 3] + dy * row[..., 4], dx * row[..., 4] + dy * row[..., 5]
         slope_x, slope_y = row[..., 1], row[..., 2]
@@ -72,7 +94,7 @@ class Heights:
         return height, slope_x + bend_x, slope_y + bend_y, row[..., 6]
 
     def bends(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return the second derivatives xx, xy and yy, and the cosines of the slopes, with the shape of x."""
+        """Return the second derivatives xx, xy and yy, and the ratios, with the shape of x."""
         i, j = self.axes[0].cell(x), self.axes[1].cell(y)
         row = self._table.take(i * self._columns + j, axis=0)
         return row[..., 3], row[..., 4], row[..., 5], row[..., 6]

@@ -12,7 +12,7 @@ import numpy as np
 
 from tacbench_cad.geometry.mesh import Certificate, Mesh
 from tacbench_cad.geometry.meshing.adaptive import NetTop
-from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, prove
+from tacbench_cad.geometry.meshing.certify_triangles import prove
 from tacbench_cad.geometry.meshing.clip import sheet
 from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.heights import Heights
@@ -130,10 +130,9 @@ def _proved(block: Block, vertices: Floats, faces: Indices) -> Floats:
     """Return the largest proved bounds of some triangles: the distance from the formula, and the vertical distance."""
     assert isinstance(block.sampling, Tolerance)
     sides = (float(np.float32(block.size_mm[0])), float(np.float32(block.size_mm[1])))
-    axes = Heights(block.surface, sides, block.sampling.mm).axes
+    bounds = Heights(block.surface, sides, block.sampling.mm).bounds
     points = vertices[faces]
     points[:, :, 2] -= block.datum_mm
-    bounds = DerivativeBounds(block.surface, *(axis.edges for axis in axes))
     return np.asarray(prove(block.surface, bounds, points, block.sampling.mm).max(axis=1))
 
 

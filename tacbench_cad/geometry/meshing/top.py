@@ -13,12 +13,15 @@ import numpy as np
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
 from tacbench_cad.geometry.meshing.adaptive import NetTop, adaptive_top
 from tacbench_cad.geometry.meshing.axis import Axis
-from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, paired, prove_axis, vertical, within
-from tacbench_cad.geometry.meshing.certify_cells import CellProof, Cells
+from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, prove_axis, vertical, within
+from tacbench_cad.geometry.meshing.certify_cells import Cells
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
+
+#: A vertex counts as on the cut if it is at most this many float32 steps away from it.
+ON_CUT_STEPS = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +106,16 @@ def _peak_survives(block: Block) -> bool:
     return block.extremes.high >= whole.high - 4.0 * whole.error - 1e-12
 
 
-def _cut_excess(block: Block, x: Floats, y: Floats) -> Floats:
-    """Return how far each crossing of the lines lies beyond the key's cut. Crossings that are cut off are positive."""
-    if block.key_mm is None:
+def cut_excess(x: Floats, y: Floats, key_mm: float | None) -> Floats:
+    """Return how far each crossing of the lines lies beyond the key's cut, shape (n, m).
+
+    It is positive for crossings that are cut off, and 0 for those that are on the cut except for rounding.
+    """
+    if key_mm is None:
         return np.full((len(x), len(y)), -np.inf)
-    return np.asarray(x[:, None] - y[None, :] - (x[-1] - block.key_mm))
+    excess = x[:, None] - y[None, :] - (x[-1] - key_mm)
+    excess[np.abs(excess) <= ON_CUT_STEPS * np.spacing(np.float32(max(x[-1], y[-1])))] = 0.0
+    return np.asarray(excess)
 
 
 def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) -> Floats:
@@ -120,28 +128,33 @@ def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) 
     return rounded
 
 
-def _cells_certificate(block: Block, proof: CellProof, z: Floats, excess: Floats) -> Certificate:
-    """Return the largest bounds of all cells that are not completely cut off.
+def _moved_by_cut(block: Block, z: Floats, excess: Floats, planar: bool) -> float:
+    """Bound how far the vertices on the key's cut are from the facets, vertically.
 
-    If the cut crosses a cell with a corner above the block's height, the new vertices are limited to the height. This
-    lowers them by at most the deviation of the facet, so the deviation of such a cell counts twice.
+    They are limited to the block's height, and rounded. Cells that are not planar are also cut along their diagonals,
+    where rounding moves the vertices sideways, off the facets.
     """
-    shown = excess[:-1, 1:] < 0.0
-    lifted = shown & (excess[1:, :-1] > 0.0) & (_highest_corner(z) > block.height_mm)
-    weight = np.where(shown, np.where(lifted, 2.0, 1.0), 0.0)
-    rounding = (
-        0.0 if block.key_mm is None else 2.0 * float(np.spacing(np.float32(max(*block.size_mm, block.height_mm))))
+    if block.key_mm is None:
+        return 0.0
+    rounding = 2.0 * _rounding_mm(block)
+    ends = (
+        [(slice(None, -1), slice(None)), (slice(1, None), slice(None))],
+        [
+            (slice(None), slice(None, -1)),
+            (slice(None), slice(1, None)),
+        ],
     )
-    return Certificate(
-        distance_mm=float((weight * proof.distance).max()) + rounding,
-        vertical_mm=float((weight * proof.vertical).max())
-        + rounding * (1.0 + block.surface.bound(1, 0) + block.surface.bound(0, 1)),
-    )
-
-
-def _highest_corner(z: Floats) -> Floats:
-    rows = np.maximum(z[:-1], z[1:])
-    return np.asarray(np.maximum(rows[:, :-1], rows[:, 1:]))
+    if not planar:
+        ends += ([(slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))],)
+        steepest = block.surface.bound(1, 0) + block.surface.bound(0, 1)
+        rounding = 2.0 * float(np.spacing(np.float32(max(*block.size_mm, block.height_mm)))) * (1.0 + steepest)
+    highest = block.height_mm
+    for first, second in ends:
+        before, after = excess[first], excess[second]
+        cut = before * after < 0.0
+        fraction = before[cut] / (before[cut] - after[cut])
+        highest = max(highest, float((z[first][cut] + fraction * (z[second][cut] - z[first][cut])).max(initial=0.0)))
+    return highest - block.height_mm + rounding
 
 
 def _sampled_top(block: Block, grid: SampleGrid) -> Top:
@@ -150,37 +163,38 @@ def _sampled_top(block: Block, grid: SampleGrid) -> Top:
     x, y = block.samples_mm
     surface, datum = block.surface, block.datum_mm
     lines = (single(x), single(y))
-    excess = _cut_excess(block, *lines)
-    z = _crowned(datum + surface.grid(x, y), block, excess <= 0.0, None)
+    excess = cut_excess(*lines, block.key_mm)
+    heights = datum + surface.grid(x, y)
+    z = _crowned(heights, block, excess <= 0.0, None)
+    moved = _moved_by_cut(block, z, excess, surface.is_separable)
     if surface.is_separable:
         a, b = surface.along_u(x), surface.along_v(y)
         proofs = prove_axis(surface.along_u, lines[0], a), prove_axis(surface.along_v, lines[1], b)
-        high, rounding = vertical(*proofs), _rounding_mm(block)
-        distance = min(paired(*proofs), high)
-        certificate = Certificate(distance_mm=distance + rounding, vertical_mm=high + rounding)
-        return Top(*lines, z, Profiles(a, b), None, certificate)
+        bound = vertical(*proofs) + float(np.abs(z - heights).max()) + moved
+        return Top(*lines, z, Profiles(a, b), None, Certificate(distance_mm=bound, vertical_mm=bound))
     proof = Cells(surface, *lines).prove(z - datum, rising=False)
-    return Top(*lines, z, None, None, _cells_certificate(block, proof, z, excess))
+    bound = float(proof[excess[:-1, 1:] < 0.0].max()) + moved
+    return Top(*lines, z, None, None, Certificate(distance_mm=bound, vertical_mm=bound))
 
 
 def _fitted_top(block: Block, tolerance: float) -> Top:
     p, q = _axes(block)
-    rounding = _rounding_mm(block)
     fraction = _fraction_of_x(p, q)
-    budget = tolerance - rounding
+    budget = tolerance - (2.0 if block.key_mm is None else 4.0) * _rounding_mm(block)
     fractions = (fraction, 1.0 - fraction)
     _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), fractions, strict=True)))
     x, a, along_x = _fit(p, budget, fraction)
     y, b, along_y = _fit(q, budget, 1.0 - fraction)
     proofs = along_x, along_y
-    distance = within(*proofs, budget, fraction)
+    distance = within(*proofs, fraction)
     high = vertical(*proofs)
-    certificate = Certificate(distance_mm=min(distance, high) + rounding, vertical_mm=high + rounding)
     refuse_too_many("tolerance", tolerance, triangles_of(len(x), len(y)), "use a larger tolerance")
-    z = block.formula_datum_mm + (a[:, None] + b[None, :])
+    heights = block.formula_datum_mm + (a[:, None] + b[None, :])
     highest = (int(np.argmax(a)), int(np.argmax(b)))
-    everywhere = np.ones(z.shape, dtype=np.bool_)
-    return Top(x, y, _crowned(z, block, everywhere, highest), Profiles(a, b), None, certificate)
+    z = _crowned(heights, block, np.ones(heights.shape, dtype=np.bool_), highest)
+    moved = float(np.abs(z - heights).max()) + _moved_by_cut(block, z, cut_excess(x, y, block.key_mm), True)
+    certificate = Certificate(distance_mm=min(distance, high) + moved, vertical_mm=high + moved)
+    return Top(x, y, z, Profiles(a, b), None, certificate)
 
 
 def _axes(block: Block) -> tuple[Axis, Axis]:
