@@ -5,23 +5,12 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-import numpy as np
 import pytest
-from helpers.shapes import box_mesh, mesh_part, write_soup
 
-from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.identify import examine
-from tacbench_cad.checks.report import Check, Report
-from tacbench_cad.checks.verify import verify
+from tacbench_cad.checks.report import Report
 from tacbench_cad.cli import main
-from tacbench_cad.formats import FORMATS
-from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.making.manifest import read_rows
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.errors import InputError
 
 #: The numbers of random requests in ``make test`` and in ``make test-long``.
 FEW, MANY = 4, 200

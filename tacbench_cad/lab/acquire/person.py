@@ -97,7 +97,7 @@ class Typing:
     def press_anyway(self, problem: str) -> bool:
         """See :class:`Person`."""
         try:
-            return _plain(self.ask(f"{problem}. Type yes to press it as it is: ")) == "yes"
+            return self.ask(f"{problem}. Type yes to press it as it is: ").strip().casefold() == "yes"
         except InputError:
             return False
 
