@@ -159,7 +159,7 @@ def _widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:
         wide = [i for i, need in enumerate(needs) if widths[i] > need]
         if not wide:
             break
-        widths[max(wide, key=lambda i: widths[i])] -= 1
+        widths[max(reversed(wide), key=lambda i: widths[i])] -= 1
     return widths
 
 
