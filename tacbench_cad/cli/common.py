@@ -159,7 +159,9 @@ def _widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:
         wide = [i for i, need in enumerate(needs) if widths[i] > need]
         if not wide:
             break
-        widths[max(reversed(wide), key=lambda i: widths[i])] -= 1
+        # The first column, which names the row, stays on one line as long as possible, unless it has long paths.
+        others = wide[1:] if wide[0] == 0 and widths[0] <= LONGEST_WORD else wide
+        widths[max(others or wide, key=lambda i: widths[i])] -= 1
     return widths
 
 
