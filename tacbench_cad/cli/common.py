@@ -31,7 +31,7 @@ PLAIN_WIDTH = 160
 LONGEST_WORD = 40
 #: What is added to the title of a part of a table, after the first part.
 CONTINUED = " (continued)"
-#: The number of characters between two columns.
+#: The number of characters between two columns. One less is beside the outer columns.
 _BETWEEN = 3
 
 
@@ -157,7 +157,7 @@ def _parts(heads: Sequence[str], columns: Sequence[Sequence[str]], width: int) -
     needs = [_need(column) for column in columns]
 
     def fits(part: Sequence[int]) -> bool:
-        return sum(needs[i] for i in part) + _BETWEEN * len(part) <= width
+        return sum(needs[i] for i in part) + _BETWEEN * len(part) - 1 <= width
 
     first = list(range(named if 2 * sum(needs[:named]) < width else min(named, 1)))
     parts = [list(first)]
@@ -174,11 +174,13 @@ def _widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:
 
     needs = [_need(column) for column in columns]
     widths = [max(cell_len(line) for text in column for line in text.split("\n")) for column in columns]
-    while sum(widths) + _BETWEEN * len(widths) > width:
+    while sum(widths) + _BETWEEN * len(widths) - 1 > width:
         wide = [i for i, need in enumerate(needs) if widths[i] > need]
         if not wide:
             break
-        widths[max(wide, key=lambda i: widths[i])] -= 1
+        # The first column, which names the row, stays on one line as long as possible, unless it has long paths.
+        others = wide[1:] if wide[0] == 0 and widths[0] <= LONGEST_WORD else wide
+        widths[max(others or wide, key=lambda i: widths[i])] -= 1
     return widths
 
 
