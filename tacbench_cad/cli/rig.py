@@ -321,13 +321,16 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
         question = f"{kept} has {shown} of an interrupted call. Type ok to use them, or Enter to teach all again: "
         taught = taught if ask_line(question) == "ok" else ()
 
+    def give_up(error: RunInterruptedError) -> None:
+        note(f"error: interrupted; gave up {error.gave_up}, which did not return; look whether the sensor is lifted")
+
     def keep(points: Sequence[Point]) -> None:
         if stage.home:
             TaughtMarkers(markers=markers, taught_mm=tuple(points)).write(kept)
 
     with (
         located(f"{study_file}: ", fields="["),
-        Signals() as signals,
+        Signals(give_up) as signals,
         open_rig(settings, printed, stage.frame) as opened,
     ):
         gauge = opened.gauge

@@ -473,7 +473,7 @@ class Signals:
         self._give_up, self._leaving = give_up, threading.Lock()
         self._carriage: Carriage | None = None
         self._say: Callable[[str], None] = lambda message: None
-        self._ignoring = False
+        self._ignoring: object = None
         self._previous: dict[int, Any] = {}
         self._listening = contextlib.ExitStack()
         #: The number of signals that the main thread has handled, and this number when the carriage was given.
@@ -522,12 +522,12 @@ class Signals:
 
     @contextlib.contextmanager
     def ignored(self) -> Iterator[None]:
-        """Ignore the signals while the body runs."""
-        self._ignoring = True
+        """Ignore the signals while the body lifts the sensor, but not for ever."""
+        self._ignoring = object()
         try:
             yield
         finally:
-            self._ignoring = False
+            self._ignoring = None
 
     def _caught(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal in the main thread."""
@@ -551,12 +551,17 @@ class Signals:
             before: The number of signals before it.
         """
         carriage, first = self._carriage, self._first
-        if self._ignoring or before < first:
+        ignoring = self._ignoring
+        if before < first:
             return
         time.sleep(HANDLER_S)
         if carriage is not None and self._handled <= before:
             carriage.interrupt(name)
-        if carriage is None:
+        if ignoring is not None:
+            time.sleep(RETRY_S)
+            if self._ignoring is not ignoring:
+                return
+        elif carriage is None:
             time.sleep(GRACE_S if before else DEVICE_S)
             if self._handled > before:
                 return

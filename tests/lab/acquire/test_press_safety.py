@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+
 import pytest
 from helpers.fakes import FakeStage
 from helpers.rigs import LIMITS, small_protocol
 
-from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
+from tacbench_cad.lab.acquire import safety
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError, Signals
 from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.reach import require_reach, travel_height_mm
 from tacbench_cad.lab.study.spec import HolderRim, Protocol, WorkFrame
@@ -91,3 +95,17 @@ def test_an_interruption_of_homing_does_not_claim_that_the_sensor_is_lifted() ->
     assert str(error) == "the sensor is lifted; 0 of 0 presses are saved"
     error.add_note("homing was stopped, so the position is unknown")
     assert str(error) == "0 of 0 presses are saved"
+
+
+def test_a_signal_during_a_lift_that_never_ends_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, given = threading.Event(), []
+    monkeypatch.setattr(safety, "RETRY_S", 0.1)
+    monkeypatch.setattr(safety, "leave", left.set)
+    with Signals(given.append) as signals:
+        with signals.ignored():
+            signal.raise_signal(signal.SIGINT)
+        assert not left.wait(0.3), "the lift has ended"
+        with signals.ignored():
+            signal.raise_signal(signal.SIGINT)
+            assert left.wait(60.0)
+    assert [error.signal for error in given] == ["SIGINT"]
