@@ -112,8 +112,10 @@ def _array(path: Path) -> Any:
             _require_size(path, *shape)
             stream.seek(0)
             return np.load(stream, allow_pickle=False)
-        except (KeyError, ValueError, EOFError, OSError) as error:
-            raise InputError("height map", str(path), f"is not an array of NumPy: {one_line(str(error))}") from None
+        except InputError:
+            raise
+        except Exception as error:  # a damaged header can raise almost any error
+            raise InputError("height map", str(path), f"is not an array of NumPy: {one_line(error, 200)}") from None
 
 
 def _instrument(path: Path) -> HeightFile:

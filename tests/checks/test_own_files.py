@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tacbench_cad.checks import meshcheck, solidcheck
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.report import Report
 from tacbench_cad.cli import main
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.formats.step import read_step
+from tacbench_cad.formats.stl import read_stl
+from tacbench_cad.formats.threemf import write_plate
+from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.making.manifest import read_rows
+from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.util.errors import InputError
 
 #: The numbers of random requests in ``make test`` and in ``make test-long``.
 FEW, MANY = 4, 200
@@ -106,3 +117,97 @@ def test_random_blocks_pass_their_own_check(seed: int, tmp_path: Path, capsys: p
 def test_random_plates_pass_their_own_check(seed: int, tmp_path: Path) -> None:
     pytest.importorskip("lib3mf")
     assert _check_plate(seed, tmp_path)
+
+
+def test_a_negative_domain_in_a_name_is_read() -> None:
+    from tacbench_cad.checks.claim import claimed_block
+
+    block = Block.of(2, copy=3, key_mm=2.5)
+    block = replace(block, origin_uv=(-3.25, -0.5))
+    assert "_from-3.25x-0.5_" in block.name
+    assert claimed_block(block.name) == block
+
+
+def test_a_name_that_the_header_of_an_stl_file_cuts_off_is_in_the_manifest(tmp_path: Path) -> None:
+    words = [
+        "--texture",
+        "1",
+        "--size",
+        "23.123,29.456",
+        "--mm-per-unit",
+        "1.1234567,1.2345678,0.9876543",
+        "--key",
+        "2.25",
+    ]
+    assert main(["make", *words, "--formats", "stl", "--parts", "blocks", "--out", str(tmp_path)]) == 0
+    (path,) = tmp_path.glob("*.stl")
+    assert examine(path, full=False).ok
+    (tmp_path / "manifest.json").unlink()
+    with pytest.raises(InputError, match=r"67 characters of the name .* keep manifest.json beside it"):
+        examine(path, full=False)
+
+
+def test_a_long_name_in_a_step_file_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    block = Block.of(1, size_mm=(23.123, 29.456), mm_per_unit=(1.1234567, 1.2345678, 0.9876543), key_mm=2.25)
+    FORMATS["step"].write(block_part(block), tmp_path / "a.step")
+    report = examine(tmp_path / "a.step")
+    assert report.ok, _faults(report)
+
+
+@pytest.mark.parametrize("number", [3, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 4, 5, 6))])
+def test_the_mesh_and_the_solid_of_a_released_block_have_the_same_height(number: int, tmp_path: Path) -> None:
+    """With a tolerance, the highest point of the paper's formula lies at the height, in the mesh and in the solid."""
+    pytest.importorskip("OCP")
+    words = ["--texture", str(number), "--preset", "released", "--tolerance", "0.02", "--size", "44.13,20.68"]
+    assert main(["make", *words, "--formats", "stl,step", "--parts", "blocks", "--out", str(tmp_path)]) == 0
+    i = np.arange(1, (25 if number in (3, 5) else 101) + 1, 2)
+    triangle, square = 8.0 / np.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2, 4.0 / np.pi / i
+    laws = {1: ([1.0], [1.0]), 2: ([1.0], [1.0]), 3: (triangle, i), 4: (square, i), 5: (triangle, i), 6: (square, i)}
+    weights, waves = map(np.asarray, laws[number])
+
+    def half(t: np.ndarray, shift: float = 0.0) -> np.ndarray:
+        return np.concatenate([np.sin(np.outer(part, waves) + shift) @ weights for part in np.array_split(t, 40)])
+
+    shift = np.pi / 2 if number == 2 else 0.0
+    along_v = number in (2, 3, 4)
+    highest = half(np.linspace(0.0, 44.13, 400_001)).max()
+    highest += half(np.linspace(0.0, 20.68, 200_001), shift).max() if along_v else 0.0
+
+    mesh = read_stl(next(tmp_path.glob("*.stl")))
+    top = mesh.vertices[mesh.vertices[:, 2] > 0.8]
+    solid = solidcheck.points_on(solidcheck.curved(read_step(next(tmp_path.glob("*.step"))))[0], 4000)
+    assert top[:, 2].max() == 7.0
+    for (x, y, z), allowed in ((top.T, 0.021), (solid.T, 0.0011)):
+        off = z - (7.0 - highest) - half(x) - (half(y, shift) if along_v else 0.0)
+        assert np.median(np.abs(off)) <= allowed
+
+
+@pytest.mark.parametrize(("texture", "mm"), [("dunes", 0.2), ("diamond", 0.1)])
+def test_the_highest_vertex_of_an_adaptive_mesh_is_exactly_at_the_height(texture: str, mm: float) -> None:
+    mesh, _ = block_part(Block.of(texture, sampling=Tolerance(mm=mm))).mesh
+    assert mesh.vertices[:, 2].max() == 7.0
+
+
+@pytest.mark.parametrize("scale", [0.80001, 1.15422, 1.25653, 1.45998])
+def test_no_triangle_around_a_label_is_without_area(scale: float) -> None:
+    mesh, expected = block_part(Block.of(1, scale=scale, height_mm=9.0, copy=34, sampling=Tolerance(mm=0.1))).mesh
+    assert not meshcheck.degenerate(mesh).any() and meshcheck.edges(mesh).ok
+    assert mesh.volume_mm3 == pytest.approx(expected.volume_mm3, abs=0.01)
+    flat = mesh.doubled_normals[(mesh.vertices[mesh.faces][:, :, 2] == 0.0).all(axis=1)]
+    assert (flat[:, 2] < 0.0).all(), "all triangles of the underside face down"
+
+
+def test_the_bodies_of_a_plate_do_not_cut_each_other(tmp_path: Path) -> None:
+    """Far from the origin, pymeshlab finds cuts where none are; a real one must still be found."""
+    pytest.importorskip("lib3mf")
+    pytest.importorskip("pymeshlab")
+    part = block_part(Block.of(6, key_mm=3.0, copy=5))
+    for name, places, cut in (
+        ("apart", ((200.0, 130.0), (150.0, 130.0)), False),
+        ("over", ((0.0, 0.0), (20.0, 0.5)), True),
+    ):
+        path = tmp_path / f"{name}.3mf"
+        write_plate([(part, place) for place in places], "plate", path)
+        faults = {check.name for check in examine(path).faults}
+        assert faults == ({"self-intersection"} if cut else set()), name

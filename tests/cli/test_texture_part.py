@@ -128,3 +128,20 @@ def test_only_meshes_are_accepted(tmp_path: Path) -> None:
         textured_mesh(tmp_path / "a.step", (0, 0, 0), 2)
     with pytest.raises(InputError, match="or an object with vertices and faces"):
         textured_mesh(3, (0, 0, 0), 2)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".3mf", ".step"])
+@pytest.mark.parametrize(
+    "content", [b"", b"a shopping list\n", b"ISO-10303-21;\nEND-ISO-10303-21;\n", b"PK\x03\x04" + b"\0" * 90]
+)
+def test_a_file_that_cannot_be_read_ends_with_2_as_in_other_commands(
+    content: bytes, suffix: str, tmp_path: Path, capsys: Capture
+) -> None:
+    pytest.importorskip({".stl": "numpy", ".3mf": "lib3mf", ".step": "OCP"}[suffix])
+    path = tmp_path / f"part{suffix}"
+    path.write_bytes(content)
+    words = ["--at", "0,0,1", "--texture", "2", "--out", str(tmp_path / "out.stl")]
+    assert main(["texture-part", str(path), *words]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and str(path) in error and error.count("\n") == 1
+    assert not (tmp_path / "out.stl").exists()

@@ -12,7 +12,7 @@ import pytest
 
 from tacbench_cad import __version__
 from tacbench_cad.cli import main
-from tacbench_cad.cli.unexpected import LOG_VARIABLE
+from tacbench_cad.cli.unexpected import LOG_VARIABLE, report_unexpected
 
 Capture = pytest.CaptureFixture[str]
 Patch = pytest.MonkeyPatch
@@ -90,3 +90,50 @@ def test_a_closed_pipe_ends_the_command_without_a_message() -> None:
     finally:
         os.close(write)
     assert (process.returncode, process.stderr) == (1, "")
+
+
+def _no_permission(path: Path) -> bool:
+    raise PermissionError(13, "Permission denied", str(path))
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["x" * 5000, "a\0b.stl", "loop/part.stl", "~nobody/part.stl", "a/../" * 2000 + "part.stl"],
+    ids=["too long", "null", "loop", "user", "long way"],
+)
+def test_a_path_that_cannot_be_read_causes_no_second_error(
+    word: str, tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    monkeypatch.chdir(tmp_path)
+    error = IndexError("list index out of range")
+    try:
+        broken(Path(word))
+    except IndexError as raised:
+        error = raised
+    assert report_unexpected(error, ["check-part", word]) in (1, 2)
+    message = capsys.readouterr().err
+    assert "unexpected IndexError" in message and message.count("\n") == 1
+
+
+def test_a_path_that_may_not_be_read_is_named(tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture) -> None:
+    locked = tmp_path / "locked" / "part.stl"
+    monkeypatch.setattr(Path, "exists", _no_permission)
+    monkeypatch.setattr(Path, "is_file", _no_permission)
+    error = PermissionError(13, "Permission denied", str(locked))
+    assert report_unexpected(error, ["check-part", str(locked)]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {locked}: unexpected PermissionError: ")
+
+
+def test_a_current_folder_that_was_removed_causes_no_second_error(
+    tmp_path: Path, log: Path, monkeypatch: Patch, capsys: Capture
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    try:
+        assert report_unexpected(OSError(5, "Input/output error", "part.stl"), ["check-part", "part.stl"]) == 1
+    finally:
+        os.chdir(tmp_path)
+    assert capsys.readouterr().err.count("\n") == 1

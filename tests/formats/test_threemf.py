@@ -12,7 +12,7 @@ from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad import __version__
 from tacbench_cad.formats import threemf
-from tacbench_cad.formats.threemf import read_3mf, write_3mf
+from tacbench_cad.formats.threemf import read_3mf, read_parts, write_3mf, write_plate
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
@@ -95,3 +95,11 @@ def test_reason_for_a_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
     assert threemf.why_missing() is None
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "Linux on ARM" in (threemf.why_missing() or "")
+
+
+def test_the_positions_on_a_plate_are_exact(tmp_path: Path) -> None:
+    part = mesh_part(box_mesh())
+    places = [(0.0, 0.0), (59.9144999, 68.80001), (114.0712345, 1.5), (215.123456, 0.0)]
+    write_plate([(part, place) for place in places], "plate", tmp_path / "a.3mf")
+    corners = [mesh.bounds_mm[0] for _, mesh in read_parts(tmp_path / "a.3mf")[0]]
+    np.testing.assert_allclose(corners, [(*place, 0.0) for place in places], atol=2e-5)
