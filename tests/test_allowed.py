@@ -34,9 +34,11 @@ ELSEWHERE = {
     **dict.fromkeys(
         ("util.errors:require_between", "util.errors:one_of 2", "util.convert:_literal_hook"), "their callers have rows"
     ),
+    **dict.fromkeys(("util.convert:_list_hook", "util.convert:_table_hook.structure"), "names a kind of value"),
     "util.convert:_literal_hook.structure": "the test of all words of documents below",
     **dict.fromkeys(
         (
+            "lab.rig.calibration:read_calibration",
             "lab.runs.info:RunInfo.__post_init__",
             "lab.runs.info:printed_from",
             "lab.runs.info:printed_block_from",
@@ -67,6 +69,7 @@ ELSEWHERE = {
         ),
         "needs the results of a long calculation, or arguments that only this program makes",
     ),
+    "lab.vision.markers:MarkerFinder.find": "names the shape of the other frames",
     "lab.analysis.classification.settings:_own": "shows the error of the user's own module",
     "scan.reading:_unreadable": "advice about a file that cannot be read",
 }

@@ -288,7 +288,7 @@ ROWS: Rows = {
         ),
         Offer(attempt=lambda value: replace(Block.of(1), copy=value), wrong=0),
     ],
-    "spec.block:Block._check_outline": lambda _: [
+    "spec.block:Block._check_outline 2": lambda _: [
         Offer(
             attempt=lambda outline: Block.of(1, outline=outline),
             wrong=5,
@@ -361,7 +361,7 @@ ROWS: Rows = {
             later="ring",
         )
     ],
-    "util.convert:_union_hook.structure": lambda _: [
+    "util.convert:_union_hook.structure 2": lambda _: [
         Offer(
             attempt=_family,
             wrong="",
@@ -369,7 +369,7 @@ ROWS: Rows = {
             later="is missing|at least one",
         )
     ],
-    "util.door:read_rows": lambda folder: [Offer(attempt=_header(folder), wrong="a,x", things=["a,b"])],
+    "util.door:read_rows 2": lambda folder: [Offer(attempt=_header(folder), wrong="a,x", things=["a,b"])],
     "util.plotting:picture_format": lambda _: [
         Offer(attempt=lambda end: picture_format(Path(f"a{end}")), wrong=".gif", things=list(PICTURES))
     ],

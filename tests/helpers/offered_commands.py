@@ -66,6 +66,16 @@ def typed(line: str) -> object:
 
 
 ROWS: Rows = {
+    "cli.export_runs:_whole_numbers.read": lambda _: [
+        Offer(
+            attempt=lambda text: export_runs._whole_numbers("x", 2, "WxH, for example 128x128").read("size", text),
+            wrong="5",
+            things={"WxH": "64x48", "128x128": "128x128"},
+        )
+    ],
+    "cli.rig_wizard:_word": lambda _: [
+        Offer(attempt=partial(rig_wizard._word, ("counts", "newtons")), wrong="xyz", things=["counts", "newtons"])
+    ],
     "cli.check_gcode:_frame_of 2": lambda _: [
         Offer(
             attempt=lambda text: check_gcode._frame_of("frame", text),

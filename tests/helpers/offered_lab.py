@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import numpy as np
+
 from helpers.offers import Offer, past, texture_file
-from helpers.rigs import rig_settings, small_protocol
+from helpers.rigs import printed, rig_settings, small_protocol
 from helpers.rigs import study_of as small_study
+from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
@@ -37,6 +40,7 @@ from tacbench_cad.lab.runs.importing.arrays import _chosen as array_chosen
 from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
 from tacbench_cad.lab.runs.importing.kinds import ImportOptions
 from tacbench_cad.lab.runs.importing.samples import columns_of, field_of
+from tacbench_cad.lab.runs.pictures import write_png
 from tacbench_cad.lab.simulate.looks import LOOKS, look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.simulate.tactip import TacTip
@@ -44,6 +48,7 @@ from tacbench_cad.lab.study.file import _protocol, virtual_study
 from tacbench_cad.lab.study.plate import block_of_word
 from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
 from tacbench_cad.lab.vision.markers import MarkerSettings
+from tacbench_cad.lab.vision.region import parse_region
 from tacbench_cad.virtual_rig import devices
 from tacbench_cad.virtual_rig.setup import Setup
 
@@ -100,6 +105,14 @@ def levels(level: int) -> object:
     return replace(study, blocks=(replace(study.blocks[0], levels=(level,)),))
 
 
+def mask_file(folder: Path) -> Path:
+    """Write a picture that is white in its middle."""
+    mask = np.zeros((64, 64), np.uint8)
+    mask[10:50, 10:50] = 255
+    write_png(folder / "mask.png", mask)
+    return folder / "mask.png"
+
+
 def study_file(folder: Path) -> Path:
     """Write a study file, which messages call "a TOML file"."""
     path = folder / "study.toml"
@@ -114,6 +127,13 @@ def _sweep(name: str) -> Offer:
 
 
 ROWS: Rows = {
+    "lab.acquire.person:Typing.put_in": lambda _: [
+        Offer(
+            attempt=lambda line: Typing(lambda _: line, print).put_in(printed(1), "T1 PAPER X1 01", None),
+            wrong="T4 PAPER X1 01",
+            things=["T1 PAPER X1 01"],
+        )
+    ],
     "lab.acquire.touch:taught": lambda _: [
         Offer(attempt=lambda count: taught([0.0] * count, 4), wrong=2, things={"one finite height": 1, "4, one for": 4})
     ],
@@ -144,7 +164,7 @@ ROWS: Rows = {
             things={"25": 25},
         ),
     ],
-    "lab.analysis.classification.sweep:Sweep.parsed": lambda _: [
+    "lab.analysis.classification.sweep:Sweep.parsed 2": lambda _: [
         Offer(attempt=lambda name: Sweep.parsed(f"{name}=1:3"), wrong="xyz"),
         *(_sweep(name) for name in PARAMETERS),
     ],
@@ -269,9 +289,25 @@ ROWS: Rows = {
         Offer(attempt=partial(kind.require_driver, "driver"), wrong="xyz")
         for kind in (StageSettings, GaugeSettings, SensorSettings)
     ],
+    "lab.study.spec:Protocol.__post_init__": lambda _: [
+        Offer(
+            attempt=lambda count: replace(small_protocol(), bands_n=(0.001,) * count), wrong=5, things={"2 numbers": 2}
+        )
+    ],
     "lab.study.spec:Study.__post_init__": lambda _: [Offer(attempt=levels, wrong=9)],
     "lab.vision.markers:MarkerSettings.__post_init__": lambda _: [
         Offer(attempt=lambda value: MarkerSettings(sigma_px=value), wrong=99.0)
+    ],
+    "lab.vision.region:parse_region": lambda folder: [
+        Offer(
+            attempt=lambda text: parse_region(text, 64, 64),
+            wrong="xyz",
+            things={
+                "circle:X,Y,R": "circle:32,32,20",
+                "rect:X0,Y0,X1,Y1": "rect:5,5,50,50",
+                "a PNG file": str(mask_file(folder)),
+            },
+        )
     ],
     "virtual_rig.devices:LaunchedStage.__init__": lambda _: [Offer(attempt=launched, wrong=0.0)],
     "virtual_rig.setup:Setup.board": lambda _: [

@@ -16,7 +16,7 @@ from helpers.checkout import ROOT
 from tacbench_cad.util.errors import InputError, MissingToolError
 
 #: Texts of messages that offer words, a range, an ending or an example.
-_OFFERING = re.compile(r"allowed:|must be (one of|from|[^…]* or )|must end|such as|for example|also allowed")
+_OFFERING = re.compile(r"allowed:|must be (one of|from|[^…]* or |…|$)|must end|such as|for example|also allowed")
 #: What the placeholders in messages stand for.
 STAND_INS: Mapping[str, Any] = {
     "module:name": "helpers.wrong_drivers:GoodStage",
