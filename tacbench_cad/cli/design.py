@@ -7,13 +7,12 @@ from pathlib import Path
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note
-from tacbench_cad.cli.completing import of_lists
 
 
 @options.command("design")
 @options.argument(
     "texture",
-    options.text("TEXTURE", complete=of_lists(*options.TEXTURES[:-1], suffix=".toml")),
+    options.text("TEXTURE", complete=options.TEXTURE.complete),
     "1 to 6, a later texture such as dunes, or a TOML file. Default: 2.",
     required=False,
 )

@@ -609,7 +609,7 @@ def outline_of(word: str, size_mm: tuple[float, float]) -> Outline:
     if name == "polygon":
         raise InputError("outline", word, "must have at least three corners: polygon:0,0,20,0,10,15")
     if name not in counts:
-        raise InputError("outline", word, nearest(name, [*counts, "polygon"]))
+        raise InputError("outline", word, f"{nearest(name, counts)}; corners are written as polygon:0,0,20,0,10,15")
     if len(numbers) not in counts[name]:
         example = {"disc": "disc:30", "ring": "ring:30,12"}.get(name, f"{name}:30")
         raise InputError("outline", word, f"write {name} or {example}")
