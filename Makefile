@@ -39,7 +39,7 @@ docs: $(VENV)/.docs
 	$(BIN)/sphinx-build -E -W --keep-going -n -j auto docs docs/_build/html
 
 bench: $(VENV)/.bench
-	set -e; for script in startup stl_speed make_time mesh_triangles solid tactip press_loop press_time run_folders simulate_study paper_protocol contact_in_engines slice_check design_page watch_page; do $(BIN)/python benchmarks/$$script.py; done
+	set -e; for script in startup stl_speed make_time mesh_triangles solid tactip press_loop press_time run_folders simulate_study paper_protocol accuracy_intervals contact_in_engines slice_check design_page watch_page; do $(BIN)/python benchmarks/$$script.py; done
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

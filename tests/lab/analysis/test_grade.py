@@ -103,6 +103,24 @@ def test_an_interval_below_all_figures_is_as_consistent() -> None:
     assert resin.text == "Form 3 resin: repeats as well, or better (less: 1, 2, 3, 4, 5, 6)"
 
 
+def test_verdicts_are_monotone_in_the_variance() -> None:
+    """With the same relative intervals, a larger variance of one texture never gets a better verdict."""
+    words = (
+        ("less", "unclear", "more"),
+        ("repeats as well, or better", "not enough data", "varies more", "repeats less"),
+    )
+    for noise_alone, low, high in ((0.1, 0.7, 1.6), (2.0, 0.5, 3.0), (None, 0.9, 1.1)):
+        ranks = []
+        for variance in np.geomspace(0.3, 40.0, 60):
+            cells = like(published.PAPER_VARIANCE[BAMBU], 0.3, 0.9)
+            cells[2] = cell(3, low * variance, high * variance, variance=variance, noise_alone=noise_alone)
+            result = graded(cells)
+            of_texture = [words[0].index(str(compared.ours_is)) for compared in result.textures[2].published]
+            verdicts = [judgement.verdict for judgement in result.verdicts]
+            ranks.append(of_texture + [next(i for i, w in enumerate(words[1]) if v.startswith(w)) for v in verdicts])
+        assert (np.diff(ranks, axis=0) >= 0).all() and np.ptp(ranks, axis=0).min() > 0
+
+
 def test_an_interval_above_a_figure_is_less_consistent() -> None:
     ender, bambu, _ = graded(like(published.PAPER_VARIANCE[ENDER], 0.5, 0.8)).verdicts
     assert ender.verdict == "repeats as well, or better"
