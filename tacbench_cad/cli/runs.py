@@ -38,9 +38,9 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
     each run folder (roi.json). After that, variance, classify, report and check-runs use only the pixels inside the
     region. --roi none removes the stored region.
 
-    --roi auto finds a dome or a gel, in frames without contact if there are any. It stores the region only if the result
-    is certain. If the frames show neither a dome nor a gel, the whole frame is used. Without --roi, the command shows
-    the region that auto finds and stores nothing.
+    --roi auto finds a dome or a gel, in frames without contact if there are any. It stores the region only if the
+    result is certain. If the frames show neither a dome nor a gel, the whole frame is used. Without --roi, the command
+    shows the region that auto finds and stores nothing.
 
     Examples:
       tacbench runs roi runs/ -o pictures
