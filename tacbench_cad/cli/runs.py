@@ -149,9 +149,9 @@ def markers(
         if row is None:
             continue
         frame = run.frame(row)
-        reference, spots = features.references_px[run.info.printed.name], features.finder.find(frame)
+        start, spots = features.references_px[run.info.printed.name], features.finder.find(frame)
         track = features.track(run, frame)
-        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, reference, spots, track))
+        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, start, spots, track))
         largest = float((track.displacement_px**2).sum(axis=1).max()) ** 0.5
         rows.append((run.folder.name, row.number, int(track.found.sum()), round(largest, 2), str(path)))
     finder, expected = features.finder, expected_count(next(iter(features.references_px.values())))

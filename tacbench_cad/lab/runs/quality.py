@@ -31,6 +31,11 @@ from tacbench_cad.lab.runs.usual import Likeness, Usual
 from tacbench_cad.lab.vision.region import Region
 from tacbench_cad.util.types import Bools
 
+#: The kinds of findings that judge how a frame looks. The file itself is complete.
+JUDGED = (
+    *("dark", "blurred", "saturated", "brightness", "flicker", "drift"),
+    *("moved", "noise", "colour", "orientation"),
+)
 #: The largest difference between a frame's mean brightness and the run's median, as a fraction of the median.
 BRIGHTNESS = 0.12
 #: The largest fraction of the sensor's pixels that may be saturated.

@@ -105,9 +105,12 @@ class Usual:
         """Return the shift of a frame in pixels, by a robust fit of a shift, a gain and an offset (Lucas-Kanade)."""
         import cv2
 
+        if min(image.shape) < 4 * _MARGIN:
+            return 0.0, 0.0
         usual, design, weight, scale = self._place
         inner = (slice(_MARGIN, -_MARGIN), slice(_MARGIN, -_MARGIN))
-        reduced, moved = _reduced(image, _SHIFT_SIDE_PX, _SMOOTHING_PX), np.zeros(2)
+        reduced = _reduced(image, _SHIFT_SIDE_PX, _SMOOTHING_PX)
+        moved: Floats = np.zeros(2)
         unmoved = self._fit(design[:, 2:], (reduced - usual)[inner].ravel(), weight)[1]
         for _ in range(_STEPS):
             back = np.array([[1.0, 0.0, moved[0]], [0.0, 1.0, moved[1]]])
@@ -122,7 +125,9 @@ class Usual:
     @staticmethod
     def _fit(design: Floats32, target: Floats32, weight: Floats32) -> tuple[Floats, float]:
         """Fit a linear model with less weight for outliers; return the values and the median residual."""
-        factor, values, residual = np.ones_like(weight), np.zeros(design.shape[1]), target * weight
+        values: Floats = np.zeros(design.shape[1])
+        residual: Floats = np.zeros(len(target))
+        factor: Floats = np.ones(len(target))
         for _ in range(_ROBUST_STEPS):
             weighted = design * (factor * weight**2)[:, None]
             values = np.linalg.lstsq(weighted.T @ design, weighted.T @ target, rcond=None)[0]
