@@ -38,9 +38,9 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
     each run folder (roi.json). After that, variance, classify, report and check-runs use only the pixels inside the
     region. --roi none removes the stored region.
 
-    --roi auto finds a dome or a gel, in frames without contact if there are any. It stores the region only if the result
-    is certain. If the frames show neither a dome nor a gel, the whole frame is used. Without --roi, the command shows
-    the region that auto finds and stores nothing.
+    --roi auto finds a dome or a gel, in frames without contact if there are any. It stores the region only if the
+    result is certain. If the frames show neither a dome nor a gel, the whole frame is used. Without --roi, the command
+    shows the region that auto finds and stores nothing.
 
     Examples:
       tacbench runs roi runs/ -o pictures
@@ -149,9 +149,9 @@ def markers(
         if row is None:
             continue
         frame = run.frame(row)
-        reference, spots = features.references_px[run.info.printed.name], features.finder.find(frame)
+        start, spots = features.references_px[run.info.printed.name], features.finder.find(frame)
         track = features.track(run, frame)
-        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, reference, spots, track))
+        path = _picture(out / f"{run.folder.name}_markers.png", markers_drawn(frame, start, spots, track))
         largest = float((track.displacement_px**2).sum(axis=1).max()) ** 0.5
         rows.append((run.folder.name, row.number, int(track.found.sum()), round(largest, 2), str(path)))
     finder, expected = features.finder, expected_count(next(iter(features.references_px.values())))

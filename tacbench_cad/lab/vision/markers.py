@@ -150,7 +150,7 @@ class MarkerFinder:
         greys = [grey(frame) for frame in frames]
         scales = SCALES_PX if known.sigma_px is None else np.array([known.sigma_px])
         signs = (False, True) if known.dark is None else (known.dark,)
-        noise = float(np.median([_noise(image) for image in greys]))
+        noise = float(np.median([noise_counts(image) for image in greys]))
         unknown = cls(sigma_px=1.0, threshold=0.0, dark=False, contrast=0.0, template=np.zeros((1, 1)), mask=mask)
         tried = [replace(unknown, sigma_px=scale, dark=dark) for scale in scales.tolist() for dark in signs]
         strengths = [each._strength(greys, noise) for each in tried]
@@ -392,7 +392,7 @@ def _symmetric(patch: Floats) -> Floats:
     return (both + both.T) / 8.0
 
 
-def _noise(image: Floats32) -> float:
+def noise_counts(image: Floats32) -> float:
     """Estimate the noise of a frame, in counts, by the median deviation of pixels from their neighbours (Immerkaer)."""
     import cv2
 

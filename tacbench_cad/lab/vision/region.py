@@ -9,6 +9,7 @@ outline is judged by its weakest quarter, because pins, lamps and reflections ar
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,8 +50,9 @@ _RADII, _MIN_SIDE = (0.18, 0.62), 0.4
 #: Two distances from an outline, in pixels, and the smallest ratio of the steps across them. It was 0.56 or more at
 #: domes and gels, and 0.33 to 0.36 at patches of light, whose brightness changes gradually.
 _SHARP_PX, _MIN_SHARP = (4.0, 12.0), 0.45
-#: The smallest fraction of the frame's pixels that a circle around markers leaves out.
-_MIN_OUTSIDE = 0.05
+#: The number of frames in which markers are searched, and the smallest fraction of the frame's pixels that a circle
+#: around them leaves out.
+_MARKER_FRAMES, _MIN_OUTSIDE = 3, 0.05
 #: The fraction of a circle that must lie in the frame.
 _IN_FRAME = 0.7
 
@@ -214,8 +216,9 @@ def _around_markers(frames: Sequence[Frame]) -> str:
     """
     import cv2
 
-    finder = MarkerFinder.learn(frames)
-    centres = max((finder.find(frame).centres_px for frame in frames), key=len)
+    some = frames[:: math.ceil(len(frames) / _MARKER_FRAMES)]
+    finder = MarkerFinder.learn(some)
+    centres = max((finder.find(frame).centres_px for frame in some), key=len)
     (x, y), radius = cv2.minEnclosingCircle(centres.astype(np.float32))
     return f"circle:{x:.1f},{y:.1f},{radius + MarkerTracker(reference_px=centres).spacing_px:.1f}"
 
@@ -223,8 +226,6 @@ def _around_markers(frames: Sequence[Frame]) -> str:
 #: The directions of the rays, shape (2, rays); and the number of circles of the reduced image that are refined.
 _RAY = np.stack([f(np.arange(_RAYS) * 2.0 * np.pi / _RAYS) for f in (np.cos, np.sin)])
 _CIRCLES = 4
-#: The largest distance from its usual position at which a dome is searched in each frame, in pixels.
-_NEAR_PX = 12.0
 #: The certainty of a circle around the markers, if no outline is visible.
 _OF_MARKERS = 0.5
 #: The weakest step of an outline in counts, the fraction of the outline that agrees with it, and the outline as text.
@@ -257,29 +258,6 @@ def _refined(smooth: Floats32, place: Sequence[float], scale: float) -> _Candida
         x, y, r = _through_edges(smooth, (x, y, r), reach)
     step = _steps(smooth, x + r * _RAY[0], y + r * _RAY[1], _RAY, 2.0 * scale)
     return (*_judged(step), f"circle:{x:.1f},{y:.1f},{r:.1f}")
-
-
-def circle_near(frame: Frame, region: Region) -> tuple[float, float] | None:
-    """Find the centre of the dome in a frame.
-
-    Args:
-        frame: The frame.
-        region: The region of the dome in most frames.
-
-    Returns:
-        The column and row of the centre; None if the region is not a circle or its outline is not visible.
-    """
-    import cv2
-
-    match = _CIRCLE.fullmatch(region.text)
-    if match is None:
-        return None
-    smooth = cv2.blur(grey(frame), (5, 5))
-    x, y, r = (float(each) for each in match.groups())
-    for reach in (_NEAR_PX, _NEAR_PX / 2.0):
-        x, y, r = _through_edges(smooth, (x, y, r), reach)
-    agreeing = _judged(_steps(smooth, x + r * _RAY[0], y + r * _RAY[1], _RAY, 4.0))[1]
-    return (x, y) if agreeing >= SURE else None
 
 
 def _through_edges(image: Floats32, circle: tuple[float, float, float], reach: float) -> tuple[float, float, float]:

@@ -356,11 +356,25 @@ def test_the_sheet_shows_a_good_frame_of_each_texture_and_lists_textures_without
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("matplotlib.axes.Axes.set_title", lambda axes, name, **_: drawn.append((name, axes.images[0])))
         caption = draw_frames(Results(collection=study, reports=(report,)), tmp_path)
-    assert caption.endswith("without a problem. No frame of texture-3 can be shown.")
+    assert caption.endswith("without a problem. No frame of texture-3 can be read.")
     assert [name for name, _ in drawn] == ["texture-1", "texture-2"]
     expected = first, study.frame(int(np.flatnonzero(study.texture == "texture-2")[1]))
     assert all(np.array_equal(image.get_array(), frame) for (_, image), frame in zip(drawn, expected, strict=True))
     assert read_image(tmp_path / "frames.png").width < 400 and (tmp_path / "frames.pdf").is_file()
+
+
+def test_a_texture_whose_frames_all_have_findings_is_shown_too(tmp_path: Path) -> None:
+    folders = write_study(tmp_path / "runs", prints=[("ender-3", "petg")], textures=(1, 2), copies=1, still=0)
+    study = Collection.open([tmp_path / "runs"])
+    paths = [study.paths(at)[0] for at in np.flatnonzero(study.texture == "texture-2").tolist()]
+    findings = tuple(Finding(kind="blurred", where=path, text="") for path in paths)
+    report = RunReport(folder=folders[1], name="", simulated=(), planned=8, findings=findings)
+    drawn: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.axes.Axes.set_title", lambda _, name, **__: drawn.append(name))
+        caption = draw_frames(Results(collection=study, reports=(report,)), tmp_path)
+    assert drawn == ["texture-1", "texture-2"]
+    assert caption.endswith("without a problem. All frames of texture-2 have a finding of the check.")
 
 
 def test_table_cells_are_escaped() -> None:

@@ -179,6 +179,13 @@ def test_quality(complete: Results, kinds: tuple[str, ...], fields: dict[str, in
         assert next_steps(bad)[-1] == f"Then publish {PUBLISH}"
 
 
+def test_frames_that_only_look_different_are_not_to_be_left_out_unseen(complete: Results) -> None:
+    (step, *_) = next_steps(replace(complete, reports=reports(complete.collection, "blurred", "saturated")))
+    assert step.endswith("only you can tell whether they are wrong.")
+    (step, *_) = next_steps(replace(complete, reports=reports(complete.collection, "blurred", "checksum")))
+    assert step.endswith("repair them or press again.")
+
+
 @pytest.mark.parametrize(
     ("answer", "sentence", "step"),
     [

@@ -106,9 +106,11 @@ def draw_frames(results: Results, folder: Path) -> str:
     textures = results.collection.textures
     level = results.collection.levels[-1]
     bad = {(r.folder, finding.where) for r in results.reports for finding in r.findings}
-    frames = {
-        name: frame for name in textures[:MAX_FRAMES] for frame in _good_frames(results.collection, name, level, bad)
-    }
+    frames, faulty = {}, []
+    for name in textures[:MAX_FRAMES]:
+        for frame, is_good in _readable_frame(results.collection, name, level, bad):
+            frames[name] = frame
+            faulty += [] if is_good else [name]
     if not frames:
         return ""
     columns = min(_COLUMNS, len(frames))
@@ -133,17 +135,24 @@ def draw_frames(results: Results, folder: Path) -> str:
     at = f" at {study.pressing.level_name(level)}" if level and study.has("force") else ""
     caption = f"A frame of each texture: the first {press_words(study)[0]}{at} without a problem."
     without = [name for name in textures[:MAX_FRAMES] if name not in frames]
-    caption += f" No frame of {', '.join(without)} can be shown." if without else ""
+    caption += f" All frames of {', '.join(faulty)} have a finding of the check." if faulty else ""
+    caption += f" No frame of {', '.join(without)} can be read." if without else ""
     return caption + (f" The first {MAX_FRAMES} of {len(textures)} are shown." if len(textures) > MAX_FRAMES else "")
 
 
-def _good_frames(study: Collection, texture: str, level: int, bad: set[tuple[Path, str]]) -> Iterator[Frame]:
-    """Yield the first frame of a texture that can be read and drawn, reduced in size; nothing if there is none."""
+def _readable_frame(
+    study: Collection, texture: str, level: int, bad: set[tuple[Path, str]]
+) -> Iterator[tuple[Frame, bool]]:
+    """Yield a frame of a texture that can be drawn, reduced in size, and whether it is without a finding.
+
+    It is the first frame without a finding, or the first of all that can be read; nothing if there is none.
+    """
     import cv2
 
-    for at in np.flatnonzero((study.texture == texture) & (study.level == level)).tolist():
-        if (study.runs[int(study.run[at])].folder, study.paths(at)[0]) in bad:
-            continue
+    def is_bad(at: int) -> bool:
+        return (study.runs[int(study.run[at])].folder, study.paths(at)[0]) in bad
+
+    for at in sorted(np.flatnonzero((study.texture == texture) & (study.level == level)).tolist(), key=is_bad):
         try:
             frame = study.frame(at)
         except CheckFailedError:
@@ -151,5 +160,6 @@ def _good_frames(study: Collection, texture: str, level: int, bad: set[tuple[Pat
         if frame.ndim == 2 or is_image(frame):
             frame = frame if is_image(frame) else frame.astype(np.float32)
             factor = min(1.0, _SIDE_PX / max(frame.shape[:2]))
-            yield cv2.resize(frame, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) if factor < 1 else frame
+            small = cv2.resize(frame, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) if factor < 1 else frame
+            yield small, not is_bad(at)
         return

@@ -96,8 +96,9 @@ def _quality(results: Results) -> Iterator[Part]:
             "band; these presses are marked and kept."
         )
     yield text_part(
-        "The checksum of every frame was verified, and every frame was tested for darkness, blur and being identical "
-        f"to earlier frames. Of {counted(len(reports), 'run')}, {without} {'has' if without == 1 else 'have'} no "
+        "The checksum of every frame was verified, and every frame was compared with the others of its run "
+        "(brightness, focus, noise, colours, orientation, place) and with earlier frames, to find identical ones. "
+        f"Of {counted(len(reports), 'run')}, {without} {'has' if without == 1 else 'have'} no "
         f"finding; there {'is' if findings == 1 else 'are'} {counted(findings, 'finding')} in total."
     )
     if findings:

@@ -13,6 +13,7 @@ from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.tables import Row, percent
 from tacbench_cad.lab.analysis.variance.cells import FRAMES, name_of, short_texture
 from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.lab.runs.quality import JUDGED
 from tacbench_cad.util.text import counted, interval, short
 
 #: The largest number of names in a sentence; the sentence only counts the others.
@@ -177,11 +178,15 @@ def next_steps(results: Results) -> list[str]:
 def _open_steps(results: Results) -> Iterator[str]:
     study = results.collection
     planned = study.info.protocol is not None
-    broken = [report.folder.name for report in _with_findings(results.reports)]
-    if broken:
-        repair = "repair them or press again" if planned else "repair them or leave them out"
-        runs = broken[0] if len(broken) == 1 else f"{len(broken):,} runs (listed below under data quality)"
-        yield f'Look at the problems of {runs} with "tacbench check-runs"; {repair}.'
+    found = _with_findings(results.reports)
+    judged = [report for report in found if all(finding.kind in JUDGED for finding in report.findings)]
+    repair = "repair them or press again" if planned else "repair them"
+    look = "compare these frames with the others of their run; only you can tell whether they are wrong"
+    for reports, advice in (([report for report in found if report not in judged], repair), (judged, look)):
+        if reports:
+            many = f"{len(reports):,} runs (listed below under data quality)"
+            runs = reports[0].folder.name if len(reports) == 1 else many
+            yield f'Look at the problems of {runs} with "tacbench check-runs"; {advice}.'
     if results.no_variance:
         yield f"There is no variance table: {results.no_variance}."
     if results.no_classification:
