@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.interpolate import NdBSpline
@@ -32,7 +35,7 @@ LATER: dict[str, Formula] = {
 #: The number of points of the whole top at which a distance is measured.
 POINTS = 400_000
 #: The number of points whose distance is always searched.
-SEARCHED = 2000
+SEARCHED = 300
 
 
 @dataclass(frozen=True)
@@ -151,12 +154,50 @@ def random_case(seed: int) -> Case:
     return Case(f"{kind}, {shape}", block, formula, block.mm_per_unit)
 
 
-def top_of_stl(path: Path) -> Floats:
-    """Return the triangles of a binary STL file whose normals point upwards, shape (n, 3, 3), from its bytes."""
+def triangles_of_stl(path: Path) -> Floats:
+    """Return the triangles of a binary STL file, shape (n, 3, 3), from its bytes."""
     raw = path.read_bytes()
     count = int(np.frombuffer(raw, "<u4", 1, 80)[0])
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("flags", "<u2")])
-    corners = np.frombuffer(raw, record, count, 84)["corners"].astype(np.float64)
+    return np.frombuffer(raw, record, count, 84)["corners"].astype(np.float64)
+
+
+def triangles_of_3mf(path: Path) -> Floats:
+    """Return the triangles of the only object of a 3MF file, shape (n, 3, 3), from its XML."""
+    with zipfile.ZipFile(path) as archive:
+        document = ElementTree.fromstring(archive.read("3D/3dmodel.model"))
+    vertices = [[float(item.attrib[k]) for k in "xyz"] for item in document.iter() if item.tag.endswith("}vertex")]
+    faces = [
+        [int(item.attrib[f"v{k}"]) for k in (1, 2, 3)] for item in document.iter() if item.tag.endswith("}triangle")
+    ]
+    return np.array(vertices)[np.array(faces)]
+
+
+def splines_of_step(path: Path) -> Iterator[tuple[tuple[Floats, Floats], tuple[int, int], Floats]]:
+    """Yield the knots, degrees and poles of the spline faces in a STEP file, from its text.
+
+    The poles have the shape (n, m, 3).
+    """
+    text = re.sub(r"\s+", "", path.read_text("utf-8"))
+    points = {
+        name: [float(value) for value in values.split(",")]
+        for name, values in re.findall(r"(#\d+)=CARTESIAN_POINT\('[^']*',\(([^)]*)\)\)", text)
+    }
+    for degree_u, degree_v, names, times_u, times_v, at_u, at_v in re.findall(
+        r"B_SPLINE_SURFACE_WITH_KNOTS\('[^']*',(\d+),(\d+),\(((?:\([^)]*\),?)+)\),[^()]*?"
+        r"\(([^)]*)\),\(([^)]*)\),\(([^)]*)\),\(([^)]*)\)",
+        text,
+    ):
+        poles = np.array([[points[name] for name in row.split(",")] for row in re.findall(r"\(([^)]*)\)", names)])
+        u, v = (
+            np.repeat([float(value) for value in at.split(",")], [int(count) for count in times.split(",")])
+            for at, times in ((at_u, times_u), (at_v, times_v))
+        )
+        yield (u, v), (int(degree_u), int(degree_v)), poles
+
+
+def top_of(corners: Floats) -> Floats:
+    """Return the triangles that face upwards and are not walls."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # the rounding of its corners can tilt a narrow triangle of a wall
     flat = normal[:, 2] > 1e-4 * np.linalg.norm(normal, axis=1) + 1e-5 * np.ptp(corners, axis=1).max(axis=1)
@@ -177,8 +218,8 @@ def largest_distance(
 ) -> tuple[float, Floats]:
     """Return the largest distance of points from the surface ``z = height(x, y)`` over a rectangle, and its point.
 
-    Every distance is the length of a way to one point of the surface, so it is never below the true one. All points that
-    could be further away than stated are searched, and some thousand others.
+    Every distance is the length of a way to one point of the surface, so it is never below the true one. All points
+    that could be further away than stated are searched, and some hundred others.
     """
     # where a tangent plane would put the nearest point, with slopes from differences
     step = 1e-6
@@ -205,15 +246,15 @@ def largest_distance(
 
 
 def searched(points: Floats, height: Formula, size_mm: tuple[float, float], reach: Floats) -> Floats:
-    """Return the distances of a few points from a surface, from grids of 41 x 41 places that become smaller."""
-    t = np.linspace(-1.0, 1.0, 41)
+    """Return the distances of a few points from a surface, from grids of 25 x 25 places that become smaller."""
+    t = np.linspace(-1.0, 1.0, 25)
     u, v = (part.ravel() for part in np.meshgrid(t, t))
     centre, radius = points[:, :2].copy(), reach.copy()
     best, rows = np.full(len(points), np.inf), np.arange(len(points))
-    for _ in range(12):
+    for _ in range(14):
         x, y = (np.clip(centre[:, k, None] + radius[:, None] * w, 0.0, size_mm[k]) for k, w in ((0, u), (1, v)))
         away = np.sqrt((x - points[:, :1]) ** 2 + (y - points[:, 1:2]) ** 2 + (height(x, y) - points[:, 2:]) ** 2)
         nearest = away.argmin(axis=1)
         centre = np.stack([x[rows, nearest], y[rows, nearest]], axis=1)
-        best, radius = np.minimum(best, away[rows, nearest]), 0.3 * radius
+        best, radius = np.minimum(best, away[rows, nearest]), 0.35 * radius
     return best
