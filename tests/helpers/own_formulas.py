@@ -129,7 +129,7 @@ def random_case(seed: int) -> Case:
     outline = None
     if shape == "outline":
         side = min(size)
-        angles = np.sort(rng.uniform(0.0, 6.28, 9))
+        angles = np.linspace(0.0, 6.28, 9, endpoint=False) + rng.uniform(0.0, 0.4, 9)
         radii = rng.uniform(0.3, 0.5, 9) * side
         outline = (
             Disc(diameter_mm=side),
@@ -234,27 +234,27 @@ def largest_distance(
     way = np.minimum(np.abs(above), np.sqrt((foot[0] - x) ** 2 + (foot[1] - y) ** 2 + (z - height(*foot)) ** 2))
     largest, at = 0.0, points[0]
     order = np.argsort(-way)
-    for start in range(0, len(order), 100):
-        part = order[start : start + 100]
+    for start in range(0, len(order), 50):
+        part = order[start : start + 50]
         part = part[way[part] > (largest if start < SEARCHED else max(largest, stated_mm))]
         if len(part) == 0:
             break
-        exact = np.minimum(way[part], searched(points[part], height, size_mm, way[part]))
+        exact = np.minimum(way[part], searched(points[part], height, size_mm, np.minimum(way[part], 1.2 * stated_mm)))
         if exact.max() > largest:
             largest, at = float(exact.max()), points[part[int(exact.argmax())]]
     return largest, at
 
 
 def searched(points: Floats, height: Formula, size_mm: tuple[float, float], reach: Floats) -> Floats:
-    """Return the distances of a few points from a surface, from grids of 25 x 25 places that become smaller."""
-    t = np.linspace(-1.0, 1.0, 25)
-    u, v = (part.ravel() for part in np.meshgrid(t, t))
+    """Return the distances of a few points from a surface, from grids of places that become smaller."""
     centre, radius = points[:, :2].copy(), reach.copy()
     best, rows = np.full(len(points), np.inf), np.arange(len(points))
-    for _ in range(14):
+    for steps in (121, *[21] * 13):
+        t = np.linspace(-1.0, 1.0, steps)
+        u, v = (part.ravel() for part in np.meshgrid(t, t))
         x, y = (np.clip(centre[:, k, None] + radius[:, None] * w, 0.0, size_mm[k]) for k, w in ((0, u), (1, v)))
         away = np.sqrt((x - points[:, :1]) ** 2 + (y - points[:, 1:2]) ** 2 + (height(x, y) - points[:, 2:]) ** 2)
         nearest = away.argmin(axis=1)
         centre = np.stack([x[rows, nearest], y[rows, nearest]], axis=1)
-        best, radius = np.minimum(best, away[rows, nearest]), 0.35 * radius
+        best, radius = np.minimum(best, away[rows, nearest]), (0.05 if steps > 21 else 0.35) * radius
     return best
