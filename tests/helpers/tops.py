@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import manifold3d
 import numpy as np
-from helpers.own_formulas import largest_distance
 
+from helpers.own_formulas import largest_distance
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Certificate, Mesh
 from tacbench_cad.geometry.meshing.certify import prove_axis, vertical
