@@ -232,6 +232,13 @@ def largest_distance(
     uphill = above / (1.0 + gx**2 + gy**2)
     foot = [np.clip(t + g * uphill, 0.0, side) for t, g, side in zip((x, y), (gx, gy), size_mm, strict=True)]
     way = np.minimum(np.abs(above), np.sqrt((foot[0] - x) ** 2 + (foot[1] - y) ** 2 + (z - height(*foot)) ** 2))
+    # on steep walls with narrow bends, the nearest of some places uphill or downhill from the point
+    steep = np.flatnonzero(way > stated_mm)
+    towards = (np.stack([gx, gy]) * (np.sign(above) / np.maximum(np.hypot(gx, gy), 1e-300)))[:, steep, None]
+    for t in np.array_split(stated_mm * np.linspace(0.0, 1.0, 400), 10):
+        u, v = (np.clip(p[steep, None] + k * t, 0.0, side) for p, k, side in zip((x, y), towards, size_mm, strict=True))
+        away = (u - x[steep, None]) ** 2 + (v - y[steep, None]) ** 2 + (z[steep, None] - height(u, v)) ** 2
+        way[steep] = np.minimum(way[steep], np.sqrt(away.min(axis=1)))
     largest, at = 0.0, points[0]
     order = np.argsort(-way)
     for start in range(0, len(order), 50):

@@ -141,7 +141,8 @@ class TexturedMesh:
         volumes = f"volume {self.mesh.volume_mm3:.7g} mm^3, expected {self.volume_mm3:.7g} mm^3"
         return [
             f"{self.texturing.texture.name} on a {region}, {self.size_mm[0]:.4g} x {self.size_mm[1]:.4g} mm{around}",
-            f"{len(self.mesh.faces):,} triangles, at most {at_most(self.error_mm, 2)} mm from the formula ({self.evidence})",
+            f"{len(self.mesh.faces):,} triangles, at most {at_most(self.error_mm, 2)} mm from the formula "
+            f"({self.evidence})",
             f"closed, {'1 body' if self.bodies == 1 else f'{self.bodies} bodies'}; {volumes}",
         ]
 
