@@ -27,7 +27,7 @@ from tacbench_cad.geometry.mesh import ExpectedGeometry, MeasuredRelief, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
-from tacbench_cad.util.text import mm
+from tacbench_cad.util.text import at_most, mm
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ def _relief(part: Part, expected: ExpectedGeometry, points: Floats, rounding_mm:
     where = "" if ok else f" (largest at x {x:.4g}, y {y:.4g}, z {z:.4g} mm)"
     measured = f"at most {distance.largest_mm:.3g} mm from the formula at {len(points)} points{where}"
     bound = f"{expected.certificate.evidence} limit"
-    return Check(name="relief", ok=ok, detail=f"{measured}; {bound} {allowed:.3g} mm"), distance.largest_mm
+    return Check(name="relief", ok=ok, detail=f"{measured}; {bound} {at_most(allowed, 3)} mm"), distance.largest_mm
 
 
 def _face_relief(expected: MeasuredRelief, deviation_mm: float, points: int) -> Check:

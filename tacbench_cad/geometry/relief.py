@@ -7,11 +7,11 @@ definition.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Bools, Floats
 
 #: A triangle is a wall if the z component of its unit normal is smaller than this.
@@ -39,6 +39,18 @@ class Distance:
     largest_mm: float
     rms_mm: float
     at_mm: tuple[float, float, float]
+
+
+class Formula(Protocol):
+    """A surface: heights and slopes over (x, y)."""
+
+    def __call__(self, x: Floats, y: Floats, /) -> Floats:
+        """Return the heights, shape (n,)."""
+        ...
+
+    def gradient(self, x: Floats, y: Floats, /) -> tuple[Floats, Floats]:
+        """Return the slopes along x and along y, shape (n,) each."""
+        ...
 
 
 def upward(mesh: Mesh, normals: Floats) -> Bools:
@@ -89,7 +101,7 @@ def points_on(mesh: Mesh, which: Bools, points: int = POINTS) -> Floats:
     return np.concatenate([mesh.vertices[used], between])
 
 
-def distance(points: Floats, surface: Surface, datum_mm: float) -> Distance:
+def distance(points: Floats, surface: Formula, datum_mm: float) -> Distance:
     """Return the distances of points from ``z = datum + surface(x, y)``.
 
     Args:
@@ -118,7 +130,7 @@ def distance(points: Floats, surface: Surface, datum_mm: float) -> Distance:
     )
 
 
-def _nearest(points: Floats, surface: Surface, box: tuple[Floats, Floats], steps: int) -> Floats:
+def _nearest(points: Floats, surface: Formula, box: tuple[Floats, Floats], steps: int) -> Floats:
     """Return the distances to the nearest points of a surface that a few damped steps of Gauss and Newton find."""
     place, z = np.ascontiguousarray(points[:, :2].T), points[:, 2]
     low, high = (end[:, None] - place for end in box)

@@ -26,6 +26,7 @@ from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, as_input, require_between
 from tacbench_cad.util.files import replacing
+from tacbench_cad.util.text import at_most
 
 
 def textured_mesh(
@@ -132,7 +133,7 @@ class TexturedFile:
         volumes = f"volume {document['volume_mm3']:.7g} mm^3, expected {document['expected_volume_mm3']:.7g} mm^3"
         return [
             *names,
-            f"solid at most {self._error_mm:.2g} mm from the formula ({self._evidence}); "
+            f"solid at most {at_most(self._error_mm, 2)} mm from the formula ({self._evidence}); "
             f"file at most {document['deviation_mm']:.2g} mm (measured)",
             f"closed, 1 body; {volumes}",
         ]

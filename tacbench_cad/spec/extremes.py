@@ -353,6 +353,8 @@ def _highest_2d(
         if keep is not None:
             touched = keep.meets(cu, cv, half_u, half_v)
             cu, cv = cu[touched], cv[touched]
+        if len(cu) == 0:
+            return best, place, error
         value = sign * function(cu, cv)
         best, place = _best_point(function, sign, best, place, value, cu, cv, half_u, half_v, keep)
         best, place = _polish_2d(function, sign, best, place, u, v, keep)

@@ -7,6 +7,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -115,6 +116,12 @@ def short(value: float, *, signed: bool = False) -> str:
     """Write a number with three significant digits: ``0.0302``, ``4,440``. No exponent between 0.0001 and 1e15."""
     rounded = float(f"{value:.3g}") + 0.0  # adding 0.0 turns -0.0 into 0.0
     return f"{rounded:{'+' if signed else ''}{',.0f' if 1e3 <= abs(rounded) < 1e15 else '.3g'}}"
+
+
+def at_most(bound: float, digits: int) -> str:
+    """Write an upper bound with a number of significant digits, rounded up: 0.00264 with two digits is ``0.0027``."""
+    up = Context(prec=digits, rounding=ROUND_CEILING).create_decimal(repr(float(bound)))
+    return f"{float(up):.{digits}g}"
 
 
 def report(title: str, lines: Mapping[str, str] | Sequence[tuple[str, str]]) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.interpolate import NdBSpline
@@ -30,9 +33,9 @@ LATER: dict[str, Formula] = {
     "swirl": lambda u, v: np.sin(u + np.cos(v)) + np.cos(v + np.sin(u)),
 }
 #: The number of points of the whole top at which a distance is measured.
-POINTS = 400_000
+POINTS = 120_000
 #: The number of points whose distance is always searched.
-SEARCHED = 2000
+SEARCHED = 100
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,7 @@ def random_case(seed: int) -> Case:
     outline = None
     if shape == "outline":
         side = min(size)
-        angles = np.sort(rng.uniform(0.0, 6.28, 9))
+        angles = np.linspace(0.0, 6.28, 9, endpoint=False) + rng.uniform(0.0, 0.4, 9)
         radii = rng.uniform(0.3, 0.5, 9) * side
         outline = (
             Disc(diameter_mm=side),
@@ -151,12 +154,50 @@ def random_case(seed: int) -> Case:
     return Case(f"{kind}, {shape}", block, formula, block.mm_per_unit)
 
 
-def top_of_stl(path: Path) -> Floats:
-    """Return the triangles of a binary STL file whose normals point upwards, shape (n, 3, 3), from its bytes."""
+def triangles_of_stl(path: Path) -> Floats:
+    """Return the triangles of a binary STL file, shape (n, 3, 3), from its bytes."""
     raw = path.read_bytes()
     count = int(np.frombuffer(raw, "<u4", 1, 80)[0])
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("flags", "<u2")])
-    corners = np.frombuffer(raw, record, count, 84)["corners"].astype(np.float64)
+    return np.frombuffer(raw, record, count, 84)["corners"].astype(np.float64)
+
+
+def triangles_of_3mf(path: Path) -> Floats:
+    """Return the triangles of the only object of a 3MF file, shape (n, 3, 3), from its XML."""
+    with zipfile.ZipFile(path) as archive:
+        document = ElementTree.fromstring(archive.read("3D/3dmodel.model"))
+    vertices = [[float(item.attrib[k]) for k in "xyz"] for item in document.iter() if item.tag.endswith("}vertex")]
+    faces = [
+        [int(item.attrib[f"v{k}"]) for k in (1, 2, 3)] for item in document.iter() if item.tag.endswith("}triangle")
+    ]
+    return np.array(vertices)[np.array(faces)]
+
+
+def splines_of_step(path: Path) -> Iterator[tuple[tuple[Floats, Floats], tuple[int, int], Floats]]:
+    """Yield the knots, degrees and poles of the spline faces in a STEP file, from its text.
+
+    The poles have the shape (n, m, 3).
+    """
+    text = re.sub(r"\s+", "", path.read_text("utf-8"))
+    points = {
+        name: [float(value) for value in values.split(",")]
+        for name, values in re.findall(r"(#\d+)=CARTESIAN_POINT\('[^']*',\(([^)]*)\)\)", text)
+    }
+    for degree_u, degree_v, names, times_u, times_v, at_u, at_v in re.findall(
+        r"B_SPLINE_SURFACE_WITH_KNOTS\('[^']*',(\d+),(\d+),\(((?:\([^)]*\),?)+)\),[^()]*?"
+        r"\(([^)]*)\),\(([^)]*)\),\(([^)]*)\),\(([^)]*)\)",
+        text,
+    ):
+        poles = np.array([[points[name] for name in row.split(",")] for row in re.findall(r"\(([^)]*)\)", names)])
+        u, v = (
+            np.repeat([float(value) for value in at.split(",")], [int(count) for count in times.split(",")])
+            for at, times in ((at_u, times_u), (at_v, times_v))
+        )
+        yield (u, v), (int(degree_u), int(degree_v)), poles
+
+
+def top_of(corners: Floats) -> Floats:
+    """Return the triangles that face upwards and are not walls."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # the rounding of its corners can tilt a narrow triangle of a wall
     flat = normal[:, 2] > 1e-4 * np.linalg.norm(normal, axis=1) + 1e-5 * np.ptp(corners, axis=1).max(axis=1)
@@ -177,8 +218,8 @@ def largest_distance(
 ) -> tuple[float, Floats]:
     """Return the largest distance of points from the surface ``z = height(x, y)`` over a rectangle, and its point.
 
-    Every distance is the length of a way to one point of the surface, so it is never below the true one. All points that
-    could be further away than stated are searched, and some thousand others.
+    Every distance is the length of a way to one point of the surface, so it is never below the true one. All points
+    that could be further away than stated are searched, and a hundred others.
     """
     # where a tangent plane would put the nearest point, with slopes from differences
     step = 1e-6
@@ -191,29 +232,36 @@ def largest_distance(
     uphill = above / (1.0 + gx**2 + gy**2)
     foot = [np.clip(t + g * uphill, 0.0, side) for t, g, side in zip((x, y), (gx, gy), size_mm, strict=True)]
     way = np.minimum(np.abs(above), np.sqrt((foot[0] - x) ** 2 + (foot[1] - y) ** 2 + (z - height(*foot)) ** 2))
+    # on steep walls with narrow bends, the nearest of some places uphill or downhill from the point
+    steep = np.flatnonzero(way > stated_mm)
+    towards = (np.stack([gx, gy]) * (np.sign(above) / np.maximum(np.hypot(gx, gy), 1e-300)))[:, steep, None]
+    for t in np.array_split(stated_mm * np.linspace(0.0, 1.0, 400), 10):
+        u, v = (np.clip(p[steep, None] + k * t, 0.0, side) for p, k, side in zip((x, y), towards, size_mm, strict=True))
+        away = (u - x[steep, None]) ** 2 + (v - y[steep, None]) ** 2 + (z[steep, None] - height(u, v)) ** 2
+        way[steep] = np.minimum(way[steep], np.sqrt(away.min(axis=1)))
     largest, at = 0.0, points[0]
     order = np.argsort(-way)
-    for start in range(0, len(order), 100):
-        part = order[start : start + 100]
+    for start in range(0, len(order), 50):
+        part = order[start : start + 50]
         part = part[way[part] > (largest if start < SEARCHED else max(largest, stated_mm))]
         if len(part) == 0:
             break
-        exact = np.minimum(way[part], searched(points[part], height, size_mm, way[part]))
+        exact = np.minimum(way[part], searched(points[part], height, size_mm, np.minimum(way[part], 1.2 * stated_mm)))
         if exact.max() > largest:
             largest, at = float(exact.max()), points[part[int(exact.argmax())]]
     return largest, at
 
 
 def searched(points: Floats, height: Formula, size_mm: tuple[float, float], reach: Floats) -> Floats:
-    """Return the distances of a few points from a surface, from grids of 41 x 41 places that become smaller."""
-    t = np.linspace(-1.0, 1.0, 41)
-    u, v = (part.ravel() for part in np.meshgrid(t, t))
+    """Return the distances of a few points from a surface, from grids of places that become smaller."""
     centre, radius = points[:, :2].copy(), reach.copy()
     best, rows = np.full(len(points), np.inf), np.arange(len(points))
-    for _ in range(12):
+    for steps in (61, *[21] * 13):
+        t = np.linspace(-1.0, 1.0, steps)
+        u, v = (part.ravel() for part in np.meshgrid(t, t))
         x, y = (np.clip(centre[:, k, None] + radius[:, None] * w, 0.0, size_mm[k]) for k, w in ((0, u), (1, v)))
         away = np.sqrt((x - points[:, :1]) ** 2 + (y - points[:, 1:2]) ** 2 + (height(x, y) - points[:, 2:]) ** 2)
         nearest = away.argmin(axis=1)
         centre = np.stack([x[rows, nearest], y[rows, nearest]], axis=1)
-        best, radius = np.minimum(best, away[rows, nearest]), 0.3 * radius
+        best, radius = np.minimum(best, away[rows, nearest]), (0.08 if steps > 21 else 0.35) * radius
     return best

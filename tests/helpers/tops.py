@@ -5,6 +5,7 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 
+from helpers.own_formulas import largest_distance
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture
@@ -82,10 +83,8 @@ def deviations(
     for part in np.array_split(top, max(1, len(top) * len(weights) // 500_000)):
         points = np.einsum("kw,nwc->nkc", weights, part).reshape(-1, 3)
         x, y = points[:, 0], points[:, 1]
-        gap = np.abs(points[:, 2] - block.height_at(x, y))
-        slope_x, slope_y = block.surface.gradient(x, y)
-        distance = max(distance, float(np.max(gap / np.sqrt(1.0 + slope_x**2 + slope_y**2))))
-        vertical = max(vertical, float(gap.max()))
+        vertical = max(vertical, float(np.abs(points[:, 2] - block.height_at(x, y)).max()))
+        distance = max(distance, largest_distance(points, block.height_at, block.size_mm, np.inf)[0])
     return distance, vertical
 
 

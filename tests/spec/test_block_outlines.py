@@ -114,3 +114,14 @@ def test_labels_stay_away_from_the_outline() -> None:
     assert block.engraving is not None and block.outline is not None
     points = np.concatenate(block.engraving.contours)
     assert float(block.outline.excess(*points.T).max()) < -1.5
+
+
+def test_the_last_cells_of_the_search_can_lie_outside_of_the_outline() -> None:
+    ring = Ring(outer_mm=4.438025553307217, inner_mm=1.331407665992165)
+    block = Block.of(2, mm_per_unit=(1.0, 1.0, 1.0), height_mm=30.0, outline=ring)
+    angle = np.linspace(0.0, 2.0 * np.pi, 2000)[:, None]
+    radius = np.linspace(ring.inner_mm / 2.0, ring.outer_mm / 2.0, 300)
+    x, y = (ring.outer_mm / 2.0 + radius * part for part in (np.cos(angle), np.sin(angle)))
+    height = np.sin(x) + np.cos(y)
+    assert block.extremes.high == pytest.approx(height.max(), abs=1e-5)
+    assert block.extremes.low == pytest.approx(height.min(), abs=1e-5)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tacbench_cad.util.text import counted, decimal_hint, interval, short_name
+from tacbench_cad.util.text import at_most, counted, decimal_hint, interval, short_name
 
 
 @pytest.mark.parametrize(
@@ -63,3 +63,8 @@ def test_long_names_of_files_are_cut_off_and_stay_unique() -> None:
     names = [short_name(f"texture-2_paper_x1_poly{corners}x{last}") for last in (1, 2)]
     assert names[0] != names[1]
     assert all(len(name) == 107 and name.startswith("texture-2_paper_x1_poly0.25x1.25") for name in names)
+
+
+def test_a_bound_is_rounded_up() -> None:
+    texts = [at_most(bound, 2) for bound in (0.00264, 0.01, 0.0100001, 0.0, 12.31, 0.000123, 9.96)]
+    assert texts == ["0.0027", "0.01", "0.011", "0", "13", "0.00013", "10"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset, TargetFiles
+from tacbench_cad.util.text import at_most
 
 #: The value of the highest sample in the PNG.
 WHITE = 65535
@@ -57,7 +58,7 @@ def write_png16(asset: SimulatorAsset, folder: Path) -> TargetFiles:
   x = 0.
 - Units: height in mm = {low:.9g} + level * {step:.9g}. {_pitch(heights)} The centres of the outermost pixels lie on
   the border of the block. The text in the PNG file states the same.
-- {_error(heights)} Rounding to 16 bits adds at most {step / 2.0:.1g} mm.
+- {_error(heights)} Rounding to 16 bits adds at most {at_most(step / 2.0, 1)} mm.
 - Many loaders keep only 8 bits, for example the loader of MuJoCo, and image libraries that convert to 8-bit grey. The
   heights then have steps of {(high - low) / 255.0:.2g} mm. If there is a file for your engine, use that file.
 - Tested with Pillow: every pixel agrees with the formula (texture 4).
@@ -73,8 +74,8 @@ def _pitch(heights: HeightField) -> str:
 def _error(heights: HeightField) -> str:
     proof = heights.certificate
     return (
-        f"If the samples are joined by triangles, the surface is at most {proof.distance_mm:.2g} mm away from the "
-        f"formula, and its heights differ by at most {proof.vertical_mm:.2g} mm (proved)."
+        f"If the samples are joined by triangles, the heights of the surface are at most "
+        f"{at_most(proof.vertical_mm, 2)} mm away from the formula ({proof.evidence})."
     )
 
 

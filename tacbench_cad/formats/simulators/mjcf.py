@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.formats.simulators.asset import HeightField, SimulatorAsset, TargetFiles
+from tacbench_cad.util.text import at_most
 from tacbench_cad.util.types import Floats
 
 #: The number of tiles along each side in the file for domes.
@@ -118,7 +119,7 @@ def _note(asset: SimulatorAsset) -> str:
   needs more. MuJoCo also checks every sample below the dome; with tiles it checks many times fewer samples.
 - Units and axes: metres, z up, block frame. The body `{name}` does not move. Add it to your scene with `<attach>` or
   `MjSpec.attach`.
-- Error against the formula: {proof.distance_mm:.2g} mm in distance, {proof.vertical_mm:.2g} mm in height (proved).
+- Error against the formula: at most {at_most(proof.vertical_mm, 2)} mm in height ({proof.evidence}).
 - The geoms have these contact settings. Because of their `priority`, they replace the settings of any probe:
   `{CONTACT}`.
 - Set `timestep="{STEP_S:g}"` in your own scene, because `<attach>` does not copy it. The first number of `solref`, the

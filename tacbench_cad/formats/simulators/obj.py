@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tacbench_cad.formats.simulators.asset import SimulatorAsset, TargetFiles
+from tacbench_cad.util.text import at_most
 
 
 def write_obj(asset: SimulatorAsset, folder: Path) -> TargetFiles:
@@ -61,6 +62,6 @@ def mesh_error(asset: SimulatorAsset) -> str:
     """Return a sentence about the proved error of the mesh."""
     proof = asset.mesh_certificate
     return (
-        f"Error against the formula: {proof.distance_mm:.2g} mm in distance, {proof.vertical_mm:.2g} mm in height on "
-        "the steepest walls (proved)."
+        f"Error against the formula: at most {at_most(proof.distance_mm, 2)} mm in distance, "
+        f"{at_most(proof.vertical_mm, 2)} mm in height on the steepest walls ({proof.evidence})."
     )

@@ -4,6 +4,8 @@ Along one axis, a fit is piecewise linear, and the formula is a sum of sines. Ea
 h. On a piece, the deviation ``e = fit - p`` is at most its larger value at the two ends plus ``max(-e'') h^2 / 8``. Its
 second derivative ``e'' = -p''`` is bounded by its values at the ends and by the bound of ``p''''`` over the whole line,
 ``sum |A| k^4``. The bounds hold for all points of a piece, not only for samples.
+
+The distance is bounded in the same way, between each point of a piece and a point of p that is shifted along the axis.
 """
 
 from __future__ import annotations
@@ -53,7 +55,9 @@ def derivatives(sines: Sines, t: Floats, orders: Sequence[int]) -> list[Floats]:
 
 @dataclass(frozen=True, kw_only=True)
 class Allowance:
-    """The allowed deviation of one axis p of a separable top: ``w = fraction tolerance sqrt(1 + p'^2 / fraction)``.
+    """The allowed distance of one axis p of a separable top.
+
+    To first order, the allowed deviation is ``w = fraction tolerance sqrt(1 + p'^2 / fraction)``.
 
     Args:
         tolerance_mm: The allowed distance of the whole top.
@@ -68,10 +72,14 @@ class Allowance:
         return np.asarray(self.fraction * self.tolerance_mm * np.sqrt(1.0 + slope**2 / self.fraction))
 
     def half_widths(self, sines: Sines, t: Floats) -> tuple[Floats, Floats]:
-        """Return the allowed deviations below and above p at some points, ascending from one end of the axis to the other.
+        """Return the allowed deviations below and above p at some points.
 
         A point above p is near enough if an ellipse around it, with the half axes ``sqrt(s) tolerance`` along the axis
         and ``s tolerance`` along z, reaches p. The points where it touches p are found by a few steps.
+
+        Args:
+            sines: The sum p.
+            t: The points from one end of the axis to the other, ascending, shape (n,).
         """
         value, slope = derivatives(sines, t, [0, 1])
         reach = _reach(t, slope)
@@ -180,7 +188,7 @@ def prove_axis(sines: Sines, at: Floats, heights: Floats, allowance: Allowance |
         at: The abscissae of the vertices, ascending, shape (n,).
         heights: The heights of the vertices, shape (n,).
         allowance: The allowance; None if there is none. With an allowance, the pieces are so short that
-            :meth:`AxisProof.used` gives a tight bound.
+            :meth:`AxisProof.distance` gives a tight bound.
     """
     lengths = np.diff(at)
     if sines.is_constant:

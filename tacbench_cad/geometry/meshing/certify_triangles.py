@@ -263,8 +263,8 @@ def _nearest(
     A point is ``e`` above the surface, which has the slope g there. Towards the surface, a straight path leads uphill
     by h and down by ``e - g h``. On a plane it would end there. Since the second derivative along the path is at most
     M, it ends after at most ``k = 2 / (1 + sqrt(1 - 2 M h^2 / e))`` times its length. The best choice is
-    ``h = e g / (1 + g^2)``; then ``h^2 / e`` is ``e g^2 / (1 + g^2)^2``. A smaller h keeps the path away from creases and
-    from the sides of the rectangle, because k is at most 2.
+    ``h = e g / (1 + g^2)``; then ``h^2 / e`` is ``e g^2 / (1 + g^2)^2``. A smaller h keeps the path away from creases
+    and from the sides of the rectangle, because k is at most 2.
 
     Args:
         bounds: The bounds of the surface's derivatives.

@@ -19,6 +19,7 @@ from tacbench_cad.geometry.textured.mesh_region import MeshRegion, region_at, re
 from tacbench_cad.geometry.textured.mesh_relief import ReliefGrid, body_between, relief_grid
 from tacbench_cad.geometry.texturing import Texturing
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.text import at_most
 from tacbench_cad.util.types import Bools, Floats
 
 #: How far the body of a texture reaches into the part, or a sunk texture's body out of it, in mm.
@@ -143,7 +144,8 @@ class TexturedMesh:
         return [
             f"{self.texturing.texture.name} on a {region}, {self.size_mm[0]:.4g} x {self.size_mm[1]:.4g} mm, "
             f"{self.depth_mm:.4g} mm high{around(self.texturing, self.mm_per_unit, self.periods)}",
-            f"{len(self.mesh.faces):,} triangles, at most {self.error_mm:.2g} mm from the formula ({self.evidence})",
+            f"{len(self.mesh.faces):,} triangles, at most {at_most(self.error_mm, 2)} mm from the formula "
+            f"({self.evidence})",
             f"closed, {'1 body' if self.bodies == 1 else f'{self.bodies} bodies'}; {volumes}",
         ]
 

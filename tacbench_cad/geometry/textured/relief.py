@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tacbench_cad.geometry import relief
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.region import OutlineEdge, Region, distance
@@ -93,18 +94,31 @@ def _normals(region: Region, points: Floats) -> Floats:
     return np.asarray(frame.side * out @ frame.axes)
 
 
+@dataclass(frozen=True)
+class _Formula:
+    """The height above a face in its local coordinates, with slopes from differences."""
+
+    height: Height
+
+    def __call__(self, s: Floats, t: Floats) -> Floats:
+        return self.height.at(s, t)
+
+    def gradient(self, s: Floats, t: Floats) -> tuple[Floats, Floats]:
+        at = self.height.at
+        return (
+            (at(s + _STEP_MM, t) - at(s - _STEP_MM, t)) / (2.0 * _STEP_MM),
+            (at(s, t + _STEP_MM) - at(s, t - _STEP_MM)) / (2.0 * _STEP_MM),
+        )
+
+
 def _largest(region: Region, height: Height, points: Floats) -> float:
-    """Return the largest distance of points from the formula, to first order in the slope."""
-    worst = 0.0
-    for start in range(0, len(points), _AT_A_TIME):
-        s, t, h = _coordinates(region, points[start : start + _AT_A_TIME])
-        if region.frame.around_mm is not None:  # a point just below s = 0 has the largest s
-            s = np.where(s > (region.size_mm[0] + region.frame.around_mm) / 2.0, s - region.frame.around_mm, s)
-        off = np.abs(h - height.at(s, t))
-        slope_s = (height.at(s + _STEP_MM, t) - height.at(s - _STEP_MM, t)) / (2.0 * _STEP_MM)
-        slope_t = (height.at(s, t + _STEP_MM) - height.at(s, t - _STEP_MM)) / (2.0 * _STEP_MM)
-        worst = max(worst, float((off / np.sqrt(1.0 + slope_s**2 + slope_t**2)).max()))
-    return worst
+    """Return the largest distance of points from the formula. On a cylinder, both are unrolled."""
+    if len(points) == 0:
+        return 0.0
+    s, t, h = _coordinates(region, points)
+    if region.frame.around_mm is not None:  # a point just below s = 0 has the largest s
+        s = np.where(s > (region.size_mm[0] + region.frame.around_mm) / 2.0, s - region.frame.around_mm, s)
+    return relief.distance(np.stack([s, t, h], axis=1), _Formula(height), 0.0).largest_mm
 
 
 def _on_texture(region: Region, height: Height, points: Floats) -> Bools:

@@ -18,7 +18,7 @@ from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import report_rows
+from tacbench_cad.util.text import at_most, report_rows
 from tacbench_cad.util.types import Floats
 
 Facts = tuple[tuple[str, str], ...]
@@ -126,7 +126,7 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
     facts: Facts = (
         *((name, rows[name]) for name in ("z", "size", "relief", "base", "mm per unit", "mesh")),
         ("triangles", f"{len(mesh.faces):,}"),
-        (evidence, f"at most {1000.0 * bound:.4g} µm from the formula everywhere"),
+        (evidence, f"at most {at_most(1000.0 * bound, 4)} µm from the formula everywhere"),
     )
     if formula.scale_mm < bound:
         facts += (("measured", f"at most {1000.0 * formula.scale_mm:.4g} µm at the triangles' centres and sides"),)

@@ -29,7 +29,7 @@ from tacbench_cad.spec.textures import BlockTable, Texture, table_in_mm, texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import mm
+from tacbench_cad.util.text import at_most, mm
 from tacbench_cad.util.types import Floats
 
 #: The length of one period of a wave of frequency 1, in units of u and v.
@@ -250,7 +250,7 @@ def facts(design: Design) -> list[tuple[str, str]]:
         fraction = f"{waves.printable_waves(design.nozzle_mm)} of {waves.waves} waves, {fraction}"
     mesh, expected = block_part(block).mesh
     assert expected.certificate is not None
-    distance = f"{1000.0 * expected.certificate.distance_mm:.3g} µm"
+    distance = f"{at_most(1000.0 * expected.certificate.distance_mm, 3)} µm"
     return [
         ("size", mm(*block.size_mm, block.height_mm)),
         ("relief", mm(block.relief_mm)),
