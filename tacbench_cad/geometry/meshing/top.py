@@ -137,15 +137,13 @@ def _moved_by_cut(block: Block, z: Floats, excess: Floats, planar: bool) -> floa
     if block.key_mm is None:
         return 0.0
     rounding = 2.0 * _rounding_mm(block)
-    ends = (
-        [(slice(None, -1), slice(None)), (slice(1, None), slice(None))],
-        [
-            (slice(None), slice(None, -1)),
-            (slice(None), slice(1, None)),
-        ],
-    )
+    all_but_last, all_but_first, everything = slice(None, -1), slice(1, None), slice(None)
+    ends = [
+        ((all_but_last, everything), (all_but_first, everything)),
+        ((everything, all_but_last), (everything, all_but_first)),
+    ]
     if not planar:
-        ends += ([(slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))],)
+        ends.append(((all_but_first, all_but_last), (all_but_last, all_but_first)))
         steepest = block.surface.bound(1, 0) + block.surface.bound(0, 1)
         rounding = 2.0 * float(np.spacing(np.float32(max(*block.size_mm, block.height_mm)))) * (1.0 + steepest)
     highest = block.height_mm

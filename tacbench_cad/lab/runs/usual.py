@@ -130,7 +130,7 @@ class Usual:
         factor: Floats = np.ones(len(target))
         for _ in range(_ROBUST_STEPS):
             weighted = design * (factor * weight**2)[:, None]
-            values = np.linalg.lstsq(weighted.T @ design, weighted.T @ target, rcond=None)[0]
+            values = np.linalg.lstsq(weighted.T @ design, weighted.T @ target, rcond=None)[0].astype(float)
             residual = (target - design @ values) * weight
             limit = _OUTLIER * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
             factor = 1.0 / (1.0 + (residual / limit) ** 2) ** 2
