@@ -13,7 +13,7 @@ from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
 from tacbench_cad import __version__
 from tacbench_cad.cli.common import note, say_how_to_resume, say_interrupted
 from tacbench_cad.cli.completing import VARIABLE
-from tacbench_cad.cli.options import GENERAL, help_of, refuse_old_name
+from tacbench_cad.cli.options import GENERAL, help_of
 from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
 from tacbench_cad.util.packages import why_not_imported
 
@@ -48,7 +48,6 @@ class _Commands(click.RichGroup):
         return [name for names in GROUPS.values() for name in names]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        refuse_old_name(ctx, cmd_name)
         if cmd_name not in self.list_commands(ctx):
             raise NoSuchCommand(cmd_name, possibilities=self.list_commands(ctx), ctx=ctx)
         module = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}")

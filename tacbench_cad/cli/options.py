@@ -56,31 +56,6 @@ PANELS = (
 #: If the choices take more characters than this, they are listed in the text of the option, not after its name.
 _MAX_CHOICES = 20
 
-#: The new names of commands that were renamed.
-RENAMED = {
-    "check": "check-part",
-    "slice-check": "check-gcode",
-    "runs check": "check-runs",
-    "export": "export-simulator",
-    "runs export": "export-runs",
-    "import": "import-frames",
-}
-
-
-def refuse_old_name(ctx: click.Context, name: str) -> None:
-    """Refuse the old name of a command with a message that has the new name.
-
-    Args:
-        ctx: The context of the group in which the command is looked up.
-        name: The name that was typed.
-
-    Raises:
-        ClickException: The command was renamed.
-    """
-    typed = " ".join([*ctx.command_path.split()[1:], name])
-    if typed in RENAMED:
-        raise click.ClickException(f'the command "{typed}" is now "{RENAMED[typed]}"')
-
 
 class Value(click.ParamType):  # type: ignore[type-arg]
     """A type of values.
@@ -301,10 +276,6 @@ class _Group(click.RichGroup):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        refuse_old_name(ctx, cmd_name)
-        return super().get_command(ctx, cmd_name)
 
 
 def group(name: str) -> Callable[[Callable[..., None]], click.RichGroup]:

@@ -99,12 +99,6 @@ class Texture:
             self, surface=self.surface.mapped((x, y), z, unit="mm"), block=table_in_mm(self.block, mm_per_unit)
         )
 
-    def __new__(cls, **values: Any) -> Texture:
-        """Refuse the former name of ``surface``."""
-        if "waves" in values:
-            raise InputError("texture waves", None, "is now called surface: Texture(name=..., surface=...)")
-        return super().__new__(cls)
-
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", self.name):
             raise InputError("texture name", self.name, "use 1 to 32 of the characters a-z, 0-9 and inner hyphens")

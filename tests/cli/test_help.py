@@ -14,7 +14,6 @@ import rich_click as click
 import tacbench_cad
 from tacbench_cad import cli
 from tacbench_cad.cli import options
-from tacbench_cad.cli.options import RENAMED
 
 
 def test_the_code_in_the_package_help_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,11 +139,3 @@ def test_a_help_names_only_existing_options(words: list[str], command: click.Com
     for line in re.findall(r"^  tacbench (.+?)(?: +# .*)?$", text, re.MULTILINE):
         called = next(name for name in sorted(known, key=len, reverse=True) if f"{line} ".startswith(f"{name} "))
         assert set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", line)) <= known[called], line
-
-
-@pytest.mark.parametrize(("old", "new"), RENAMED.items())
-def test_an_old_name_of_a_command_names_the_new_name(old: str, new: str, capsys: pytest.CaptureFixture[str]) -> None:
-    for words in (old.split(), [*old.split(), "--help"], [*old.split(), "a.stl", "--texture", "1"]):
-        assert cli.main(words) == 2
-        assert capsys.readouterr() == ("", f'error: the command "{old}" is now "{new}"\n')
-    assert cli.main([*new.split(), "--help"]) == 0

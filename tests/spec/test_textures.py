@@ -191,13 +191,6 @@ def test_numbers_out_of_range_are_refused(wave: tuple[float, float, float], fiel
     assert refusal.value.value == value
 
 
-def test_the_former_name_of_the_surface_is_refused() -> None:
-    with pytest.raises(
-        InputError, match=r"texture waves: is now called surface: Texture\(name=\.\.\., surface=\.\.\.\)"
-    ):
-        Texture(name="old", waves=plane_waves((1.0, 1.0, 0.0)))  # type: ignore[call-arg]
-
-
 def test_a_function_instead_of_a_sum_of_waves_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"texture bumps surface = 'function': must be a sum of waves .*sampled for a Python function"

@@ -19,9 +19,6 @@ from tacbench_cad.util.text import interval
 
 T = TypeVar("T")
 
-#: The present names of columns and settings in files of earlier versions.
-FORMER_NAMES = {"rung": "hold_out", "rungs": "hold_out", "share": "fraction", "spread": "standard_deviation"}
-
 #: The values of a row; the keys are the names of the columns.
 Row = Mapping[str, Any]
 
@@ -143,7 +140,6 @@ class Table:
         kept = tuple(columns)
         stored = [column for column in kept if column.derived is None]
         heads, lines = read_table(path, "table")
-        heads = [FORMER_NAMES.get(head, head) for head in heads]
         missing = [column.name for column in stored if column.name not in heads]
         if missing:
             raise InputError("table", str(path), f"has no column {missing[0]}; run the analysis again")
@@ -223,12 +219,7 @@ def read_settings(path: Path, kind: type[T]) -> T:
     Raises:
         InputError: The file is missing or damaged.
     """
-    document = read_document(path, "settings", "json")
-    if isinstance(document, dict):
-        document = {FORMER_NAMES.get(key, key): value for key, value in document.items()}
-        if document.get("protocol") == "sound":
-            document["protocol"] = "leak-free"
-    return from_plain(kind, document, f"{path}: ")
+    return from_plain(kind, read_document(path, "settings", "json"), f"{path}: ")
 
 
 def write_settings(path: Path, settings: object) -> Path:

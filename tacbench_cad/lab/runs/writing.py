@@ -441,7 +441,7 @@ def _record_session(folder: Path, info: RunInfo, durable: bool) -> None:
     """Record in ``run.json`` when the run was started or resumed, and with which software and devices."""
     path = folder / schema.RUN_FILE
     document = door.read_document(path, "run", "json", within=folder)
-    sessions = document.setdefault("sessions", document.pop("sittings", []))  # the old name of development versions
+    sessions = document.setdefault("sessions", [])
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
     session = {
         "software": dict(software()),

@@ -230,18 +230,6 @@ def test_a_later_session_with_other_devices_is_recorded(run_folder: Path, make_i
     assert [session["devices"]["stage"][-1] for session in sessions] == ["3", "9"]
 
 
-def test_sessions_of_development_versions_are_kept_under_their_present_name(run_folder: Path, make_info: Any) -> None:
-    with RunWriter.open(run_folder, make_info()):
-        pass
-    document = json.loads((run_folder / "run.json").read_text())
-    document["sittings"] = document.pop("sessions")
-    (run_folder / "run.json").write_text(json.dumps(document))
-    with RunWriter.open(run_folder, make_info(stage={**make_info().stage, "identity": "another GRBL"})):
-        pass
-    resumed = json.loads((run_folder / "run.json").read_text())
-    assert len(resumed["sessions"]) == 2 and "sittings" not in resumed
-
-
 def test_later_references_have_their_own_files_and_name_the_press_before(
     tmp_path: Path, make_info: Any, noise: Any
 ) -> None:

@@ -233,8 +233,6 @@ def read_split(path: Path) -> Split:
     if document.get("version") != SCHEMA_VERSION:
         version = f"has version {document.get('version')!r}, but this program reads version {SCHEMA_VERSION}"
         raise InputError("split", str(path), version)
-    if "rung" in document:  # the name of this key up to version 0.1
-        document["hold_out"] = document["rung"]
     plain = {field.name: document[field.name] for field in fields(Split) if field.name in document}
     try:
         plain["presses"] = [dict(zip(PRESS_COLUMNS, press, strict=True)) for press in document["presses"]]
