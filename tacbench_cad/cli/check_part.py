@@ -46,7 +46,7 @@ def command(
     - that all triangles face outwards
     - that the size is right
     - that the relief is close enough to its formula
-    - that nothing is cut out of the block: its volume, its through holes and all its faces
+    - that nothing is cut out of the block: volume, through holes and all faces
 
     Each fault is printed, and the exit code is then 1.
 

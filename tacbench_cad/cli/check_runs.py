@@ -41,7 +41,8 @@ def command(runs: tuple[Path, ...], repair: bool, json: bool) -> None:
 
     The command reads every frame. It reports:
     - missing, extra, duplicate and unreadable images
-    - dark, saturated, blurred, noisy and identical images, mirrored images, and images with red and blue swapped
+    - dark, saturated, blurred, noisy, identical and mirrored images
+    - images with red and blue swapped
     - changes of brightness, flicker, drift, and a camera that moved
     - wrong checksums
     - gaps in the protocol
