@@ -47,7 +47,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.usefixtures("no_figures")
 def test_tables_and_confusion_matrices_are_in_natural_order(runs: Path, tmp_path: Path, capsys: Capture) -> None:
-    words = ("--trials", "1", "--hold-out", "press", "--components", "8", "--jobs", "1", "--resolution", "1")
+    words = ("--trials", "1", "--hold-out", "press", "--components", "12", "--jobs", "1", "--resolution", "1")
     assert main(["classify", str(runs), "-o", str(tmp_path / "out"), *words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["textures"] == CLASSES
