@@ -29,6 +29,8 @@ _LEFT_AFTER_S = 24 * 3600.0
 _FOLDER_PREFIX = f"{TEMPORARY_PREFIX}folder-"
 #: The file that a running process locks. The file may remain after a process was killed, but the lock does not.
 LOCK_NAME = ".tacbench-lock"
+#: The time in s for a second try, if another process removed its file between our opening and locking it.
+_LOCK_WAIT_S = 0.2
 
 #: The name of the manifest in the folder of a print set.
 MANIFEST_NAME = "manifest.json"
@@ -154,8 +156,8 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
 
     If the folder was created here and is still empty at the end, it is removed again.
 
-    The operating system holds the lock (``flock``; ``msvcrt.locking`` on Windows), so it always ends with the process.
-    After locking, :func:`remove_leftovers` is called.
+    The operating system holds the lock, so it always ends with the process. After locking, :func:`remove_leftovers` is
+    called.
 
     Args:
         folder: The folder to write to.
@@ -166,20 +168,26 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
         FolderInUseError: Another process has locked the folder.
         InputError: The folder is not writable.
     """
+    from filelock import FileLock, Timeout
+
     path = folder / lock_name(user)
+    lock = FileLock(path)
     try:
         created = [level for level in (folder, *folder.parents) if not level.exists()]
         folder.mkdir(parents=True, exist_ok=True)
-        handle = _take(path)
+        lock.acquire(timeout=_LOCK_WAIT_S)
+    except Timeout:
+        allowed = "another tacbench is writing to it; wait for it to end"
+        raise FolderInUseError("output folder", str(folder), allowed) from None
     except OSError as error:
         raise _refusal(folder, error) from error
-    if handle is None:
-        raise FolderInUseError("output folder", str(folder), "another tacbench is writing to it; wait for it to end")
     try:
         remove_leftovers(folder)
         yield
     finally:
-        _leave(path, handle)
+        with contextlib.suppress(OSError):  # Windows removes no open file
+            path.unlink()
+        lock.release()
         with contextlib.suppress(OSError):  # the folder is not empty
             for level in created:
                 level.rmdir()
@@ -247,46 +255,3 @@ def not_empty(path: Path) -> Path:
     if existing_file(path).stat().st_size == 0:
         raise CheckFailedError(f"{path}: the file is empty")
     return path
-
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _take(path: Path) -> int | None:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT)
-        try:
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        except OSError:
-            os.close(handle)
-            return None
-        return handle
-
-    def _leave(path: Path, handle: int) -> None:
-        os.close(handle)
-        with contextlib.suppress(OSError):
-            path.unlink()
-
-else:
-    import fcntl
-
-    def _take(path: Path) -> int | None:
-        while True:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                os.close(handle)
-                return None
-            except BaseException:
-                os.close(handle)
-                raise
-            # The previous process removes the file at its end. A lock on a removed file protects nothing: try again.
-            with contextlib.suppress(FileNotFoundError):
-                if path.stat().st_ino == os.fstat(handle).st_ino:
-                    return handle
-            os.close(handle)
-
-    def _leave(path: Path, handle: int) -> None:
-        with contextlib.suppress(OSError):
-            path.unlink()
-        os.close(handle)
