@@ -8,10 +8,12 @@ down. A matrix turns column vectors of the same frame.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tacbench_cad.lab.study.spec import Angles, Point, WorkFrame, minus
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
@@ -25,49 +27,25 @@ UPRIGHT_DEG = 0.1
 
 def matrix(angles_deg: Angles) -> Floats:
     """Return the matrix of a rotation, shape (3, 3)."""
-    (sin_x, cos_x), (sin_y, cos_y), (sin_z, cos_z) = (
-        (math.sin(math.radians(angle)), math.cos(math.radians(angle))) for angle in angles_deg
-    )
-    around_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, -sin_x], [0.0, sin_x, cos_x]])
-    around_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
-    around_z = np.array([[cos_z, -sin_z, 0.0], [sin_z, cos_z, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(around_z @ around_y @ around_x)
+    return np.asarray(Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
 
 
 def angles_of(turn: Floats) -> Angles:
     """Return the angles of a matrix. At 90 degrees around y, the angle around z is 0."""
-    sin_y = min(max(-float(turn[2, 0]), -1.0), 1.0)
-    if abs(sin_y) > 1.0 - 1e-12:
-        around_x, around_z = math.atan2(-turn[1, 2], turn[1, 1]), 0.0
-    else:
-        around_x, around_z = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
-    return (math.degrees(around_x), math.degrees(math.asin(sin_y)), math.degrees(around_z))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
+        x, y, z = (float(angle) for angle in Rotation.from_matrix(turn).as_euler("xyz", degrees=True))
+    return (x, y, z)
 
 
 def from_vector(vector_rad: tuple[float, ...]) -> Floats:
     """Return the matrix of a rotation vector: the direction is the axis, the length the angle in radians."""
-    angle = math.hypot(*vector_rad)
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = (value / angle for value in vector_rad)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
+    return np.asarray(Rotation.from_rotvec(vector_rad).as_matrix())
 
 
 def to_vector(turn: Floats) -> tuple[float, float, float]:
     """Return the rotation vector of a matrix in radians; its length is at most pi."""
-    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    length = float(np.linalg.norm(axis))
-    angle = math.atan2(length, float(np.trace(turn)) - 1.0)
-    if length < 1e-6:
-        # The angle is nearly 0 or nearly pi. The largest column of the symmetric part is then along the axis.
-        if angle < 1.0:
-            return (0.5 * float(axis[0]), 0.5 * float(axis[1]), 0.5 * float(axis[2]))
-        outer = turn + turn.T + 2.0 * np.eye(3)
-        column = outer[:, int(np.argmax(np.diag(outer)))]
-        sign = 1.0 if float(column @ axis) >= 0.0 else -1.0
-        axis, length = sign * column, float(np.linalg.norm(column))
-    x, y, z = (float(value) for value in angle / length * axis)
+    x, y, z = (float(value) for value in Rotation.from_matrix(turn).as_rotvec())
     return (x, y, z)
 
 
