@@ -10,6 +10,7 @@ import hashlib
 import io
 import os
 import struct
+import warnings
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -113,17 +114,16 @@ def decoded(data: bytes, name: str) -> Frame:
             complete NumPy file.
     """
     if name.endswith(".png"):
-        return decoded_image(data, _png_size(data), "PNG")
-    return decoded_image(data, _jpeg_size(data), "JPEG") if name.endswith(".jpg") else array_of(data)
+        return decoded_image(data, "PNG")
+    return decoded_image(data, "JPEG") if name.endswith(".jpg") else array_of(data)
 
 
-def decoded_image(data: bytes, size: tuple[int, int] | None, kind: str) -> Frame:
+def decoded_image(data: bytes, kind: str) -> Frame:
     """Decode an image, and check its size.
 
     Args:
         data: The bytes of the file.
-        size: The width and height in the header; None if the file is incomplete.
-        kind: The name of the format, for error messages.
+        kind: The format: PNG, JPEG, BMP or TIFF.
 
     Raises:
         CheckFailedError: The image is too large, incomplete or damaged.
@@ -131,7 +131,7 @@ def decoded_image(data: bytes, size: tuple[int, int] | None, kind: str) -> Frame
     import cv2
 
     image = None
-    if size is not None:
+    if (size := _size(data, kind)) is not None:
         try:
             require_within("image", size[0] * size[1] / 1e6, MAX_MEGAPIXELS, "megapixels", "image")
         except InputError as error:
@@ -152,35 +152,33 @@ def simulated_text(data: bytes) -> str:
     return text.decode("latin-1") if word == SIMULATED_KEYWORD.encode() else ""
 
 
-def _png_size(data: bytes) -> tuple[int, int] | None:
-    """Return the width and height of a PNG whose chunks are complete from the header to the end; else None.
+def _size(data: bytes, kind: str) -> tuple[int, int] | None:
+    """Return the width and height of a complete image; None if it is incomplete or damaged.
 
-    OpenCV would decode a part of a truncated file. With a wrong length in a damaged chunk, it would allocate gigabytes
-    and take seconds.
+    Pillow reads the header and compares the checksums of all chunks of a PNG. OpenCV would decode a part of a truncated
+    file. With a wrong length in a damaged chunk, it would allocate gigabytes and take seconds.
+
+    Raises:
+        CheckFailedError: The image is too large.
     """
-    at, kinds = 8, []
-    while data.startswith(PNG) and at + 12 <= len(data):
-        length, kind = struct.unpack(">I4s", data[at : at + 8])
-        at, begin = at + 12 + length, at + 4
-        if at > len(data) or struct.pack(">I", zlib.crc32(data[begin : at - 4])) != data[at - 4 : at]:
-            return None
-        kinds.append(kind)
-    if at != len(data) or kinds[:1] != [b"IHDR"] or kinds[-1:] != [b"IEND"] or len(data) <= _HEAD_BYTES:
+    from PIL import Image
+
+    if kind == "JPEG" and b"\xff\xd9" not in data[-_JPEG_PADDING:]:
         return None
-    width, height = struct.unpack(">II", data[16:24])
-    return width, height
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Return the width and height of a JPEG that has an end mark; else None."""
-    at = 2 if b"\xff\xd9" in data[-_JPEG_PADDING:] else len(data)
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        mark, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4])
-        if 0xC0 <= mark <= 0xCF and mark not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
-            return width, height
-        at += 2 + length if mark != 0xFF else 1
-    return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the caller has a lower limit of size than Pillow
+            with Image.open(io.BytesIO(data), formats=[kind]) as image:
+                width, height = image.size
+                if kind in ("PNG", "JPEG"):
+                    image.verify()
+                else:
+                    image.load()
+        return width, height
+    except Image.DecompressionBombError:
+        raise CheckFailedError(f"the image has more than {MAX_MEGAPIXELS:g} megapixels") from None
+    except Exception:  # Pillow raises errors of many kinds for damaged files
+        return None
 
 
 def sha256(data: bytes) -> str:

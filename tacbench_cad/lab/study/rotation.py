@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tacbench_cad.lab.study.spec import Angles, Point, WorkFrame, minus
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
@@ -27,11 +26,15 @@ UPRIGHT_DEG = 0.1
 
 def matrix(angles_deg: Angles) -> Floats:
     """Return the matrix of a rotation, shape (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix())
 
 
 def angles_of(turn: Floats) -> Angles:
     """Return the angles of a matrix. At 90 degrees around y, the angle around z is 0."""
+    from scipy.spatial.transform import Rotation
+
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
         x, y, z = (float(angle) for angle in Rotation.from_matrix(turn).as_euler("xyz", degrees=True))
@@ -40,11 +43,15 @@ def angles_of(turn: Floats) -> Angles:
 
 def from_vector(vector_rad: tuple[float, ...]) -> Floats:
     """Return the matrix of a rotation vector: the direction is the axis, the length the angle in radians."""
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_rotvec(vector_rad).as_matrix())
 
 
 def to_vector(turn: Floats) -> tuple[float, float, float]:
     """Return the rotation vector of a matrix in radians; its length is at most pi."""
+    from scipy.spatial.transform import Rotation
+
     x, y, z = (float(value) for value in Rotation.from_matrix(turn).as_rotvec())
     return (x, y, z)
 

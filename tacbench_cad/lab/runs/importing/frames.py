@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,26 +57,8 @@ def prepared(loaded: Loaded, channels: Channels) -> Prepared:
 
 def _other_image(data: bytes) -> NDArray[Any]:
     """Decode a BMP or TIFF image. An incomplete or too large image is refused before it is decoded."""
-    if data.startswith(_BMP) and len(data) >= 26:
-        length, width, height = struct.unpack("<2xI12xii", data[:26])
-        return decoded_image(data, (width, abs(height)) if length <= len(data) else None, "BMP")
+    if data.startswith(_BMP):
+        return decoded_image(data, "BMP")
     if data[:4] in _TIFF:
-        return decoded_image(data, _tiff_size(data), "TIFF")
+        return decoded_image(data, "TIFF")
     raise CheckFailedError("is not a readable image (PNG, JPEG, BMP or TIFF)")
-
-
-def _tiff_size(data: bytes) -> tuple[int, int] | None:
-    """Return the width and height in the first directory of a TIFF; None if it is incomplete."""
-    order = "<" if data[:2] == b"II" else ">"
-    stream, sides = io.BytesIO(data), {}
-    try:
-        (start,) = struct.unpack(f"{order}I", data[4:8])
-        stream.seek(start)
-        (count,) = struct.unpack(f"{order}H", stream.read(2))
-        for _ in range(count):
-            tag, kind, _, value = struct.unpack(f"{order}HHI4s", stream.read(12))
-            if tag in (256, 257):
-                sides[tag] = struct.unpack(f"{order}H" if kind == 3 else f"{order}I", value[: 2 if kind == 3 else 4])[0]
-    except struct.error:
-        return None
-    return (sides[256], sides[257]) if len(sides) == 2 else None
