@@ -134,7 +134,7 @@ class TexturedFile:
         return [
             *names,
             f"solid at most {at_most(self._error_mm, 2)} mm from the formula ({self._evidence}); "
-            f"file at most {document['deviation_mm']:.2g} mm (measured)",
+            f"file at most {at_most(document['deviation_mm'], 2)} mm at the checked points",
             f"closed, 1 body; {volumes}",
         ]
 
