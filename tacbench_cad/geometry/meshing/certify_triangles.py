@@ -276,7 +276,9 @@ def _nearest(
     """
     least, most = slopes
     room, low, high = bounds.around(low, high, limit)
-    return shortest(vertical, least, room, bounds.bend(low, high) * leaning(least, most))
+    with np.errstate(invalid="ignore"):  # across a crease the bend is infinite, and the vertical distance counts
+        bend = bounds.bend(low, high) * leaning(least, most)
+    return shortest(vertical, least, room, bend)
 
 
 def leaning(least: Floats, most: Floats) -> Floats:
