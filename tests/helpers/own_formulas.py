@@ -143,7 +143,7 @@ def random_case(seed: int) -> Case:
     block = Block.of(
         made,
         preset,
-        mm_per_unit=mm3,
+        mm_per_unit=None if made.surface.unit == "mm" else mm3,
         size_mm=(size[0], size[1]) if outline is None else None,
         height_mm=30.0,
         scale=scale,
