@@ -324,7 +324,7 @@ class Carriage:
         home = [self._home_and_rise] if self.may_home else []
         ways = [*home, self._lift_more, self._rise] if slipped else [self._rise, self._rise, *home]
         self.lifted = False
-        until, again = time.monotonic() + RETRY_S, False
+        say, until, again = _safe(say), time.monotonic() + RETRY_S, False
         try:
             with self._retreat():
                 while failed := _first_of(ways):
@@ -367,6 +367,7 @@ class Carriage:
             self.lift()
         except BaseException as error:
             self.noticed.set()
+            say = _safe(say)
             if text := self.retreat(slipped=isinstance(error, ContactError), say=say) or self._made_upright():
                 say(text)
             if isinstance(error, RunInterruptedError):
@@ -443,6 +444,16 @@ class Carriage:
         self.check()
 
 
+def _safe(say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a function that passes a message on. An error of the receiver must not prevent the lift."""
+
+    def tell(message: str) -> None:
+        with contextlib.suppress(Exception):
+            say(message)
+
+    return tell
+
+
 def _first_of(ways: Sequence[Callable[[], None]]) -> list[RigError]:
     """Lift in the first way that succeeds; return the errors if none does."""
     errors: list[RigError] = []
@@ -502,7 +513,7 @@ class Signals:
             carriage: The carriage.
             say: Receives a message if the main thread does not return from a device.
         """
-        self._carriage, self._say, self._first = carriage, say, self._handled
+        self._carriage, self._say, self._first = carriage, _safe(say), self._handled
         carriage.go_on()
         self._left.clear()
         try:
@@ -582,5 +593,7 @@ class Signals:
         if self._leaving.acquire(blocking=False):
             error = RunInterruptedError(name)
             error.lifted, error.gave_up = carriage is None or carriage.lifted, waiting_place()
-            self._give_up(error)
-            leave()
+            try:
+                self._give_up(error)
+            finally:
+                leave()

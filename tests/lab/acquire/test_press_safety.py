@@ -75,6 +75,21 @@ def test_a_retreat_from_a_lost_stage_is_reported() -> None:
     assert "(unplugged): lift it by hand" in carriage(stage, may_home=True).retreat()
 
 
+def test_a_message_that_nobody_can_receive_does_not_end_the_attempts_to_lift(monkeypatch: pytest.MonkeyPatch) -> None:
+    def say(message: str) -> None:
+        messages.append(message)
+        raise BrokenPipeError
+
+    messages: list[str] = []
+    monkeypatch.setattr(safety, "RETRY_PAUSE_S", 0.0)
+    silent = {number: NoAnswerError("silent") for number in range(2, 8)}
+    stage = FakeStage(at=(1.0, 2.0, -3.0), faults=silent)
+    with pytest.raises(ValueError, match="the sensor failed"), carriage(stage).safely(say):
+        raise ValueError("the sensor failed")
+    assert stage.at[2] == 5.0
+    assert messages == ["the stage does not answer; trying to lift the sensor for 60 s"]
+
+
 def test_a_failed_last_lift_is_repeated() -> None:
     stage = FakeStage(at=(1.0, 2.0, -3.0), faults={3: NoAnswerError("silent")})
     with pytest.raises(NoAnswerError), carriage(stage).safely(pytest.fail):
