@@ -95,7 +95,8 @@ class Carriage:
         noticed: Set when the thread of the run has noticed a signal or an error, and goes to its end by itself.
         rescued: Set when another thread has tried to lift the sensor.
         lifted: Whether the last retreat has lifted the sensor.
-        position_kept: Whether the stage has neither failed nor been homed since the last check of its position.
+        position_kept: Whether the stage has neither failed nor been homed since the first press that no stored check
+            has followed. Only then can a check say something about these presses.
     """
 
     stage: Stage
@@ -290,6 +291,8 @@ class Carriage:
     def home_again(self) -> Point | None:
         """Home the stage; see :func:`tacbench_cad.lab.rig.stage.home_again`.
 
+        The caller sets :attr:`position_kept` once it has stored the result.
+
         Returns:
             The true position minus the reported position before, in mm of the work frame; None if it is unknown.
 
@@ -297,9 +300,9 @@ class Carriage:
             RigError: The stage failed.
         """
         with self._in_motion():
+            self.position_kept = False
             offset = home_again(self.stage)
             self.at = self.frame.to_work(self.stage.position())
-            self.position_kept = True
         self.aim_mm = self.at[2]
         self.check()
         if offset is None:
