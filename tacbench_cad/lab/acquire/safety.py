@@ -55,7 +55,7 @@ class RunInterruptedError(KeyboardInterrupt):
 
     Attributes:
         signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
-        lifted: Whether the sensor is lifted off the block.
+        lifted: Whether the sensor is lifted off the block; None if this is unknown, because no block was pressed yet.
         gave_up: The call of a device that did not return and was given up; empty if there is none.
         saved: The number of saved presses of the study.
         planned: The number of presses of the study.
@@ -63,7 +63,8 @@ class RunInterruptedError(KeyboardInterrupt):
 
     def __init__(self, signal: str) -> None:
         super().__init__(signal)
-        self.signal, self.lifted, self.gave_up = signal, True, ""
+        self.signal, self.gave_up = signal, ""
+        self.lifted: bool | None = True
         self.saved = self.planned = 0
 
     def __str__(self) -> str:
@@ -73,6 +74,8 @@ class RunInterruptedError(KeyboardInterrupt):
         if getattr(self, "__notes__", ()):
             # The note says what became of the stage, whose homing was interrupted.
             return saved
+        if self.lifted is None:
+            return f"{saved}; look whether the sensor is lifted" if self.gave_up else saved
         sensor = "the sensor is lifted" if self.lifted else "the sensor was NOT lifted: lift it by hand"
         return f"{sensor}; {saved}"
 
@@ -94,7 +97,7 @@ class Carriage:
     Attributes:
         noticed: Set when the thread of the run has noticed a signal or an error, and goes to its end by itself.
         rescued: Set when another thread has tried to lift the sensor.
-        lifted: Whether the last retreat has lifted the sensor.
+        lifted: Whether the sensor was lifted at the end, or by the last retreat.
         position_kept: Whether the stage has neither failed nor been homed since the first press that no stored check
             has followed. Only then can a check say something about these presses.
     """
@@ -368,6 +371,7 @@ class Carriage:
         try:
             yield
             self.lift()
+            self.lifted = True
         except BaseException as error:
             self.noticed.set()
             say = _safe(say)
@@ -490,6 +494,8 @@ class Signals:
         self._ignoring: object = None
         self._previous: dict[int, Any] = {}
         self._listening = contextlib.ExitStack()
+        #: Whether the sensor was lifted at the end of the last block; None before the first one.
+        self._lifted: bool | None = None
         #: The number of signals that the main thread has handled, and this number when the carriage was given.
         self._handled = self._first = 0
         self._left = threading.Event()
@@ -522,7 +528,7 @@ class Signals:
         try:
             yield
         finally:
-            self._carriage = None
+            self._carriage, self._lifted = None, carriage.lifted
             self._left.set()
 
     @contextlib.contextmanager
@@ -550,7 +556,9 @@ class Signals:
         if self._ignoring:
             return
         if carriage is None:
-            raise RunInterruptedError(name)
+            error = RunInterruptedError(name)
+            error.lifted = self._lifted
+            raise error
         carriage.interrupt(name)
         if self._handled > self._first + 1 and not carriage.noticed.is_set() and not carriage.is_in_use:
             error = RunInterruptedError(name)
@@ -595,7 +603,8 @@ class Signals:
             carriage.rescued.wait(LIFT_S)
         if self._leaving.acquire(blocking=False):
             error = RunInterruptedError(name)
-            error.lifted, error.gave_up = carriage is None or carriage.lifted, waiting_place()
+            error.lifted = self._lifted if carriage is None else carriage.lifted
+            error.gave_up = waiting_place()
             try:
                 self._give_up(error)
             finally:

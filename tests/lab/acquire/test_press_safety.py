@@ -112,6 +112,21 @@ def test_an_interruption_of_homing_does_not_claim_that_the_sensor_is_lifted() ->
     assert str(error) == "0 of 0 presses are saved"
 
 
+def test_an_interruption_before_the_first_block_does_not_claim_that_the_sensor_is_lifted() -> None:
+    with Signals() as signals:
+        with pytest.raises(RunInterruptedError) as before:
+            signal.raise_signal(signal.SIGINT)
+        moving = carriage(FakeStage(at=(0.0, 0.0, -1.0)))
+        with signals.sent_to(moving), moving.safely(pytest.fail):
+            pass
+        with pytest.raises(RunInterruptedError) as after:
+            signal.raise_signal(signal.SIGINT)
+    assert str(before.value) == "0 of 0 presses are saved", "an earlier session may have left it in contact"
+    before.value.gave_up = "home() in arm.py, line 3"
+    assert str(before.value).endswith("which did not return; look whether the sensor is lifted")
+    assert str(after.value) == "the sensor is lifted; 0 of 0 presses are saved"
+
+
 def test_a_signal_during_a_lift_that_never_ends_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     left, given = threading.Event(), []
     monkeypatch.setattr(safety, "RETRY_S", 0.1)
