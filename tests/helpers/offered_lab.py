@@ -206,6 +206,7 @@ ROWS: Rows = {
         # The words up, ok and quit are read before the steps.
         Offer(attempt=lambda line: parse_step(line.split()), wrong="5", things={"x, y or z": ["x 1", "y -0.2", "z 1"]})
     ],
+    "lab.rig.colours:channels_fault": lambda _: [Offer(attempt=stated_channels, wrong="xyz")],
     "lab.rig.drivers:find_driver": lambda _: [
         Offer(attempt=partial(find_driver, kind), wrong="xyz") for kind in registry.GROUPS
     ],
