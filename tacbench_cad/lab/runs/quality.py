@@ -13,7 +13,9 @@ public recordings of TacTips, compressed and uncompressed:
 * *moved* 3.5 px: the dome moved by at most 1.8 px within a recording.
 * *noise* 5 counts above the median: the noise of real frames was 0 to 1.8 counts.
 * *blurred* 1.25 of the median width of the sharpest edges, if this width is that of the sensor's own edges: then it
-  differs little between frames. The sharpest edges of a soft gel are those of the object.
+  differs little between frames. The sharpest edges of a soft gel are those of the object. A frame is also blurred if
+  its fine details have less than 0.65 of their usual energy. A blur of sigma 2 px left 0.01 to 0.57 of it, and the
+  contact 0.71 or more, in frames with markers.
 """
 
 from __future__ import annotations
@@ -51,6 +53,9 @@ NOISE = 5.0
 #: The largest width of the sharpest edges relative to the run's median, and the largest standard deviation of this
 #: width relative to the median for which it is compared.
 BLUR, _STEADY_EDGES = 1.25, 0.05
+#: The smallest energy of the fine details relative to the usual frame, and the largest standard deviation of this
+#: energy over the frames for which it is compared.
+DETAILS, _STEADY_DETAILS = 0.65, 0.05
 #: The smallest limit of each comparison, in standard deviations of the run's frames.
 SCATTER = 6.0
 #: A frame is mirrored or has other colours if this fraction of the usual effect is exceeded, and if the usual effect on
@@ -209,6 +214,8 @@ def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
     edge = float(np.median(edges))
     steady = not binary and 0.0 < edge < math.inf and _deviation(edges) <= _STEADY_EDGES * edge
     blur = max(BLUR * edge, edge + SCATTER * _deviation(edges)) if steady else math.inf
+    details = [each.sharpness for each in likeness.values() if each.sharpness is not None]
+    alike = not binary and len(details) >= MIN_FRAMES and _deviation(details) <= _STEADY_DETAILS
     effects = {name: [each.gains[name] for each in likeness.values()] for name in next(iter(likeness.values())).gains}
     for (path, each), moved, width in zip(likeness.items(), shifts, edges, strict=True):
         change = max(each.gains, key=lambda name: each.gains[name])
@@ -225,6 +232,9 @@ def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
         elif moved > shift:
             text = f"shows that the camera or the sensor moved: the picture is shifted by {moved:.1f} px"
             yield "moved", path, f"{text} (limit {shift:.1f} px)"
+        elif alike and each.sharpness is not None and each.sharpness < DETAILS:
+            text = f"is blurred: its fine details have {100 * each.sharpness:.0f} % of their usual energy"
+            yield "blurred", path, f"{text} (limit {100 * DETAILS:.0f} %)"
 
 
 def _is_changed(gain: float, gains: Sequence[float]) -> bool:
