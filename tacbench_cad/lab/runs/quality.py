@@ -61,6 +61,9 @@ SCATTER = 6.0
 #: A frame is mirrored or has other colours if this fraction of the usual effect is exceeded, and if the usual effect on
 #: the correlation with the usual frame is at least the second number.
 _HALF_EFFECT, _MIN_EFFECT = 0.5, 0.002
+#: The smallest standard deviation of the correlation with the usual frame. A frame is mirrored only if it is like the
+#: others after the change is undone: markers at rest, among frames with contact, may fit better when mirrored.
+_MIN_SCATTER = 0.005
 #: The focus is measured without a margin along the edge of the region. The width of the margin is a fraction of the
 #: region's radius, with a minimum in pixels.
 _MARGIN, _MIN_MARGIN_PX = 0.04, 4
@@ -217,9 +220,12 @@ def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
     details = [each.sharpness for each in likeness.values() if each.sharpness is not None]
     alike = not binary and len(details) >= MIN_FRAMES and _deviation(details) <= _STEADY_DETAILS
     effects = {name: [each.gains[name] for each in likeness.values()] for name in next(iter(likeness.values())).gains}
+    correlations = [each.correlation for each in likeness.values()]
+    alike_from = float(np.median(correlations)) - SCATTER * max(_MIN_SCATTER, _deviation(correlations))
     for (path, each), moved, width in zip(likeness.items(), shifts, edges, strict=True):
         change = max(each.gains, key=lambda name: each.gains[name])
-        if _is_changed(each.gains[change], effects[change]):
+        restored = each.correlation + each.gains[change]
+        if restored >= alike_from and _is_changed(each.gains[change], effects[change]):
             yield "orientation" if "colours" not in change else "colour", path, f"is {change}"
         elif binary and not each.binary:
             yield "noise", path, "has grey levels, but the other frames have only the values 0 and 255"

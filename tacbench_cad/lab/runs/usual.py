@@ -25,6 +25,8 @@ _SHIFT_SIDE_PX, _SMALL_SIDE_PX = 160, 80
 #: residual that a shift may leave if it counts. The second one is for small frames, in which a shift can be as large as
 #: the distance of two markers. The contact with a soft gel leaves 0.62 or more of it, a moved camera mostly less.
 _SMOOTHINGS = ((1.5, 0.6), (4.0, 0.4))
+#: The smallest side of a reduced frame for such a smoothing, relative to the smoothing.
+_MIN_SIDE = 16.0
 #: The number of steps of the fit, and of its repeats with less weight for outliers; and the largest shift of a reduced
 #: frame, in pixels.
 _STEPS, _ROBUST_STEPS, _MAX_SHIFT_PX = 4, 2, 10.0
@@ -56,6 +58,7 @@ class Likeness:
     Args:
         binary: Whether the frame has only the values 0 and 255.
         noise: The noise between neighbouring pixels, in counts.
+        correlation: The correlation with the usual frame.
         gains: By how much the frame's correlation with the usual frame increases if a change is undone, by the name of
             the change; negative for a usual frame.
         shift_px: The shift of the parts that do not touch the object, as column and row.
@@ -65,6 +68,7 @@ class Likeness:
 
     binary: bool
     noise: float
+    correlation: float
     gains: Mapping[str, float]
     shift_px: tuple[float, float]
     sharpness: float | None = None
@@ -88,7 +92,13 @@ class Usual:
 
     @cached_property
     def _places(self) -> tuple[_Place, ...]:
-        return tuple(_Place.of(self.frames, smoothing, better) for smoothing, better in _SMOOTHINGS)
+        """The reduced usual frame with each smoothing, without those with too few independent pixels for a fit."""
+        small = _reduced(grey(self.frames[0]), _SHIFT_SIDE_PX, 1.0)
+        return tuple(
+            _Place.of(self.frames, smoothing, better)
+            for smoothing, better in _SMOOTHINGS
+            if min(small.shape) >= _MIN_SIDE * smoothing
+        )
 
     @cached_property
     def _small(self) -> Floats32:
@@ -106,6 +116,7 @@ class Usual:
         return Likeness(
             binary=is_binary(frame),
             noise=noise_counts(image),
+            correlation=straight,
             gains=gains,
             shift_px=self._shift(image),
             sharpness=self._sharpness(image),
@@ -130,8 +141,6 @@ class Usual:
 
     def _shift(self, image: Floats32) -> tuple[float, float]:
         """Return the shift of a frame in pixels."""
-        if min(image.shape) < 4 * _MARGIN:
-            return 0.0, 0.0
         shifts = (place.shift_px(image) for place in self._places)
         return next((shift for shift in shifts if shift is not None), (0.0, 0.0))
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
+from helpers.dots import REST, dots_at_rest, dots_frame
 from helpers.frame_kinds import frames_of
 from helpers.lookalikes import LOOKS, draw
 from helpers.studies import GRID, write_study
@@ -250,6 +251,14 @@ def test_a_fault_is_found_where_most_pixels_do_not_show_it(
     assert findings(frames, judge) == []
     frames[7] = change(frames[7])
     assert [(found, where) for found, where, _ in findings(frames, judge)] == [(kind, "7")]
+
+
+def test_a_frame_at_rest_among_frames_with_contact_is_not_mirrored() -> None:
+    rng = np.random.default_rng(1)
+    frames = [dots_frame(np.add((6.0, 1.0), rng.normal(0.0, 0.3, (len(REST), 2))), rng) for _ in range(6)]
+    frames += [dots_at_rest(np.random.default_rng(number)) for number in range(2)]
+    judge = Judge(limits=FrameLimits(), region=None, any_kind=True)
+    assert [each for each in findings(frames, judge) if each[0] == "orientation"] == []
 
 
 def lit_gel(rng: np.random.Generator) -> Frame:
