@@ -21,8 +21,10 @@ def outline_of(shape: BodyShape, match: Match, claimed: Block | None) -> Outline
         return claimed.outline
     if len(shape.cut_corners) < 2:
         return None
-    x, y = match.placement.to_block(np.concatenate([shape.outline, shape.off_sides_mm[:, :2]]), shape.size_mm)
-    return _known_outline(x, y, match.placement.sides(shape.size_mm))
+    underside, walls = (
+        np.stack(match.placement.to_block(points, shape.size_mm)) for points in (shape.outline, shape.off_sides_mm)
+    )
+    return _known_outline(underside, walls, match.placement.sides(shape.size_mm))
 
 
 def outline_checks(
@@ -56,30 +58,34 @@ def outline_checks(
     return [Check(name="outline", ok=False, detail=f"a wall is {where}")]
 
 
-def _known_outline(x: Floats, y: Floats, size_mm: tuple[float, float]) -> Outline | None:
-    """Return the disc, ring or regular polygon on which points lie, or None. Points inside belong to a label."""
+def _known_outline(underside: Floats, walls: Floats, size_mm: tuple[float, float]) -> Outline | None:
+    """Return the disc, ring or regular polygon on which points lie, or None. Points inside belong to a label.
+
+    Args:
+        underside: The x and y of points of the underside, shape (2, n).
+        walls: The x and y of points of walls, shape (2, m). No wall of a label is among them.
+        size_mm: The sides of the bounding box.
+    """
     diameter = size_mm[0]
     known: list[Outline] = []
     if abs(size_mm[0] - size_mm[1]) <= SIDE_MM:
         known.append(Disc(diameter_mm=diameter))
-        inner = 2.0 * float(np.hypot(x - diameter / 2.0, y - diameter / 2.0).min())
+        inner = 2.0 * float(np.hypot(*(walls - diameter / 2.0)).min(initial=diameter))
         if MIN_SIDE_MM < inner < diameter - 2.0 * MIN_WIDTH_MM:
             known.insert(0, Ring(outer_mm=diameter, inner_mm=inner))
     for sides in NAMED.values():
         width = RegularPolygon(sides=sides, diameter_mm=100.0).size_mm[0] / 100.0
         known.append(RegularPolygon(sides=sides, diameter_mm=diameter / width))
     limit = SIDE_MM + Tolerance().mm
+    points = np.concatenate([underside, walls], axis=1)
     for outline in known:
         fits = all(abs(a - b) <= SIDE_MM for a, b in zip(outline.size_mm, size_mm, strict=True))
-        distance = outline.distance(x, y)
-        near_margin = np.abs(distance) <= limit
-        inside = distance < -limit
-        ring = len(outline.loops) > 1
-        if (
-            fits
-            and bool(np.all(near_margin if ring else near_margin | (distance < -MARGIN_MM + SIDE_MM)))
-            and (ring or not inside.all())
-        ):
+        distance = outline.distance(*points)
+        near = np.abs(distance) <= limit
+        on_outline = near | (distance < -MARGIN_MM + SIDE_MM)
+        if isinstance(outline, Ring):  # its inner circle was found from one wall, so all walls must confirm it
+            on_outline[underside.shape[1] :] &= near[underside.shape[1] :]
+        if fits and on_outline.all() and near.any():
             return outline
     return None
 

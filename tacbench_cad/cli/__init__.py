@@ -15,6 +15,7 @@ from tacbench_cad.cli.common import note, say_how_to_resume, say_interrupted
 from tacbench_cad.cli.completing import VARIABLE
 from tacbench_cad.cli.options import GENERAL, help_of
 from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
+from tacbench_cad.util.output import drop
 from tacbench_cad.util.packages import why_not_imported
 
 #: The commands under their headings, in the order in which people use them.
@@ -137,7 +138,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         say_interrupted(stop, words)
         return 130
     except BrokenPipeError:  # nobody reads on: what is still to be flushed has nowhere to go
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        drop(sys.stdout)
         return 1
     except Exception as error:
         reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None

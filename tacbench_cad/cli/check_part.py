@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import end_check, next_block, print_json, print_lines, print_next, print_table
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line, require_between
-from tacbench_cad.util.text import counted, mm
+from tacbench_cad.util.text import at_most, counted, mm
 
 if TYPE_CHECKING:
     from tacbench_cad.checks.report import Report
@@ -108,5 +108,5 @@ def _print(report: Report) -> None:
     if report.volume_mm3 is not None:
         facts.append(f"{report.volume_mm3:.6g} mm^3")
     if report.deviation_mm is not None:
-        facts.append(f"at most {report.deviation_mm:.3g} mm from the formula")
+        facts.append(f"at most {at_most(report.deviation_mm, 3)} mm from the formula at the checked points")
     print_lines("; ".join([*facts, "all checks passed" if report.ok else counted(len(report.faults), "fault")]))

@@ -13,6 +13,7 @@ import rich_click as click
 from click.exceptions import Exit
 
 from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, one_line
+from tacbench_cad.util.output import droppable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,8 +42,9 @@ def print_json(document: dict[str, Any]) -> None:
 
 
 def note(message: str) -> None:
-    """Print a message on the standard error."""
-    click.echo(message, err=True)
+    """Print a message on the standard error. It is dropped if nobody can read it any more."""
+    with droppable(sys.stderr):
+        click.echo(message, err=True)
 
 
 def say_interrupted(stop: BaseException, words: Sequence[str]) -> None:

@@ -125,12 +125,14 @@ def _preset(preset: str) -> str:
 
 
 def _print(result: PrintSet) -> None:
+    from tacbench_cad.making.manifest import largest_distance
+
     rows = [
         (
             row["file"],
             by(*(round(side, 2) for side in row["size_mm"])),
             "" if row["triangles"] is None else f"{row['triangles']:,}",
-            "" if row["deviation_mm"] is None else f"{row['deviation_mm']:.2g}",
+            largest_distance(row),
             f"{len(row['checks'])} passed",
         )
         for row in result.rows

@@ -29,6 +29,7 @@ def command(predictions: Path, split: Path, json: bool) -> None:
     """
     from tacbench_cad.lab.analysis.classification.score import PredictionsError, score
     from tacbench_cad.lab.analysis.classification.split_files import read_split
+    from tacbench_cad.lab.analysis.classification.splits import leak_warning
 
     try:
         result = score(predictions, read_split(split))
@@ -41,5 +42,7 @@ def command(predictions: Path, split: Path, json: bool) -> None:
         return
     for table in result.shown:
         show_table(table)
+    if result.split.unknown_groups:
+        print_lines(f"note: {leak_warning(result.split.unknown_groups)}")
     print_lines(f"chance is {1.0 / len(result.split.textures):.1%}; data {result.split.data_sha256[:12]}")
     print_simulated(result.split.simulated)

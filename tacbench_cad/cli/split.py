@@ -39,10 +39,12 @@ def command(
       tacbench split runs/ --hold-out copy,printer-filament -o splits
     """
     from tacbench_cad.lab.analysis.classification.split_files import make_splits, write_split
+    from tacbench_cad.lab.analysis.classification.splits import leak_warning
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.util.files import locked
 
-    splits, notes = make_splits(Collection.open(runs), hold_out, seed=seed, folds=folds)
+    collection = Collection.open(runs)
+    splits, notes = make_splits(collection, hold_out, seed=seed, folds=folds)
     with locked(out):
         files = {out / f"split_{split.hold_out}.json": split for split in splits}
         for path, split in files.items():
@@ -60,6 +62,7 @@ def command(
                         "presses": len(split.presses),
                         "folds": [fold.name for fold in split.folds],
                         "simulated": list(split.simulated),
+                        "unknown_groups": list(split.unknown_groups),
                     }
                     for path, split in files.items()
                 ],
@@ -75,6 +78,7 @@ def command(
             for path, split in files.items()
         ],
     )
-    for text in notes:
+    warnings = [leak_warning(collection.unknown_groups)] if collection.unknown_groups else []
+    for text in (*notes, *warnings):
         note(f"note: {text}")
     print_next("score", "PREDICTIONS", next(iter(files)))

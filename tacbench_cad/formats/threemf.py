@@ -241,12 +241,11 @@ def _vertex_lines(vertices: Floats) -> bytes:
     return "\n".join([f'<vertex x="{words[i]}" y="{words[j]}" z="{words[k]}"/>' for i, j, k in rows]).encode("ascii")
 
 
-def read_3mf(path: Path, strict: bool = True) -> tuple[Mesh, dict[str, str]]:
+def read_3mf(path: Path) -> tuple[Mesh, dict[str, str]]:
     """Read all parts in the build of a 3MF file as one mesh, without repairs.
 
     Args:
         path: The file.
-        strict: Same as for :func:`read_parts`.
 
     Returns:
         The mesh in mm, with at least one shell for each part, and the metadata by names without their namespace.
@@ -256,7 +255,7 @@ def read_3mf(path: Path, strict: bool = True) -> tuple[Mesh, dict[str, str]]:
         MissingToolError: Same as for :func:`read_parts`.
         CheckFailedError: Same as for :func:`read_parts`.
     """
-    parts, entries = read_parts(path, strict)
+    parts, entries = read_parts(path)
     return Mesh.joined([mesh for _, mesh in parts]), entries
 
 
@@ -311,6 +310,11 @@ def read_untrusted(path: Path, strict: bool = True) -> tuple[list[tuple[str, Mes
         path, "the 3MF reader", LIMITS_S, read_parts, path, strict, limits_mb=LIMITS_MB
     )
     return parts
+
+
+def read_foreign_mesh(path: Path) -> Mesh:
+    """Read a 3MF file of any program as one mesh, not strictly; same errors as :func:`read_untrusted`."""
+    return Mesh.joined([mesh for _, mesh in read_untrusted(path, strict=False)[0]])
 
 
 def _require_container(path: Path) -> None:

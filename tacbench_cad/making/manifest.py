@@ -13,6 +13,7 @@ from typing import Any
 from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME, replacing, sha256
+from tacbench_cad.util.text import at_most
 
 #: The version of the manifest's layout. It changes when a key changes its meaning.
 SCHEMA = 1
@@ -43,6 +44,17 @@ def read_rows(folder: Path) -> list[Row]:
             "manifest", str(path), f"has schema {document.get('schema')!r}, but this version reads only {SCHEMA}"
         )
     return rows
+
+
+def largest_distance(row: Row) -> str:
+    """Return the largest distance of a file from its formula in mm, rounded up; nothing for a part without a formula.
+
+    It is the bound of the certificate. The distance that was measured at the points of the check is smaller, and only
+    counts for a part without a certificate.
+    """
+    certificate = row["certificate"]
+    distance = row["deviation_mm"] if certificate is None else certificate["distance_mm"]
+    return "" if distance is None else at_most(distance, 2)
 
 
 def _named(row: Row) -> bool:

@@ -61,8 +61,8 @@ class PrintSet:
         """Return a line for each file with its deviation or its faults, and then a line for everything left out."""
         lines = []
         for row in self.rows:
-            deviation = row["deviation_mm"]
-            far = "" if deviation is None else f", at most {deviation:.2g} mm from the formula"
+            distance = manifest.largest_distance(row)
+            far = distance and f", at most {distance} mm from the formula"
             lines.append((str(row["file"]), f"{len(row['checks'])} checks passed{far}"))
         lines += [(failure.file, f"not made: {'; '.join(failure.faults)}") for failure in self.failures]
         lines += [(left.what, f"left out: {left.reason}") for left in self.left_out]

@@ -14,7 +14,7 @@ from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.report import Report
 from tacbench_cad.formats import format_of, step
 from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import read_untrusted
+from tacbench_cad.formats.threemf import read_foreign_mesh
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.textured.height import around
@@ -134,7 +134,7 @@ class TexturedFile:
         return [
             *names,
             f"solid at most {at_most(self._error_mm, 2)} mm from the formula ({self._evidence}); "
-            f"file at most {document['deviation_mm']:.2g} mm (measured)",
+            f"file at most {at_most(document['deviation_mm'], 2)} mm at the checked points",
             f"closed, 1 body; {volumes}",
         ]
 
@@ -197,7 +197,7 @@ def _read(path: Path) -> Mesh:
         raise InputError("mesh", str(path), "must be an STL or 3MF file")
     with as_input("file"):
         if form.name == "3mf":
-            return Mesh.joined([mesh for _, mesh in read_untrusted(path, strict=False)[0]])
+            return read_foreign_mesh(path)
         return read_stl(path)
 
 

@@ -17,8 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import read_untrusted
-from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.formats.threemf import read_foreign_mesh
 from tacbench_cad.scan.cloud import Cloud, HeightGrid
 from tacbench_cad.spec.images import PICTURES, TABLES, read_heights
 from tacbench_cad.util.door import open_input, read_bytes, require_within
@@ -128,7 +127,7 @@ def _is_simulated(path: Path) -> bool:
 
 def _mesh(path: Path, suffix: str, unit: Unit | None, size_mm: tuple[float, float, float] | None) -> ScanFile:
     if suffix in (".stl", ".3mf"):
-        mesh = read_stl(path) if suffix == ".stl" else Mesh.joined([body for _, body in read_untrusted(path, False)[0]])
+        mesh = read_stl(path) if suffix == ".stl" else read_foreign_mesh(path)
         vertices, faces = mesh.vertices, np.asarray(mesh.faces, dtype=np.int64)
         unit = "mm" if suffix == ".3mf" and unit is None else unit  # the reader of 3MF files converts to mm
     else:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
 from tacbench_cad.spec.outlines import Outline, area_mm2
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Floats
+from tacbench_cad.util.types import Bools, Floats
 
 #: The depth of the engraving, in mm.
 LABEL_DEPTH_MM = 0.4
@@ -28,12 +30,22 @@ _STEP_MM = 0.05
 #: For outlines that are not rectangles: the distance between points of a line at which its place is tested, in mm, and
 #: the number of places along each side that are tried if the middle has no room.
 _TEST_STEP_MM, _PLACES = 0.25, 9
+#: The approximate number of points that are tested first.
+_FEW_POINTS = 40
 #: The gaps between glyphs, words and lines, as fractions of the glyph's height.
 _GLYPH_GAP, _WORD_GAP, _LINE_GAP = 0.2, 0.9, 0.3
 #: Coordinates are rounded to _ROUND_MM, and outlines are simplified within _SIMPLIFY_MM, in mm. No edge is therefore
 #: shorter than 0.01 mm.
 _ROUND_MM = 0.001
 _SIMPLIFY_MM = 0.02
+#: For each character, the first one of the same width. Text may be broken after a hyphen, which nothing replaces.
+_LIKE = {
+    character: next(other for other in GLYPHS if GLYPHS[other].width == glyph.width)
+    for character, glyph in GLYPHS.items()
+    if character != "-"
+}
+#: The coordinates of one point or of many points.
+Coordinate = TypeVar("Coordinate", float, Floats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +133,8 @@ class _Page:
     def depth(self) -> float:
         return self.size_mm[0] if self.along_y else self.size_mm[1]
 
-    def to_block(self, a: float, b: float) -> tuple[float, float]:
-        """Convert a point of the page to the block frame. It is mirrored, because the page is seen from below."""
+    def to_block(self, a: Coordinate, b: Coordinate) -> tuple[Coordinate, Coordinate]:
+        """Convert points of the page to the block frame. They are mirrored, because the page is seen from below."""
         x, y = self.size_mm
         return (x - b, y - a) if self.along_y else (a, y - b)
 
@@ -149,16 +161,24 @@ class _Page:
             width = _width(line, layout.height)
             across = np.linspace(a, a + width, math.ceil(width / _TEST_STEP_MM) + 1)
             up = np.linspace(b, b + layout.height, math.ceil(layout.height / _TEST_STEP_MM) + 1)
-            points += [(float(p), float(q)) for p in across for q in up]
-        x, y = np.array([self.to_block(*point) for point in points]).T
+            points.append(np.stack(np.meshgrid(across, up), axis=-1).reshape(-1, 2))
+        on_page = np.concatenate(points)
         room = (self.width - layout.width) / 2.0 - MARGIN_MM, (self.depth - layout.depth) / 2.0 - MARGIN_MM
         steps = np.linspace(-1.0, 1.0, _PLACES) if len(outline.loops) > 1 or outline.turns == 1 else np.zeros(1)
-        places = [(float(s) * room[0], float(t) * room[1]) for s in steps for t in steps]
-        for da, db in sorted(places, key=lambda place: math.hypot(*place)):
-            (x0, y0), (x1, y1) = self.to_block(0.0, 0.0), self.to_block(da, db)
-            if np.all(outline.excess(x + (x1 - x0), y + (y1 - y0)) <= 1e-9 - MARGIN_MM):
-                return [(a + da, b + db) for a, b in corners]
+        places = np.array([(s * room[0], t * room[1]) for s in steps for t in steps])
+        places = places[np.argsort(np.hypot(*places.T), kind="stable")]
+        # most places have no room, which a few points show
+        few = on_page[:: math.ceil(len(on_page) / _FEW_POINTS)]
+        for place in places[self._inside(outline, places[:, None] + few).all(axis=1)]:
+            if self._inside(outline, place + on_page).all():
+                return [(a + float(place[0]), b + float(place[1])) for a, b in corners]
         return None
+
+    def _inside(self, outline: Outline, points: Floats) -> Bools:
+        """Return which points of the page, shape (..., 2), are inside of an outline and not near it."""
+        x, y = self.to_block(points[..., 0], points[..., 1])
+        excess = outline.excess(x.ravel(), y.ravel()).reshape(x.shape)
+        return np.asarray(excess <= 1e-9 - MARGIN_MM)
 
     def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:
         # The key is at large x and small y. On the page, a is large there; b is large if lines run along x, else small.
@@ -203,24 +223,46 @@ def engrave(
     Raises:
         InputError: A character has no glyph, or the words do not fit at 3 mm.
     """
-    text = " ".join(words).upper()
+    text = " ".join(word for word in " ".join(words).upper().split(" ") if word)
     for character in text:
         if character not in GLYPHS and character != " ":
             raise InputError("label", text, f"has no glyph for {character!r}; allowed: A to Z, 0 to 9, - and .")
-    if not text.strip():
+    if not text:
         raise InputError("label", text, "needs at least one character")
-    pages = (_Page(size_mm, key_mm, False, outline), _Page(size_mm, key_mm, True, outline))
+    # characters of the same width have the same place, so the labels of many copies need only a few searches
+    placed = _placed("".join(_LIKE.get(character, character) for character in text), size_mm, key_mm, outline)
+    if placed is None:
+        raise InputError("label", text, _refusal(_breaks(text), _pages(size_mm, key_mm, outline)))
+    page, layout, corners = placed
+    lines, start = [], 0
+    for line in layout.lines:
+        start += text[start] == " "
+        lines.append(text[start : start + len(line)])
+        start += len(line)
+    own = _Layout(tuple(lines), layout.height)
+    return Engraving(_outlines(own, page, corners), own.height, page.along_y)
+
+
+def _pages(size_mm: tuple[float, float], key_mm: float, outline: Outline | None) -> tuple[_Page, _Page]:
+    return _Page(size_mm, key_mm, False, outline), _Page(size_mm, key_mm, True, outline)
+
+
+@lru_cache(maxsize=128)
+def _placed(
+    text: str, size_mm: tuple[float, float], key_mm: float, outline: Outline | None
+) -> tuple[_Page, _Layout, list[tuple[float, float]]] | None:
+    """Return the page, the lines with the largest glyphs that fit, and the corner of each line; None if none fit."""
     breaks = _breaks(text)
     steps = round((MAX_GLYPH_MM - MIN_GLYPH_MM) / _STEP_MM)
     for step in range(steps + 1):
         height = round(MAX_GLYPH_MM - step * _STEP_MM, 2)
-        for page in pages:
+        for page in _pages(size_mm, key_mm, outline):
             for lines in breaks:
                 layout = _Layout(lines, height)
                 corners = page.place(layout)
                 if corners is not None:
-                    return Engraving(_outlines(layout, page, corners), height, page.along_y)
-    raise InputError("label", text, _refusal(breaks, pages))
+                    return page, layout, corners
+    return None
 
 
 def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:

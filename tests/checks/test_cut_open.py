@@ -94,9 +94,11 @@ def test_a_solid_that_another_program_wrote_again_is_no_fault(solid: Any, tmp_pa
             {"key_mm": 3.0, "copy": 12},
             {"outline": "disc:25"},
             {"outline": "ring:30,12"},
+            {"outline": "ring:40,8", "copy": 12},
             {"outline": "hexagon:30", "label": True},
         ],
         {"outline": "hexagon:30", "label": True},
+        {"outline": "ring:40,8", "copy": 12},
     ),
 )
 def test_keys_labels_and_outlines_in_a_solid_without_a_name_are_no_faults(

@@ -96,11 +96,15 @@ def _repeat_triangle(mesh: Mesh) -> Mesh:
 
 def _flat_triangle(mesh: Mesh) -> Mesh:
     """Add a vertex on an edge and a triangle without area. The mesh stays closed, with a consistent winding."""
-    a, b, c = mesh.faces[0].tolist()
+    along_x = np.ptp(mesh.triangle_points[:, :2], axis=1)[:, 1:].max(axis=1) == 0.0  # then the middle is on the edge
+    number = int(np.flatnonzero(along_x)[0])
+    a, b, c = mesh.faces[number].tolist()
     middle = ((mesh.vertices[a] + mesh.vertices[b]) / 2.0).astype(np.float32).astype(np.float64)
     n = len(mesh.vertices)
     extra = [[a, n, c], [n, b, c], [a, b, n]]
-    return Mesh(np.vstack([mesh.vertices, middle]), np.vstack([mesh.faces[1:], np.array(extra, np.int32)]))
+    return Mesh(
+        np.vstack([mesh.vertices, middle]), np.vstack([np.delete(mesh.faces, number, axis=0), extra]).astype(np.int32)
+    )
 
 
 def _move_top_vertex(mesh: Mesh) -> Mesh:

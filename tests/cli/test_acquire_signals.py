@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -64,9 +65,10 @@ class Session:
     Args:
         folder: The working folder.
         rig: The virtual rig.
+        output: A descriptor for what the command prints; None for a pipe that :meth:`end` reads.
     """
 
-    def __init__(self, folder: Path, rig: VirtualRig) -> None:
+    def __init__(self, folder: Path, rig: VirtualRig, output: int | None = None) -> None:
         self.folder, self.rig = folder, rig
         tests = Path(__file__).parents[1]
         self.process = subprocess.Popen(
@@ -74,7 +76,7 @@ class Session:
             cwd=folder,
             env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tests), str(tests.parent)])},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
+            stdout=subprocess.PIPE if output is None else output,
             stderr=subprocess.STDOUT,
             text=True,
         )
@@ -108,7 +110,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Session]]:
     sessions: list[Session] = []
     with launch("grbl", speed=50.0, gauge={"newtons": True, "rate_hz": 1000.0}, resets_on_open=False) as rig:
 
-        def started(way: str = "", home_every: int = 0) -> Session:
+        def started(way: str = "", home_every: int = 0, output: int | None = None) -> Session:
             path = tmp_path / "study.toml"
             path.write_text(STUDY.format(port=rig.port, gauge=rig.gauge_port, home_every=home_every))
             study = read_study(path)
@@ -117,7 +119,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Session]]:
             rig.put({**block, "frame": to_plain(settings.stage.frame)})
             if way:
                 (tmp_path / "block").write_text(way)
-            sessions.append(Session(tmp_path, rig))
+            sessions.append(Session(tmp_path, rig, output))
             return sessions[-1]
 
         yield started
@@ -166,6 +168,36 @@ def test_one_signal_ends_a_run_whose_sensor_blocks_after_a_time(
     assert "the sensor is lifted; waiting 10 s for read() in " in output
     assert session.height_mm > TRAVEL_MM - 0.01
     assert [row.number for row in session.run.rows] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(("kind", "way"), [("terminal", "in_a_lock"), ("terminal", "in_sleep"), ("pipe", "in_a_lock")])
+def test_a_lost_terminal_ends_a_run_whose_sensor_blocks(
+    kind: str, way: str, start: Callable[..., Session], tmp_path: Path
+) -> None:
+    reader, writer = os.openpty() if kind == "terminal" else os.pipe()
+    session = start(way, output=writer)
+    os.close(writer)
+    session.wait_until((tmp_path / "blocking").exists)
+    # As if the window was closed, or as if Ctrl-C ended the other program of "tacbench acquire ... 2>&1 | tee log".
+    os.close(reader)
+    session.process.send_signal(signal.SIGHUP if kind == "terminal" else signal.SIGINT)
+    assert session.process.wait(60.0) == 130
+    assert session.height_mm > TRAVEL_MM - 0.01
+    assert [row.number for row in session.run.rows] == [1, 2, 3, 4]
+    last = json.loads((tmp_path / "runs" / "progress.jsonl").read_text().splitlines()[-1])
+    assert last["outcome"] == "interrupted" and "the sensor is lifted; 4 of 6 presses are saved" in last["message"]
+
+
+def test_a_lost_pipe_does_not_change_the_end_of_a_run(start: Callable[..., Session], tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    session = start("by_raising", home_every=50, output=writer)
+    os.close(writer)
+    os.close(reader)
+    assert session.process.wait(60.0) == 3
+    assert session.height_mm > TRAVEL_MM - 0.01
+    assert session.run.position_checks[-1].reason == "stopped", "the presses before the error were checked"
+    last = json.loads((tmp_path / "runs" / "progress.jsonl").read_text().splitlines()[-1])
+    assert last["outcome"] == "failed" and "the sensor is lifted" in last["message"]
 
 
 def test_an_exception_of_a_driver_says_what_became_of_the_sensor(start: Callable[..., Session]) -> None:

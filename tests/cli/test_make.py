@@ -13,7 +13,9 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
+from helpers.own_formulas import largest_distance, points_of, top_of, triangles_of_stl, waves
 
 from tacbench_cad import __version__
 from tacbench_cad.checks.report import Check, Report
@@ -112,6 +114,22 @@ def test_the_table_names_part_size_triangles_deviation_and_checks(tmp_path: Path
         assert word in out
     (row,) = json.loads((tmp_path / "manifest.json").read_text())["files"]
     assert str(row["triangles"]) in out and f"{len(row['checks'])} passed" in out
+
+
+def test_the_deviation_in_the_table_is_not_below_the_true_distance(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["make", *LIGHT, "--texture", "ripple", "--tolerance", "0.03", "--out", str(tmp_path)]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if " passed" in line]
+    (row,) = json.loads((tmp_path / "manifest.json").read_text())["files"]
+    datum, (a, b, c) = row["spec"]["datum_mm"], row["spec"]["mm_per_unit"]
+    formula = waves([(1.0, 1.0, 1.0, 0.0), (0.5, 2.0, -2.0, np.pi / 2.0)])
+    distance, at = largest_distance(
+        points_of(top_of(triangles_of_stl(tmp_path / row["file"]))),
+        lambda x, y: np.asarray(datum + c * formula(x / a, y / b)),
+        row["spec"]["size_mm"],
+        row["deviation_mm"],
+    )
+    printed = line.split()[-3]
+    assert float(printed) >= distance, f"{printed} mm is printed, but {distance} mm was measured at {at}"
 
 
 @pytest.mark.parametrize(("preset", "use"), [("paper", "for new work"), ("released", "to compare with the authors'")])

@@ -20,11 +20,12 @@ from tacbench_cad.checks.candidates import Expectation
 from tacbench_cad.formats import SUFFIXES, format_of
 from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.geometry.block_part import as_part, block_part
+from tacbench_cad.geometry.textured.field import Fade
 from tacbench_cad.geometry.textured.frame import DIRECTIONS, axes_of
+from tacbench_cad.geometry.textured.height import height_over
 from tacbench_cad.geometry.textured.part import faces_by, textured_part
-from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.geometry.texturing import Texturing, texturing
 from tacbench_cad.making import texturing as texturing_files
-from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.request import Request, _formats, _kinds, blocks_of
 from tacbench_cad.making.showing import request_of
 from tacbench_cad.render.snapshot import _pieces
@@ -120,6 +121,12 @@ def _surfaces() -> dict[str, object]:
     }
 
 
+def _ridges(depth_mm: float) -> Texturing:
+    """Return ridges in mm, whose depth follows from their amplitude."""
+    wave = Wave(amplitude=depth_mm / 2.0, f=1.0, g=0.0)
+    return texturing(families.Texture(name="ridges-in-mm", surface=WaveSum((wave,), "mm")))
+
+
 def _fields(factory: Callable[..., object], wrong: float, later: str, *names: str, **others: Any) -> list[Offer]:
     """Return an offer for the range of each argument of a function."""
     return [
@@ -166,6 +173,9 @@ ROWS: Rows = {
     "geometry.textured.part:faces_by": lambda _: [
         Offer(attempt=lambda word: faces_by(_shape().wrapped, word), wrong="%Sphere", things=[">Z", "%Cylinder"])
     ],
+    "geometry.textured.height:height_over": lambda _: [
+        Offer(attempt=lambda depth: height_over((20.0, 20.0), False, _ridges(depth), Fade(length_mm=0.0)), wrong=0.001)
+    ],
     "geometry.texturing:Texturing.__post_init__ 6": lambda _: [
         *_fields(
             lambda **values: texturing("2", **values),
@@ -174,14 +184,6 @@ ROWS: Rows = {
             *("depth_mm", "margin_mm", "fade_mm", "base_mm", "tolerance_mm"),
         ),
         Offer(attempt=lambda value: texturing("2", mm_per_unit=(value, 1.0)), wrong=0.0),
-    ],
-    "making.choice:textures_of 2": lambda folder: [
-        Offer(attempt=lambda word: textures_of((word,), "paper"), wrong="xyzxyz"),
-        Offer(
-            attempt=lambda word: textures_of((word,) if word else (), "paper"),
-            wrong="",
-            things={**_texture_words(folder), "all": "all"},
-        ),
     ],
     "making.request:_chosen 2": lambda _: [
         Offer(attempt=partial(request_words, name), wrong=wrong)
@@ -347,7 +349,17 @@ ROWS: Rows = {
             things={"(amplitude, f, g)": (1.0, 1.0, 0.0), "(amplitude, f, g, phase)": (1.0, 1.0, 0.0, 0.5)},
         )
     ],
-    "spec.textures:texture": lambda folder: [Offer(attempt=families.texture, wrong="xyzxyz")],
+    "spec.textures:texture 3": lambda folder: [
+        Offer(attempt=families.texture, wrong="texture-9"),
+        *(
+            Offer(
+                attempt=families.texture,
+                wrong=word,
+                things={"1 to 6": ["1", "6"], "dunes": "dunes", "a TOML file": str(texture_file(folder))},
+            )
+            for word in ("all", "later")
+        ),
+    ],
     "util.convert:_flag": lambda _: [
         Offer(attempt=lambda value: from_plain(bool, value), wrong="yes", things={"true": True, "false": False})
     ],

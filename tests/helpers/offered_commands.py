@@ -160,6 +160,11 @@ ROWS: Rows = {
     "cli.scan:_result": lambda _: [
         Offer(attempt=lambda layer: run(scan.command, "none.ply", "--layer", layer), wrong=0.0, later="none.ply")
     ],
+    "cli.scan:command": lambda _: [
+        Offer(
+            attempt=lambda word: run(scan.command, "--simulate", "scan.ply", "--block", word), wrong="all", things=[4]
+        )
+    ],
     "cli.scan:_simulate": lambda _: [
         Offer(
             attempt=lambda end: run(scan.command, "--block", "1", "--simulate", f"scan{end}"),

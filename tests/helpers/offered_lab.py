@@ -11,9 +11,10 @@ from unittest import mock
 
 import numpy as np
 
-from helpers.offers import Offer, past, texture_file
+from helpers.offers import Offer, past
 from helpers.rigs import printed, rig_settings, small_protocol
 from helpers.rigs import study_of as small_study
+from helpers.wrong_drivers import GoodSensor
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
@@ -26,6 +27,7 @@ from tacbench_cad.lab.publishing.publication import Author, Publication
 from tacbench_cad.lab.rig import plugin, registry
 from tacbench_cad.lab.rig.aligning import parse_step
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.colours import channels_fault
 from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.klipper import KlipperStage
@@ -45,10 +47,10 @@ from tacbench_cad.lab.simulate.looks import LOOKS, look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.file import _protocol, virtual_study
-from tacbench_cad.lab.study.plate import block_of_word
 from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
 from tacbench_cad.lab.vision.markers import MarkerSettings
 from tacbench_cad.lab.vision.region import parse_region
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.virtual_rig import devices
 from tacbench_cad.virtual_rig.setup import Setup
 
@@ -57,6 +59,12 @@ Rows = Mapping[str, Callable[[Path], Sequence[Offer]]]
 STUDY = '[block]\ntexture = 2\nprinter = "bambu-p1p"\nfilament = "pla-minus"\n'
 AUTHOR = {"family_name": "A", "given_names": "B", "affiliation": "C"}
 LIMITS = ((0.0, 100.0), (0.0, 100.0), (0.0, 100.0))
+
+
+def stated_channels(word: str) -> None:
+    """Check the order of colours that a sensor states."""
+    if fault := channels_fault(GoodSensor(), word):  # type: ignore[arg-type]
+        raise InputError("sensor", None, fault)
 
 
 def options_of(driver: str, key: str) -> object:
@@ -198,6 +206,7 @@ ROWS: Rows = {
         # The words up, ok and quit are read before the steps.
         Offer(attempt=lambda line: parse_step(line.split()), wrong="5", things={"x, y or z": ["x 1", "y -0.2", "z 1"]})
     ],
+    "lab.rig.colours:channels_fault": lambda _: [Offer(attempt=stated_channels, wrong="xyz")],
     "lab.rig.drivers:find_driver": lambda _: [
         Offer(attempt=partial(find_driver, kind), wrong="xyz") for kind in registry.GROUPS
     ],
@@ -248,8 +257,9 @@ ROWS: Rows = {
         Offer(attempt=lambda word: AuthorsOptions(force_levels={word: 1}), wrong="30", things=["P30"]),
         Offer(attempt=lambda level: AuthorsOptions(force_levels={"P30": level}), wrong=0),
     ],
-    "lab.runs.importing.kinds:ImportOptions.__post_init__": lambda _: [
-        Offer(attempt=lambda word: ImportOptions(kind=word), wrong="xyz")
+    "lab.runs.importing.kinds:ImportOptions.__post_init__ 2": lambda _: [
+        Offer(attempt=lambda word: ImportOptions(kind=word), wrong="xyz"),
+        Offer(attempt=lambda word: ImportOptions(channels=word), wrong="xyz"),
     ],
     "lab.runs.importing.samples:columns_of": lambda _: [
         Offer(attempt=lambda column: columns_of("table.csv", ["one", "two"], {"label": column}), wrong="xyz")
@@ -278,13 +288,6 @@ ROWS: Rows = {
     "lab.simulate.tactip:TacTip.__init__": lambda _: [Offer(attempt=lambda value: TacTip(flicker=value), wrong=2.0)],
     "lab.study.file:virtual_study": lambda _: [Offer(attempt=lambda word: virtual_study(driver=word), wrong="xyz")],
     "lab.study.file:_protocol": lambda _: [Offer(attempt=lambda word: _protocol({"grid": word}, 1.0), wrong="xyz")],
-    "lab.study.plate:block_of_word": lambda folder: [
-        Offer(
-            attempt=lambda word: block_of_word(word, "paper", 1.0, None, texture_file(folder).parent),
-            wrong="mine",
-            things=["1 to 6"],
-        )
-    ],
     "lab.study.spec:_Device.require_driver": lambda _: [
         Offer(attempt=partial(kind.require_driver, "driver"), wrong="xyz")
         for kind in (StageSettings, GaugeSettings, SensorSettings)

@@ -143,7 +143,7 @@ def random_case(seed: int) -> Case:
     block = Block.of(
         made,
         preset,
-        mm_per_unit=mm3,
+        mm_per_unit=None if made.surface.unit == "mm" else mm3,
         size_mm=(size[0], size[1]) if outline is None else None,
         height_mm=30.0,
         scale=scale,
@@ -221,21 +221,22 @@ def largest_distance(
     Every distance is the length of a way to one point of the surface, so it is never below the true one. All points
     that could be further away than stated are searched, and a hundred others.
     """
-    # where a tangent plane would put the nearest point, with slopes from differences
-    step = 1e-6
+    # each step goes to the nearest point of the tangent plane at the last one, with slopes from differences
     x, y, z = points.T
-    gx, gy = (
-        (height(x + step, y) - height(x - step, y)) / (2.0 * step),
-        ((height(x, y + step) - height(x, y - step)) / (2.0 * step)),
-    )
     above = z - height(x, y)
-    uphill = above / (1.0 + gx**2 + gy**2)
-    foot = [np.clip(t + g * uphill, 0.0, side) for t, g, side in zip((x, y), (gx, gy), size_mm, strict=True)]
-    way = np.minimum(np.abs(above), np.sqrt((foot[0] - x) ** 2 + (foot[1] - y) ** 2 + (z - height(*foot)) ** 2))
+    way, foot = np.abs(above), [x, y]
+    for number in range(6):
+        slopes = _slopes(height, *foot)
+        if number == 0:
+            gx, gy = slopes
+        rise = z - height(*foot) + slopes[0] * (foot[0] - x) + slopes[1] * (foot[1] - y)
+        rise /= 1.0 + slopes[0] ** 2 + slopes[1] ** 2
+        foot = [np.clip(t + g * rise, 0.0, side) for t, g, side in zip((x, y), slopes, size_mm, strict=True)]
+        way = np.minimum(way, np.sqrt((foot[0] - x) ** 2 + (foot[1] - y) ** 2 + (z - height(*foot)) ** 2))
     # on steep walls with narrow bends, the nearest of some places uphill or downhill from the point
     steep = np.flatnonzero(way > stated_mm)
     towards = (np.stack([gx, gy]) * (np.sign(above) / np.maximum(np.hypot(gx, gy), 1e-300)))[:, steep, None]
-    for t in np.array_split(stated_mm * np.linspace(0.0, 1.0, 400), 10):
+    for t in np.array_split(stated_mm * np.linspace(0.0, 1.0, 400), 10) if len(steep) else ():
         u, v = (np.clip(p[steep, None] + k * t, 0.0, side) for p, k, side in zip((x, y), towards, size_mm, strict=True))
         away = (u - x[steep, None]) ** 2 + (v - y[steep, None]) ** 2 + (z[steep, None] - height(u, v)) ** 2
         way[steep] = np.minimum(way[steep], np.sqrt(away.min(axis=1)))
@@ -250,6 +251,13 @@ def largest_distance(
         if exact.max() > largest:
             largest, at = float(exact.max()), points[part[int(exact.argmax())]]
     return largest, at
+
+
+def _slopes(height: Formula, x: Floats, y: Floats, step: float = 1e-6) -> tuple[Floats, Floats]:
+    """Return the slopes along x and y from differences."""
+    along_x = height(x + step, y) - height(x - step, y)
+    along_y = height(x, y + step) - height(x, y - step)
+    return along_x / (2.0 * step), along_y / (2.0 * step)
 
 
 def searched(points: Floats, height: Formula, size_mm: tuple[float, float], reach: Floats) -> Floats:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 pytest.importorskip("k3d", reason="the 3D page needs the extra view")
 
@@ -83,9 +84,11 @@ def test_the_colour_scale_ends_at_the_largest_deviation() -> None:
     block = Block.of(6, sampling="grid")
     x = np.linspace(0.0, 23.3, 200_001)
     lines, ends = block.samples_mm[0], block.height_at(block.samples_mm[0], 0.0)
-    slope = np.asarray(block.surface.gradient(x, np.zeros_like(x))[0])
-    largest = np.abs((np.interp(x, lines, ends) - block.height_at(x, 0.0)) / np.hypot(1.0, slope)).max()
-    assert 0.8 * largest < joined.formula.scale_mm <= largest < joined.formula.bound_mm
+    formula = np.stack([x, block.height_at(x, 0.0)], axis=1)
+    straight = np.stack([x, np.interp(x, lines, ends)], axis=1)[::20]
+    largest = KDTree(formula).query(straight)[0].max()
+    # the scale is the length of a short way to the formula, which is not always the shortest
+    assert 0.8 * largest < joined.formula.scale_mm < 1.25 * largest < joined.formula.bound_mm
 
 
 def test_press_positions_lie_on_the_surface() -> None:

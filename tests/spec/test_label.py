@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from manifold3d import CrossSection, FillRule, JoinType
 
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.block import MAX_COPIES, Block
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
 from tacbench_cad.spec.label import (
     MARGIN_MM,
@@ -17,9 +17,10 @@ from tacbench_cad.spec.label import (
     MIN_GLYPH_MM,
     STROKE_MM,
     Engraving,
+    _placed,
     engrave,
 )
-from tacbench_cad.spec.outlines import area_mm2
+from tacbench_cad.spec.outlines import Ring, area_mm2
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools
 
@@ -253,3 +254,12 @@ def test_unknown_characters_are_named(word: str) -> None:
 def test_nothing_to_write_is_refused() -> None:
     with pytest.raises(InputError, match="at least one character"):
         engrave((" ",), BLOCK, 0.0)
+
+
+def test_the_labels_of_all_copies_need_few_searches() -> None:
+    _placed.cache_clear()
+    ring = Ring(outer_mm=40.0, inner_mm=8.0)
+    for copy in range(1, MAX_COPIES + 1, 7):
+        engrave(("T2", "PAPER", "X1", f"{copy:02d}"), ring.size_mm, 0.0, ring)
+    # digits have three widths, and a copy has two or three digits
+    assert _placed.cache_info().misses <= 3**2 + 3**3

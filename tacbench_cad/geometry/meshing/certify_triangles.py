@@ -276,7 +276,9 @@ def _nearest(
     """
     least, most = slopes
     room, low, high = bounds.around(low, high, limit)
-    return shortest(vertical, least, room, bounds.bend(low, high) * leaning(least, most))
+    with np.errstate(invalid="ignore"):  # across a crease the bend is infinite, and the vertical distance counts
+        bend = bounds.bend(low, high) * leaning(least, most)
+    return shortest(vertical, least, room, bend)
 
 
 def leaning(least: Floats, most: Floats) -> Floats:
@@ -294,10 +296,10 @@ def shortest(vertical: Floats, slope: Floats, room: Floats, bend: Floats) -> Flo
         room: The largest horizontal length of the path.
         bend: The second derivative of the surface, times :func:`leaning`.
     """
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # without a bound of the bend or of the distance, the length is not a number
         longer = 2.0 / (1.0 + np.sqrt(1.0 - 2.0 * bend * vertical))
-    uphill = np.minimum(vertical * slope / (1.0 + slope**2), room / 2.0)
-    length = longer * np.hypot(uphill, vertical - slope * uphill)
+        uphill = np.minimum(vertical * slope / (1.0 + slope**2), room / 2.0)
+        length = longer * np.hypot(uphill, vertical - slope * uphill)
     return np.asarray(np.fmin(vertical, length))
 
 

@@ -59,7 +59,8 @@ class Heights:
             np.stack(np.meshgrid(*ends, indexing="ij")).reshape(2, -1) for ends in ((x[:-1], y[:-1]), (x[1:], y[1:]))
         )
         room, low, high = self.bounds.around(low, high, tolerance)
-        bend = self.bounds.bend(low, high) * leaning(slope, slope)
+        with np.errstate(invalid="ignore"):  # an infinite bend beside a crease, where the surface is level
+            bend = self.bounds.bend(low, high) * leaning(slope, slope)
         # the distance grows with the vertical distance
         low, high = np.zeros(slope.shape), np.log1p(slope**2) / 2.0
         for _ in range(BISECTIONS):

@@ -13,8 +13,6 @@ from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.region import OutlineEdge, Region, distance
 from tacbench_cad.util.types import Bools, Floats
 
-#: The points of a triangle that are tested, as weights of its corners.
-_WEIGHTS = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [0, 1, 1], [1, 0, 1], [1, 1, 1], [4, 1, 1], [1, 4, 1]])
 #: The largest height of a point above the highest and below the lowest point of the texture, in mm.
 _NEAR_MM = 0.3
 #: The smallest cosine between the normals of a triangle of the texture and of the face.
@@ -49,7 +47,6 @@ class FaceRelief:
         normals = mesh.doubled_normals
         lengths = np.linalg.norm(normals, axis=1)
         normals = normals / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-        weights = _WEIGHTS / _WEIGHTS.sum(axis=1)[:, None]
         worst, count = 0.0, 0
         for region, height in self.regions:
             cosine = np.einsum("ij,ij->i", normals, _normals(region, corners.mean(axis=1)))
@@ -57,8 +54,9 @@ class FaceRelief:
             up = up[_on_texture(region, height, corners[up].mean(axis=1))]
             steep = up[cosine[up] < _STEEP]
             walls = steep[_on_outline(region, corners[steep])]
-            own = corners[np.setdiff1d(up, walls)]
-            points = np.einsum("wk,nkj->nwj", weights, own).reshape(-1, 3)
+            own = np.zeros(len(corners), dtype=np.bool_)
+            own[np.setdiff1d(up, walls)] = True
+            points = relief.points_on(mesh, own) - self.shift_mm
             worst = max(worst, _largest(region, height, points))
             count += len(points)
         return worst, count

@@ -34,6 +34,7 @@ from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import TacbenchError
 from tacbench_cad.util.text import counted
 
@@ -286,7 +287,7 @@ class _BlockSession:
         if not error.is_known:
             return
         wrong = error.exceeds(self.protocol.slip_mm)
-        aside = self.run.position_check(reason, error.offset_mm, error.height_change_mm, not wrong, time_utc)
+        aside = self._store_check(reason, error.offset_mm, error.height_change_mm, not wrong, time_utc)
         if wrong and reason == "resumed":
             self.progress.say(self._aside_text(error, aside))
         elif wrong:
@@ -305,7 +306,7 @@ class _BlockSession:
             return
         time_utc = datetime.now(UTC)
         if self.carriage.home_again() is not None:
-            aside = self.run.position_check("resumed", None, None, False, time_utc)
+            aside = self._store_check("resumed", None, None, False, time_utc)
             self.progress.say(
                 f"the last session ended without a check of its position: {self._aside_count(aside)}, and made again"
             )
@@ -328,7 +329,7 @@ class _BlockSession:
                 error = PositionError(offset_mm=carriage.home_again(), height_change_mm=None)
             if error.is_known:
                 wrong = error.exceeds(self.protocol.slip_mm)
-                aside = self.run.position_check("stopped", error.offset_mm, None, not wrong, time_utc)
+                aside = self._store_check("stopped", error.offset_mm, None, not wrong, time_utc)
                 if wrong:
                     self.progress.say(f"a motor has slipped: {self._aside_text(error, aside)}")
         except RunInterruptedError:
@@ -353,9 +354,17 @@ class _BlockSession:
         if error.offset_mm is None and isinstance(contact, ForceLimitError):
             return
         wrong = error.offset_mm is None or error.exceeds(self.protocol.slip_mm)
-        aside = self.run.position_check("contact", error.offset_mm, None, not wrong, time_utc)
+        aside = self._store_check("contact", error.offset_mm, None, not wrong, time_utc)
         if wrong:
             raise SlipError(f"{contact}; {self._aside_text(error, aside)}") from contact
+
+    def _store_check(
+        self, reason: Reason, offset_mm: Point | None, height_mm: float | None, ok: bool, time_utc: datetime
+    ) -> int:
+        """Store a check of all presses that no check has followed, and return the number of those set aside."""
+        aside = self.run.position_check(reason, offset_mm, height_mm, ok, time_utc)
+        self.carriage.position_kept = True
+        return aside
 
     def _aside_text(self, error: PositionError, aside: int) -> str:
         return "; ".join([str(error)] * error.is_known + [self._aside_count(aside)])

@@ -14,6 +14,7 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.util.files import TEMPORARY_PREFIX
+from tacbench_cad.util.output import droppable
 from tacbench_cad.util.text import counted
 
 #: The interval between progress lines if the stream is not a terminal, in s.
@@ -127,6 +128,8 @@ class Several(PressProgress):
 class ProgressLines(PressProgress):
     """One line that is rewritten on a terminal; elsewhere, a new line every ten seconds.
 
+    The run goes on if the terminal is lost.
+
     Args:
         out: The folder of the runs. The last image is copied there as ``last.png``, for a viewer that shows one file.
         station: The name of the rig, if several rigs write to the folder. The copy is then ``last-STATION.png``.
@@ -171,14 +174,13 @@ class ProgressLines(PressProgress):
     def end(self) -> None:
         """See :class:`PressProgress`."""
         if self._width:
-            self.stream.write("\n")
+            self._write("\n")
             self._width = 0
 
     def say(self, message: str) -> None:
         """See :class:`PressProgress`."""
         self.end()
-        self.stream.write(f"{message}\n")
-        self.stream.flush()
+        self._write(f"{message}\n")
 
     def _left(self, now: float, done: int) -> str:
         """Return the remaining time, at the pace since the session's first press; empty before the second press."""
@@ -190,11 +192,15 @@ class ProgressLines(PressProgress):
 
     def _line(self, text: str) -> None:
         if self._over:
-            self.stream.write("\r" + text.ljust(self._width))
+            self._write("\r" + text.ljust(self._width))
             self._width = len(text)
         else:
-            self.stream.write(f"{text}\n")
-        self.stream.flush()
+            self._write(f"{text}\n")
+
+    def _write(self, text: str) -> None:
+        with droppable(self.stream):
+            self.stream.write(text)
+            self.stream.flush()
 
     def _show(self, image: Path) -> None:
         """Copy the last image. A failed copy does not stop the run."""

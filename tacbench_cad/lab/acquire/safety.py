@@ -55,7 +55,7 @@ class RunInterruptedError(KeyboardInterrupt):
 
     Attributes:
         signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
-        lifted: Whether the sensor is lifted off the block.
+        lifted: Whether the sensor is lifted off the block; None if this is unknown, because no block was pressed yet.
         gave_up: The call of a device that did not return and was given up; empty if there is none.
         saved: The number of saved presses of the study.
         planned: The number of presses of the study.
@@ -63,7 +63,8 @@ class RunInterruptedError(KeyboardInterrupt):
 
     def __init__(self, signal: str) -> None:
         super().__init__(signal)
-        self.signal, self.lifted, self.gave_up = signal, True, ""
+        self.signal, self.gave_up = signal, ""
+        self.lifted: bool | None = True
         self.saved = self.planned = 0
 
     def __str__(self) -> str:
@@ -73,6 +74,8 @@ class RunInterruptedError(KeyboardInterrupt):
         if getattr(self, "__notes__", ()):
             # The note says what became of the stage, whose homing was interrupted.
             return saved
+        if self.lifted is None:
+            return f"{saved}; look whether the sensor is lifted" if self.gave_up else saved
         sensor = "the sensor is lifted" if self.lifted else "the sensor was NOT lifted: lift it by hand"
         return f"{sensor}; {saved}"
 
@@ -94,8 +97,9 @@ class Carriage:
     Attributes:
         noticed: Set when the thread of the run has noticed a signal or an error, and goes to its end by itself.
         rescued: Set when another thread has tried to lift the sensor.
-        lifted: Whether the last retreat has lifted the sensor.
-        position_kept: Whether the stage has neither failed nor been homed since the last check of its position.
+        lifted: Whether the sensor was lifted at the end, or by the last retreat.
+        position_kept: Whether the stage has neither failed nor been homed since the first press that no stored check
+            has followed. Only then can a check say something about these presses.
     """
 
     stage: Stage
@@ -290,6 +294,8 @@ class Carriage:
     def home_again(self) -> Point | None:
         """Home the stage; see :func:`tacbench_cad.lab.rig.stage.home_again`.
 
+        The caller sets :attr:`position_kept` once it has stored the result.
+
         Returns:
             The true position minus the reported position before, in mm of the work frame; None if it is unknown.
 
@@ -297,9 +303,9 @@ class Carriage:
             RigError: The stage failed.
         """
         with self._in_motion():
+            self.position_kept = False
             offset = home_again(self.stage)
             self.at = self.frame.to_work(self.stage.position())
-            self.position_kept = True
         self.aim_mm = self.at[2]
         self.check()
         if offset is None:
@@ -324,7 +330,7 @@ class Carriage:
         home = [self._home_and_rise] if self.may_home else []
         ways = [*home, self._lift_more, self._rise] if slipped else [self._rise, self._rise, *home]
         self.lifted = False
-        until, again = time.monotonic() + RETRY_S, False
+        say, until, again = _safe(say), time.monotonic() + RETRY_S, False
         try:
             with self._retreat():
                 while failed := _first_of(ways):
@@ -365,8 +371,10 @@ class Carriage:
         try:
             yield
             self.lift()
+            self.lifted = True
         except BaseException as error:
             self.noticed.set()
+            say = _safe(say)
             if text := self.retreat(slipped=isinstance(error, ContactError), say=say) or self._made_upright():
                 say(text)
             if isinstance(error, RunInterruptedError):
@@ -443,6 +451,16 @@ class Carriage:
         self.check()
 
 
+def _safe(say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a function that passes a message on. An error of the receiver must not prevent the lift."""
+
+    def tell(message: str) -> None:
+        with contextlib.suppress(Exception):
+            say(message)
+
+    return tell
+
+
 def _first_of(ways: Sequence[Callable[[], None]]) -> list[RigError]:
     """Lift in the first way that succeeds; return the errors if none does."""
     errors: list[RigError] = []
@@ -476,6 +494,8 @@ class Signals:
         self._ignoring: object = None
         self._previous: dict[int, Any] = {}
         self._listening = contextlib.ExitStack()
+        #: Whether the sensor was lifted at the end of the last block; None before the first one.
+        self._lifted: bool | None = None
         #: The number of signals that the main thread has handled, and this number when the carriage was given.
         self._handled = self._first = 0
         self._left = threading.Event()
@@ -502,13 +522,13 @@ class Signals:
             carriage: The carriage.
             say: Receives a message if the main thread does not return from a device.
         """
-        self._carriage, self._say, self._first = carriage, say, self._handled
+        self._carriage, self._say, self._first = carriage, _safe(say), self._handled
         carriage.go_on()
         self._left.clear()
         try:
             yield
         finally:
-            self._carriage = None
+            self._carriage, self._lifted = None, carriage.lifted
             self._left.set()
 
     @contextlib.contextmanager
@@ -536,7 +556,9 @@ class Signals:
         if self._ignoring:
             return
         if carriage is None:
-            raise RunInterruptedError(name)
+            error = RunInterruptedError(name)
+            error.lifted = self._lifted
+            raise error
         carriage.interrupt(name)
         if self._handled > self._first + 1 and not carriage.noticed.is_set() and not carriage.is_in_use:
             error = RunInterruptedError(name)
@@ -581,6 +603,9 @@ class Signals:
             carriage.rescued.wait(LIFT_S)
         if self._leaving.acquire(blocking=False):
             error = RunInterruptedError(name)
-            error.lifted, error.gave_up = carriage is None or carriage.lifted, waiting_place()
-            self._give_up(error)
-            leave()
+            error.lifted = self._lifted if carriage is None else carriage.lifted
+            error.gave_up = waiting_place()
+            try:
+                self._give_up(error)
+            finally:
+                leave()

@@ -22,7 +22,7 @@ from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.rig.stage import can_turn
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.reading import Run, since_good_check
 from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
@@ -231,7 +231,9 @@ def _finished(rig: RigSettings, place: Place) -> bool:
 
 
 def _is_complete(rig: RigSettings, place: Place, run: Run) -> bool:
-    """Return whether a run is complete.
+    """Return whether a run is complete: all presses and frames are saved, and the position was checked after them.
+
+    A stage that has never compared x and y with its end stops in this run may be unable to check anything.
 
     A run of another station must have the same protocol, but has its own devices.
 
@@ -260,9 +262,10 @@ def _is_complete(rig: RigSettings, place: Place, run: Run) -> bool:
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
     count = run.info.plan.protocol.stationary_frames
     done = {row.number for row in run.rows}
-    return all(still.count(group) >= count for group in STATIONARY) and all(
-        press.number in done for press in run.info.presses
-    )
+    checks = run.position_checks
+    is_checked = not (any(check.covers_all_axes for check in checks) and since_good_check(run.rows, checks))
+    has_frames = all(still.count(group) >= count for group in STATIONARY)
+    return has_frames and is_checked and all(press.number in done for press in run.info.presses)
 
 
 def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks: int) -> tuple[float, ...]:

@@ -7,7 +7,8 @@ the unit is the recording, or else the sample.
 - If both sensors pressed the same prints (run folders with equal names), the difference of the two numbers of each
   print is used. This removes the effect that some prints are easier than others. Prints that only one of the sensors
   pressed are left out.
-- Otherwise two independent samples are compared (Welch 1947).
+- Otherwise two independent samples are compared (Welch 1947). This is also done if most prints of both sensors would be
+  left out.
 
 All textures of a hold-out level have one variance between prints, so the verdict depends only on the difference if the
 textures have equally many prints. It is the mean of the textures' variances, in which each weighs by itself: textures
@@ -23,7 +24,8 @@ the interval excludes 0 and the difference is at least as large as this.
 
 SE has a lower limit that follows from the number of presses. If h of n presses are predicted correctly, then
 p = (h + 1) / (n + 2), and the variance of the accuracy on each print is at least p (1 - p) / (presses of the print).
-Two sensors that are both always correct are therefore not called equal.
+Two sensors that are both always correct are therefore not called equal. The h and n are those of the print, or of all
+samples of a texture if the unit is the sample.
 """
 
 from __future__ import annotations
@@ -189,11 +191,19 @@ class Comparison:
     def shown(self) -> Table:
         """The rows as they are printed, with the better sensor of each row."""
         table = Table.of((*COLUMNS, Column("verdict", head="")), self.rows)
-        names = " and ".join(dict.fromkeys((self.a.unit, self.b.unit)))
-        units = Column("prints", head=names, derived=_prints, right=True)
+        units = Column("prints", head=self.units, derived=_prints, right=True)
         title = f"A: {self.a.name}, B: {self.b.name}; in %, {self.estimator}"
-        levels = level_column(tuple(dict.fromkeys((*self.a.record.unknown_groups, *self.b.record.unknown_groups))))
-        return table.select(levels, *_SHOWN, units, "verdict", title=title)
+        return table.select(level_column(self.unknown_groups), *_SHOWN, units, "verdict", title=title)
+
+    @property
+    def unknown_groups(self) -> tuple[str, ...]:
+        """The unknown groups of both classifications, see :attr:`.Collection.unknown_groups`."""
+        return tuple(dict.fromkeys((*self.a.record.unknown_groups, *self.b.record.unknown_groups)))
+
+    @property
+    def units(self) -> str:
+        """The units of the intervals: ``prints``, or ``samples and recordings`` if both sides differ."""
+        return " and ".join(dict.fromkeys((self.a.unit, self.b.unit)))
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
@@ -281,21 +291,28 @@ def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Co
         of_a, of_b = ({t: dict(side.accuracies.get((hold_out, t), {})) for t in textures} for side in (a, b))
         units = [{unit for accuracies in of.values() for unit in accuracies} for of in (of_a, of_b)]
         shared = units[0] & units[1]
-        paired = same_prints and 2 * len(shared) >= max(map(len, units))
+        paired = same_prints and len(shared) > 1 and 2 * len(shared) >= min(map(len, units))
         if paired:
+            lost = [t for t in textures if of_a[t] and of_b[t] and not of_a[t].keys() & of_b[t].keys()]
             of_a, of_b = ({t: {u: x for u, x in s[t].items() if u in shared} for t in textures} for s in (of_a, of_b))
             notes += [
                 f"{side.name} alone has the {side.unit} {_listed(sorted(own - shared))}; they are left out"
                 for side, own in zip((a, b), units, strict=True)
                 if own - shared
             ]
+            notes += [f"{t}: no {a.unit[:-1]} was pressed by both sensors" for t in lost]
+        elif same_prints and shared:
+            notes.append(
+                f"both sensors pressed only {len(shared)} of the {a.unit}, so all of them are compared as if they were "
+                "different"
+            )
         tables = [_pairs(of_a[t], of_b[t], paired) for t in textures if of_a[t] and of_b[t]]
         every_a, every_b = ({u: x for of in side.values() for u, x in of.items()} for side in (of_a, of_b))
         whole = _pairs(every_a, every_b, paired)
         rows.append(_difference(hold_out, ALL_TEXTURES, whole, [whole]))
         names = [t for t in textures if of_a[t] and of_b[t]]
         rows += [_difference(hold_out, t, pairs, tables) for t, pairs in zip(names, tables, strict=True)]
-    notes = [*dict.fromkeys(notes), *_notes(a, b, rows)]
+    notes = [*dict.fromkeys(notes), *_notes(a, b, rows, same_prints)]
     return Comparison(a=a, b=b, estimator=estimator, rows=tuple(rows), notes=tuple(notes))
 
 
@@ -362,14 +379,15 @@ def _common_variance(samples: Sequence[tuple[Floats, float]]) -> tuple[float, fl
 
 def _min_variance(prints: Mapping[str, PrintAccuracy]) -> float:
     """Return the smallest variance that the number of presses allows for the accuracy on a print, mean over prints."""
-    values = []
-    for accuracy in prints.values():
-        p = (accuracy.value * accuracy.presses + 1.0) / (accuracy.presses + 2.0)
-        values.append(p * (1.0 - p) / accuracy.presses)
-    return float(np.mean(values))
+    values, presses = np.array(list(prints.values()), dtype=np.float64).T
+    correct, tested = values * presses, presses
+    if presses.max() == 1.0:  # a single press says nothing about its own accuracy
+        correct, tested = correct.sum(), presses.sum()
+    p = (correct + 1.0) / (tested + 2.0)
+    return float(np.mean(p * (1.0 - p) / presses))
 
 
-def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
+def _notes(a: Side, b: Side, rows: Sequence[Difference], same_prints: bool) -> list[str]:
     notes = []
     unknown = " and ".join(dict.fromkeys(side.unit for side in (a, b) if side.unit != "prints"))
     if unknown:
@@ -377,12 +395,12 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
             f"the prints are unknown, so the {unknown} are compared as if they were independent: if several of them "
             "show one object, the intervals are too narrow"
         )
-    elif rows[0].paired:
+    elif any(row.paired for row in rows):
         notes.append(
             "the runs of both studies have the same names, so they are compared in pairs, as runs of the same prints; "
             "use --unpaired if the prints are different"
         )
-    else:
+    elif not same_prints or not _has_shared_prints(a, b):
         notes.append(
             f"the sensors pressed different prints ({rows[0].prints_a} and {rows[0].prints_b}), so differences between "
             "prints make the intervals wider; smaller differences can be shown if both sensors press the same prints"
@@ -398,6 +416,10 @@ def _notes(a: Side, b: Side, rows: Sequence[Difference]) -> list[str]:
         "excludes zero by chance"
     )
     return notes
+
+
+def _has_shared_prints(a: Side, b: Side) -> bool:
+    return any(prints.keys() & b.accuracies.get(key, {}).keys() for key, prints in a.accuracies.items())
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -52,7 +52,7 @@ class OwnDevice(Closing):
                 return self._results[attribute](result) if attribute in self._results else result
             except TacbenchError:
                 raise
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 place = _place(error, type(self._device).__module__)
                 raise DriverError(f"{self._name}: {attribute}() failed: {_text(error)} ({place})") from error
 
@@ -60,12 +60,12 @@ class OwnDevice(Closing):
 
     def stop(self) -> None:
         """See :class:`tacbench_cad.lab.rig.stage.Stage`. Never raises."""
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception, SystemExit):
             self._device.stop()
 
     def close(self) -> None:
         """Close the device. Never raises."""
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception, SystemExit):
             self._device.close()
 
 
@@ -88,7 +88,7 @@ def load(driver: str, *, field: str = "driver") -> Any:
         module = importlib.import_module(module_name)
     except TacbenchError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None
         where = reason or _place(error) or f"looked for in {own} and the environment"
         raise InputError(field, driver, f"{module_name} cannot be imported: {_text(error)} ({where})") from error
@@ -128,7 +128,7 @@ def open_device(
         device = open()
     except TacbenchError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None
         where = reason or _place(error, module) or driver
         raise InputError(field, driver, f"cannot be opened: {_text(error)} ({where})") from error
@@ -139,7 +139,7 @@ def open_device(
     return OwnDevice(device, f"{field} {driver}", results or {})
 
 
-def _text(error: Exception) -> str:
+def _text(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
@@ -148,7 +148,7 @@ def _file(module: str) -> str:
     return getattr(sys.modules.get(module), "__file__", None) or ""
 
 
-def _place(error: Exception, module: str = "") -> str:
+def _place(error: BaseException, module: str = "") -> str:
     """Return file and line in the user's code where an exception occurred, or the file of the module."""
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}, line {error.lineno}"

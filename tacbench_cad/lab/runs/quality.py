@@ -13,7 +13,9 @@ public recordings of TacTips, compressed and uncompressed:
 * *moved* 3.5 px: the dome moved by at most 1.8 px within a recording.
 * *noise* 5 counts above the median: the noise of real frames was 0 to 1.8 counts.
 * *blurred* 1.25 of the median width of the sharpest edges, if this width is that of the sensor's own edges: then it
-  differs little between frames. The sharpest edges of a soft gel are those of the object.
+  differs little between frames. The sharpest edges of a soft gel are those of the object. A frame is also blurred if
+  its fine details have less than 0.65 of their usual energy. A blur of sigma 2 px left 0.01 to 0.57 of it, and the
+  contact 0.71 or more, in frames with markers.
 """
 
 from __future__ import annotations
@@ -51,11 +53,17 @@ NOISE = 5.0
 #: The largest width of the sharpest edges relative to the run's median, and the largest standard deviation of this
 #: width relative to the median for which it is compared.
 BLUR, _STEADY_EDGES = 1.25, 0.05
+#: The smallest energy of the fine details relative to the usual frame, and the largest standard deviation of this
+#: energy over the frames for which it is compared.
+DETAILS, _STEADY_DETAILS = 0.65, 0.05
 #: The smallest limit of each comparison, in standard deviations of the run's frames.
 SCATTER = 6.0
 #: A frame is mirrored or has other colours if this fraction of the usual effect is exceeded, and if the usual effect on
 #: the correlation with the usual frame is at least the second number.
 _HALF_EFFECT, _MIN_EFFECT = 0.5, 0.002
+#: The smallest standard deviation of the correlation with the usual frame. A frame is mirrored only if it is like the
+#: others after the change is undone: markers at rest, among frames with contact, may fit better when mirrored.
+_MIN_SCATTER = 0.005
 #: The focus is measured without a margin along the edge of the region. The width of the margin is a fraction of the
 #: region's radius, with a minimum in pixels.
 _MARGIN, _MIN_MARGIN_PX = 0.04, 4
@@ -209,10 +217,15 @@ def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
     edge = float(np.median(edges))
     steady = not binary and 0.0 < edge < math.inf and _deviation(edges) <= _STEADY_EDGES * edge
     blur = max(BLUR * edge, edge + SCATTER * _deviation(edges)) if steady else math.inf
+    details = [each.sharpness for each in likeness.values() if each.sharpness is not None]
+    alike = not binary and len(details) >= MIN_FRAMES and _deviation(details) <= _STEADY_DETAILS
     effects = {name: [each.gains[name] for each in likeness.values()] for name in next(iter(likeness.values())).gains}
+    correlations = [each.correlation for each in likeness.values()]
+    alike_from = float(np.median(correlations)) - SCATTER * max(_MIN_SCATTER, _deviation(correlations))
     for (path, each), moved, width in zip(likeness.items(), shifts, edges, strict=True):
         change = max(each.gains, key=lambda name: each.gains[name])
-        if _is_changed(each.gains[change], effects[change]):
+        restored = each.correlation + each.gains[change]
+        if restored >= alike_from and _is_changed(each.gains[change], effects[change]):
             yield "orientation" if "colours" not in change else "colour", path, f"is {change}"
         elif binary and not each.binary:
             yield "noise", path, "has grey levels, but the other frames have only the values 0 and 255"
@@ -225,6 +238,9 @@ def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
         elif moved > shift:
             text = f"shows that the camera or the sensor moved: the picture is shifted by {moved:.1f} px"
             yield "moved", path, f"{text} (limit {shift:.1f} px)"
+        elif alike and each.sharpness is not None and each.sharpness < DETAILS:
+            text = f"is blurred: its fine details have {100 * each.sharpness:.0f} % of their usual energy"
+            yield "blurred", path, f"{text} (limit {100 * DETAILS:.0f} %)"
 
 
 def _is_changed(gain: float, gains: Sequence[float]) -> bool:

@@ -285,7 +285,9 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
                 f"contradicts the protocol, where press {press.number} is "
                 f"{(press.force_level, press.repeat, press.position)}",
             )
-        if any(getattr(row, name) != getattr(block, name) for name in ("texture", "printer", "filament", "copy")):
+        # The name of an imported print may be a number, such as "1" in data that count prints from 0.
+        names = [[str(getattr(of, name)) for name in ("texture", "printer", "filament", "copy")] for of in (row, block)]
+        if names[0] != names[1]:
             raise InputError("texture", row.texture, f"contradicts run.json, which describes a run of {block.name}")
         for key in (row.key, row.number):
             if seen.setdefault(key, line) != line:

@@ -126,4 +126,7 @@ def found_region(runs: Sequence[Run]) -> Region:
         InputError: The runs have no images, or no region can be found in them.
     """
     chosen = [runs[at] for at in np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
-    return find_region([frame for run in chosen for frame in resting_frames(run, _FRAMES)])
+    frames = [frame for run in chosen for frame in resting_frames(run, _FRAMES)]
+    if not frames:
+        raise InputError("roi", "auto", f"is only for images, but {runs[0].folder} has no readable image")
+    return find_region(frames)

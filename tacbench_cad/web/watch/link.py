@@ -124,11 +124,12 @@ class PageLink(PressProgress):
                         self._first = message
                         self._started.set()
         finally:
+            # The message comes first, because a waiting question is asked in the terminal as soon as the page is gone.
+            if not self._closing and "address" in self._first:
+                self._say("the page has ended; the run goes on")
             self._gone = True
             self._started.set()
             self._pause(False)
-        if not self._closing and "address" in self._first:
-            self._say("the page has ended; the run goes on")
 
     def _obey(self, do: str, label: str) -> None:
         if do == "stop":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from pathlib import Path
 
 from tacbench_cad.lab.acquire.progress import ProgressLines
@@ -55,3 +56,15 @@ def test_an_image_that_cannot_be_copied_does_not_stop_the_run(tmp_path: Path) ->
     lines = ProgressLines(tmp_path / "missing", stream=io.StringIO())
     lines.begin("texture-1", 0, 1)
     lines.pressed(1, None, None, tmp_path / "image_1.png")
+
+
+def test_a_lost_pipe_drops_the_lines_and_the_run_goes_on(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    with os.fdopen(writer, "w") as stream:
+        progress = ProgressLines(tmp_path, stream=stream)
+        progress.say("first")
+        assert os.read(reader, 100) == b"first\n"
+        os.close(reader)
+        for _ in range(3):
+            progress.begin("run", 0, 2)
+            progress.end()

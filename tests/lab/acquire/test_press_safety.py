@@ -75,6 +75,21 @@ def test_a_retreat_from_a_lost_stage_is_reported() -> None:
     assert "(unplugged): lift it by hand" in carriage(stage, may_home=True).retreat()
 
 
+def test_a_message_that_nobody_can_receive_does_not_end_the_attempts_to_lift(monkeypatch: pytest.MonkeyPatch) -> None:
+    def say(message: str) -> None:
+        messages.append(message)
+        raise BrokenPipeError
+
+    messages: list[str] = []
+    monkeypatch.setattr(safety, "RETRY_PAUSE_S", 0.0)
+    silent = {number: NoAnswerError("silent") for number in range(2, 8)}
+    stage = FakeStage(at=(1.0, 2.0, -3.0), faults=silent)
+    with pytest.raises(ValueError, match="the sensor failed"), carriage(stage).safely(say):
+        raise ValueError("the sensor failed")
+    assert stage.at[2] == 5.0
+    assert messages == ["the stage does not answer; trying to lift the sensor for 60 s"]
+
+
 def test_a_failed_last_lift_is_repeated() -> None:
     stage = FakeStage(at=(1.0, 2.0, -3.0), faults={3: NoAnswerError("silent")})
     with pytest.raises(NoAnswerError), carriage(stage).safely(pytest.fail):
@@ -95,6 +110,21 @@ def test_an_interruption_of_homing_does_not_claim_that_the_sensor_is_lifted() ->
     assert str(error) == "the sensor is lifted; 0 of 0 presses are saved"
     error.add_note("homing was stopped, so the position is unknown")
     assert str(error) == "0 of 0 presses are saved"
+
+
+def test_an_interruption_before_the_first_block_does_not_claim_that_the_sensor_is_lifted() -> None:
+    with Signals() as signals:
+        with pytest.raises(RunInterruptedError) as before:
+            signal.raise_signal(signal.SIGINT)
+        moving = carriage(FakeStage(at=(0.0, 0.0, -1.0)))
+        with signals.sent_to(moving), moving.safely(pytest.fail):
+            pass
+        with pytest.raises(RunInterruptedError) as after:
+            signal.raise_signal(signal.SIGINT)
+    assert str(before.value) == "0 of 0 presses are saved", "an earlier session may have left it in contact"
+    before.value.gave_up = "home() in arm.py, line 3"
+    assert str(before.value).endswith("which did not return; look whether the sensor is lifted")
+    assert str(after.value) == "the sensor is lifted; 0 of 0 presses are saved"
 
 
 def test_a_signal_during_a_lift_that_never_ends_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,10 +21,11 @@ from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import RigError, SensorError
 from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.rig.stage import LimitedStage
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import virtual_study
-from tacbench_cad.lab.study.spec import Study
+from tacbench_cad.lab.study.spec import Point, Study
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.virtual_rig import devices
 from tacbench_cad.virtual_rig.devices import open_rig
@@ -155,6 +156,37 @@ def test_a_slip_before_a_stop_is_never_certified(
         assert [len(table.read_text().splitlines()) - 1 for table in aside] == [3], "presses 2 to 4 were not checked"
     checked = [check for check in run.position_checks if check.reason == "stopped"]
     assert len(checked) == (stop in ("ctrl-c", "sensor")), trial.messages
+
+
+@pytest.mark.parametrize("firmware", mostly_long(FIRMWARES, "grbl"))
+def test_a_slip_before_a_stop_after_the_last_press_is_never_certified(
+    firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = Fault(kind="slip", axis="x", mm=0.6)
+    trial = Trial(firmware=firmware, stop="kill", fault=fault, slip_after=2, stop_after=6)
+    run = trial.run(tmp_path, monkeypatch)
+    assert certified_wrong(trial, run) == [], trial.messages
+
+
+@pytest.mark.parametrize("firmware", mostly_long(FIRMWARES, "grbl"))
+def test_a_signal_while_a_check_homes_certifies_no_slip(
+    firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = Fault(kind="slip", axis="y", mm=-0.6)
+    trial = Trial(firmware=firmware, stop="ctrl-c", fault=fault, slip_after=2, stop_after=99)
+    measure = LimitedStage.home_offset_mm
+
+    def interrupted(stage: LimitedStage) -> Point | None:
+        offset = measure(stage)
+        if trial.slipped and trial.pending:
+            trial.pending = False
+            signal.raise_signal(signal.SIGINT)
+        return offset
+
+    monkeypatch.setattr(LimitedStage, "home_offset_mm", interrupted)
+    run = trial.run(tmp_path, monkeypatch)
+    assert certified_wrong(trial, run) == [], trial.messages
+    assert not [check for check in run.position_checks if check.reason == "stopped"], "homing has hidden the slip"
 
 
 def test_good_presses_before_ctrl_c_are_checked_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -30,8 +31,12 @@ from tacbench_cad.lab.analysis.compare import (
     read_side,
     side_names,
 )
+from tacbench_cad.lab.analysis.comparison_files import draw_comparison
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Ints
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TEXTURES = ("texture-1", "texture-2")
 PRESSES = 50
@@ -158,6 +163,55 @@ def test_a_missing_print_leaves_the_others_paired() -> None:
     assert comparison.notes[0] == "a alone has the prints texture-1_3; they are left out"
 
 
+def test_a_few_prints_of_one_sensor_are_compared_with_the_same_prints_of_the_other() -> None:
+    """B pressed two of A's six prints. They are the same prints, so the sensors did not press different ones."""
+    a = np.array([5, 12, 20, 30, 38, 40])
+    first = side("a", dict.fromkeys(TEXTURES, a))
+    second = side("b", dict.fromkeys(TEXTURES, a[:2] + np.array([9, 11])))
+    comparison = compare(first, second, "forest")
+    assert [(row.paired, row.prints_a, row.prints_b) for row in comparison.rows] == [
+        (True, 4, 4),
+        (True, 2, 2),
+        (True, 2, 2),
+    ]
+    assert not any("different prints (" in note for note in comparison.notes)
+
+
+def test_prints_that_are_mostly_different_are_not_compared_in_pairs() -> None:
+    """Each sensor pressed six prints, and both pressed two of them: six against six show more than two pairs."""
+    first, second = (
+        side(name, dict.fromkeys(TEXTURES, np.arange(20, 26)), start) for name, start in (("a", 0), ("b", 4))
+    )
+    comparison = compare(first, second, "forest")
+    assert [(row.paired, row.prints_a, row.prints_b) for row in comparison.rows[1:]] == [(False, 6, 6)] * 2
+    assert "both sensors pressed only 4 of the prints" in comparison.notes[0]
+
+
+def test_a_texture_without_a_shared_print_is_named() -> None:
+    first = side("a", dict.fromkeys(TEXTURES, np.arange(20, 26)))
+    second = side("b", {"texture-1": np.arange(20, 26)})
+    second.accuracies["copy", "texture-2"] = {"texture-2_9": PrintAccuracy(0.5, PRESSES)}  # type: ignore[index]
+    comparison = compare(first, second, "forest")
+    assert [row.texture for row in comparison.rows] == [ALL_TEXTURES, "texture-1"]
+    assert any("texture-2: no print was pressed by both sensors" in note for note in comparison.notes)
+
+
+def test_many_samples_of_unknown_prints_show_a_clear_difference() -> None:
+    """270 and 294 of 300 independent samples are right: the interval of two proportions is 4.3 to 11.7 points."""
+    unknown = replace(record("DIGIT"), unknown_groups=("prints", "sessions"))
+
+    def sampled(name: str, wrong: int) -> Side:
+        samples = {
+            ("press", texture): {f"{texture} {i}": PrintAccuracy(float(i >= wrong), presses=1) for i in range(300)}
+            for texture in TEXTURES
+        }
+        return Side(name=name, record=replace(unknown, data=name), accuracies=samples)
+
+    for row in compare(sampled("a", 30), sampled("b", 6), "forest").rows[1:]:
+        assert row.low is not None and row.high is not None and row.verdict == "B better"
+        assert (row.low, row.high) == pytest.approx((0.0429, 0.1171), abs=0.004)
+
+
 def test_classes_of_unknown_prints_are_not_called_prints() -> None:
     """Imported classes have a run folder each: their samples are compared, in pairs only if they are the same data."""
     unknown = replace(record("DIGIT"), unknown_groups=("prints", "sessions"))
@@ -173,6 +227,14 @@ def test_classes_of_unknown_prints_are_not_called_prints() -> None:
     assert not any("same prints" in note or "pairs" in note for note in comparison.notes)
     assert next(comparison.shown.texts())[0] == "random split, may leak"
     assert compare(first, first, "forest and network").rows[0].paired
+    texts = [text for axes in draw_comparison(comparison).axes for text in shown_texts(axes)]
+    assert any("random split" in text and "may leak" in text for text in texts)
+    assert not any("print" in text for text in texts)
+
+
+def shown_texts(axes: Axes) -> list[str]:
+    """Return the title and the labels of the x axis of a plot."""
+    return [axes.get_title(loc="left"), *(label.get_text() for label in axes.get_xticklabels())]
 
 
 def test_sides_are_named_by_what_differs(tmp_path: Path) -> None:

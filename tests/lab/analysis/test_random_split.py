@@ -20,6 +20,7 @@ pytest.importorskip("matplotlib")
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab import ImportOptions, import_samples
+from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.classification.splits import MAY_LEAK
 from tacbench_cad.lab.analysis.collection import Collection
 
@@ -76,6 +77,50 @@ def test_a_random_split_is_not_called_leak_free(images: Path, tmp_path: Path, ca
     with (tmp_path / "report_files" / "textures.csv").open(newline="") as stream:
         assert {row["hold_out"] for row in csv.DictReader(stream)} == {MAY_LEAK}
     assert MAY_LEAK in printed and "prints and sessions are unknown" in printed
+    assert "the session, print, printer" in document["summary"][0]["text"]  # type: ignore[index]
+    assert "The hold-out levels were press (" in text  # and no level that was not computed
+
+
+def test_the_json_document_does_not_call_a_random_split_leak_free(
+    images: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert import_samples([images / "images"], tmp_path / "runs", ImportOptions()).ok
+    words = ["classify", str(tmp_path / "runs"), "--trials", "1", "--jobs", "1", "-o", str(tmp_path / "out"), "--json"]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert "leak-free" not in text and json.loads(text)["settings"]["protocol"] == "hold-out"
+    assert ClassificationRecord.read(tmp_path / "out").protocol == "leak-free"  # the option, to repeat the command
+
+
+def test_a_split_and_its_score_say_that_a_random_split_may_leak(images: Path, tmp_path: Path, capsys: Capture) -> None:
+    assert import_samples([images / "images"], tmp_path / "runs", ImportOptions()).ok
+    split = tmp_path / "splits" / "split_press.json"
+    assert main(["split", str(tmp_path / "runs"), "-o", str(tmp_path / "splits")]) == 0
+    warning = "prints and sessions are unknown: if samples of one object or one session are similar"
+    assert warning in " ".join(capsys.readouterr().err.split())
+    document = json.loads(split.read_text())
+    assert document["unknown_groups"] == ["prints", "sessions"]
+    rows = ["fold,run,force_level,repeat,position,predicted"]
+    for fold in document["folds"]:
+        for run, *key, texture, _ in (document["presses"][i] for i in fold["test"]):
+            rows.append(",".join(map(str, (fold["name"], run, *key, texture))))
+    (tmp_path / "predictions.csv").write_text("\n".join(rows))
+    assert main(["score", str(tmp_path / "predictions.csv"), str(split)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"{MAY_LEAK}: accuracy (%)" in printed and warning in printed and "prints" not in printed.split("note:")[0]
+    assert main(["score", str(tmp_path / "predictions.csv"), str(split), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["unknown_groups"] == ["prints", "sessions"]
+
+
+def test_unknown_sessions_stand_beside_the_number_to_quote(images: Path, tmp_path: Path, capsys: Capture) -> None:
+    """The five backgrounds are imported as five prints of each class; their sessions are unknown."""
+    table = tmp_path / "labels.csv"
+    table.write_text((images / "labels.csv").read_text().replace("session", "print", 1))
+    assert import_samples([images / "images", table], tmp_path / "runs", ImportOptions()).ok
+    _, document, text = reported(tmp_path / "runs", tmp_path, capsys)
+    assert "predicted correctly, on unseen prints, sessions unknown (%)" in document["table"]["heads"]  # type: ignore[index]
+    assert {row["hold_out"] for row in document["table"]["records"]} == {"copy, sessions unknown"}  # type: ignore[index]
+    assert "leak-free" not in text and MAY_LEAK in text
 
 
 def test_with_sessions_the_held_out_session_is_quoted(images: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -85,6 +130,7 @@ def test_with_sessions_the_held_out_session_is_quoted(images: Path, tmp_path: Pa
     _, document, text = reported(tmp_path / "runs", tmp_path, capsys)
     (sentence,) = (row["text"] for row in document["summary"] if row["topic"] == "Telling apart")  # type: ignore[attr-defined]
     assert "At the hold-out level session (the prints are unknown), a random forest predicts" in sentence
+    assert "predicted correctly, held out: session, prints unknown (%)" in document["table"]["heads"]  # type: ignore[index]
     assert float(re.findall(r"predicts ([\d.]+) %", sentence)[0]) < 75.0
     assert "leak-free" not in text and MAY_LEAK in text  # the level press is below, with its name
 

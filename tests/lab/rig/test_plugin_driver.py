@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from helpers import example_stage
@@ -41,6 +43,16 @@ def test_options_become_keyword_arguments(monkeypatch: pytest.MonkeyPatch) -> No
     options = {"start_mm": [1.0, 2.0, 3.0]}
     with open_stage(settings("example_stage:ExampleStage", options=options, home=False)) as stage:
         assert stage.position() == (1.0, 2.0, 3.0)
+
+
+def test_a_driver_that_would_end_the_program_has_failed() -> None:
+    device = plugin.OwnDevice(SimpleNamespace(read=sys.exit, stop=sys.exit, close=sys.exit), "[sensor] driver a:B", {})
+    with pytest.raises(DriverError, match=r"\[sensor\] driver a:B: read\(\) failed: SystemExit: 3"):
+        device.read(3)
+    device.stop()
+    device.close()
+    with pytest.raises(InputError, match=r"cannot be opened: SystemExit: 1"):
+        plugin.open_device(partial(sys.exit, 1), "a:B", ())
 
 
 def test_the_example_has_twenty_lines() -> None:

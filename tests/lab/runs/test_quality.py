@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
+from helpers.dots import REST, dots_at_rest, dots_frame
 from helpers.frame_kinds import frames_of
 from helpers.lookalikes import LOOKS, draw
 from helpers.studies import GRID, write_study
@@ -25,6 +26,7 @@ from tacbench_cad.lab.runs.usual import Usual
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.lab.vision.region import Region, find_region
+from tacbench_cad.util.types import Floats
 
 
 @pytest.fixture(scope="module", params=LOOKS)
@@ -181,6 +183,112 @@ def test_good_frames_of_every_kind_pass_and_each_fault_is_found(kind: str, tmp_p
     findings = check_run(imported(tmp_path / "faulty", frames)).findings
     expected = {f"sensor_images/image_{2 * number + 2}.png": kind_of for number, (_, kind_of) in enumerate(faults)}
     assert {each.where: each.kind for each in findings if each.kind in JUDGED} == expected
+
+
+def pins(places: Sequence[tuple[float, float]], size: tuple[int, int], width_px: float, edge_px: float) -> Floats:
+    """Return bright discs with a height of 1 on black."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    image = np.zeros(size)
+    for column, row in places:
+        outside = np.clip((np.hypot(x - column, y - row) - width_px / 2.0) / edge_px, -30.0, 30.0)
+        image = np.maximum(image, 1.0 / (1.0 + np.exp(outside)))
+    return image
+
+
+def pressed(count: int, spacing: float, push_px: float, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Return a square field of markers around 0, which a contact pushes away from a place."""
+    grid = spacing * (np.arange(count) - (count - 1) / 2.0)
+    places = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    away = places - rng.uniform(-0.2, 0.2, 2) * spacing * count
+    push = rng.uniform(0.0, push_px) * np.exp(-np.sum(away**2, axis=1) / (2.0 * (2.0 * spacing) ** 2)) / spacing
+    return [(float(column), float(row)) for column, row in places + away * push[:, None]]
+
+
+def on_black(rng: np.random.Generator) -> Frame:
+    """Return a frame of a few bright pins on a black background, which is most of the frame."""
+    places = [(320.0 + column, 240.0 + row) for column, row in pressed(7, 30.0, 8.0, rng)]
+    noise = rng.normal(0.0, 1.0, (480, 640))
+    return np.clip(np.rint(200.0 * pins(places, (480, 640), 8.0, 0.5) + noise), 0, 255).astype(np.uint8)
+
+
+def small_binary(rng: np.random.Generator) -> Frame:
+    """Return a binary frame whose pins are 5.2 px apart, about as far as the shift."""
+    places = [(63.5 + column, 63.5 + row) for column, row in pressed(18, 5.2, 2.0, rng)]
+    return np.where(pins(places, (128, 128), 2.6, 0.3) > 0.5, 255, 0).astype(np.uint8)
+
+
+def soft_pins_in_a_sharp_rim(rng: np.random.Generator) -> Frame:
+    """Return a dome whose pins have softer edges than its rim."""
+    y, x = np.mgrid[:240, :320]
+    distance = np.hypot(x - 160, y - 120)
+    places = [(160.0 + column, 120.0 + row) for column, row in pressed(9, 14.0, 5.0, rng)]
+    dome = 90.0 + 140.0 * pins(places, (240, 320), 9.0, 1.1)
+    image = np.where(distance < 100.0, dome, np.where(distance < 110.0, 248.0, 190.0))
+    noise = rng.normal(0.0, 0.5, image.shape)
+    return np.clip(np.rint(cv2.GaussianBlur(image, (0, 0), 0.8) + noise), 0, 255).astype(np.uint8)
+
+
+def blurred_pins(frame: Frame) -> Frame:
+    y, x = np.mgrid[: frame.shape[0], : frame.shape[1]]
+    return np.where(np.hypot(x - 160, y - 120) < 95.0, cv2.GaussianBlur(frame, (0, 0), 2.0), frame)
+
+
+@pytest.mark.parametrize(
+    ("draw_one", "change", "kind"),
+    [
+        (on_black, shifted_by_5, "moved"),
+        (small_binary, shifted_by_5, "moved"),
+        (soft_pins_in_a_sharp_rim, shifted_by_5, "moved"),
+        (soft_pins_in_a_sharp_rim, blurred_pins, "blurred"),
+    ],
+)
+def test_a_fault_is_found_where_most_pixels_do_not_show_it(
+    draw_one: Callable[[np.random.Generator], Frame], change: Callable[[Frame], Frame], kind: str
+) -> None:
+    rng = np.random.default_rng(4)
+    frames = [draw_one(rng) for _ in range(12)]
+    judge = Judge(limits=FrameLimits(), region=None, any_kind=True)
+    assert findings(frames, judge) == []
+    frames[7] = change(frames[7])
+    assert [(found, where) for found, where, _ in findings(frames, judge)] == [(kind, "7")]
+
+
+def test_a_frame_at_rest_among_frames_with_contact_is_not_mirrored() -> None:
+    rng = np.random.default_rng(1)
+    frames = [dots_frame(np.add((6.0, 1.0), rng.normal(0.0, 0.3, (len(REST), 2))), rng) for _ in range(6)]
+    frames += [dots_at_rest(np.random.default_rng(number)) for number in range(2)]
+    judge = Judge(limits=FrameLimits(), region=None, any_kind=True)
+    assert [each for each in findings(frames, judge) if each[0] == "orientation"] == []
+
+
+def lit_gel(rng: np.random.Generator) -> Frame:
+    """Return a soft image, lit from three sides, of a large and strong contact with waves at a random phase."""
+    y, x = np.mgrid[:240, :320].astype(float)
+    centre, width = rng.uniform(0.35, 0.65, 2) * (320, 240), rng.uniform(45.0, 75.0)
+    patch = np.exp(-((((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / (2.0 * width**2)) ** 2))
+    angles, steps = np.random.default_rng(24).uniform((0.0, 0.05), (np.pi, 0.35), (4, 2)).T
+    waves = sum(
+        np.sin(step * (x * np.cos(angle) + y * np.sin(angle)) + rng.uniform(0.0, 6.0))
+        for angle, step in zip(angles, steps, strict=True)
+    )
+    height = cv2.GaussianBlur(patch * (waves * rng.uniform(0.6, 1.4) + 4.0), (0, 0), 2.2)
+    slope_y, slope_x = np.gradient(height)
+    image = 20.0 + rng.normal(0.0, 1.2, (240, 320, 3))
+    for column, row, along_x, along_y, colour in (
+        (160.0, 264.0, 0.0, -1.0, (44.0, 44.0, 165.0)),
+        (-16.0, -10.0, 0.87, 0.5, (44.0, 165.0, 44.0)),
+        (336.0, -10.0, -0.87, 0.5, (165.0, 50.0, 44.0)),
+    ):
+        light = np.exp(-np.hypot(x - column, y - row) / 288.0) * (1.0 + 1.2 * (slope_x * along_x + slope_y * along_y))
+        image += light[..., None] * np.array(colour)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def test_a_large_contact_with_a_soft_gel_is_no_motion_of_the_camera() -> None:
+    rng = np.random.default_rng(3)
+    judge = Judge(limits=FrameLimits(), region=None, any_kind=True)
+    runs = [[lit_gel(rng) for _ in range(25)] for _ in range(4)]
+    assert [each for frames in runs for each in findings(frames, judge) if each[0] == "moved"] == []
 
 
 def test_frames_of_a_soft_gel_and_binary_frames_were_all_faulty_by_fixed_limits() -> None:

@@ -282,7 +282,7 @@ def test_repeats_of_a_print_differ_as_on_a_real_rig(runs: Path) -> None:
 
 
 def test_textures_on_an_unseen_print_are_distinguished(runs: Path, tmp_path: Path) -> None:
-    quick = ("--resolution", "0.1", "--components", "8", "--jobs", "1", "--trials", "1", "--hold-out", "copy")
+    quick = ("--resolution", "0.1", "--components", "6", "--jobs", "1", "--trials", "1", "--hold-out", "copy")
     assert main(["classify", str(runs), "-o", str(tmp_path / "classes"), *quick, "--estimator", "forest"]) == 0
     with (tmp_path / "classes" / "classification.csv").open(newline="") as stream:
         (row, *_) = csv.DictReader(stream)

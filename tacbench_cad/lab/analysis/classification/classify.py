@@ -19,7 +19,7 @@ from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
-from tacbench_cad.lab.analysis.classification.splits import PressTable
+from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
 from tacbench_cad.lab.analysis.tables import percent
@@ -197,11 +197,7 @@ def _notes(collection: Collection, presses: PressTable, settings: Classification
         repeated, _ = presses.units("copy")
         notes.append(f"the units of the 95 % intervals are {units}; for a named group they are its {repeated}")
         if collection.unknown_groups:
-            notes.append(
-                f"{' and '.join(collection.unknown_groups)} are unknown: if samples of one object or one session are "
-                "similar, a random split leaks: its accuracy is too high, and its interval too narrow; import the "
-                "samples with a column for each, such as --columns session=COLUMN"
-            )
+            notes.append(leak_warning(collection.unknown_groups))
     else:
         notes += [
             paper_protocol.WARNINGS[settings.protocol],

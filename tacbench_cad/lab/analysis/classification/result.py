@@ -137,7 +137,9 @@ class Result:
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
-        head = {"simulated": list(self.collection.simulated), "settings": to_plain(self.settings)}
+        protocol = shown_protocol(self.settings.protocol, self.collection.unknown_groups)
+        settings = {**to_plain(self.settings), "protocol": protocol}
+        head = {"simulated": list(self.collection.simulated), "settings": settings}
         if self.parameter:
             pairs = zip(self.values, self._swept.select(*SCORE_COLUMNS).records(), strict=True)
             points = [{self.parameter: value, **row} for value, row in pairs]

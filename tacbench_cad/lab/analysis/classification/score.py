@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
+from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.tables import Column, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import read_table
@@ -41,7 +42,7 @@ COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
 _SHOWN = (
     Column("name", head="of"),
     Column("fraction", head="accuracy", text=percent, right=True),
-    *(interval_column(empty=TOO_FEW), Column("right"), Column("presses"), Column("prints")),
+    *(interval_column(empty=TOO_FEW), Column("right"), Column("presses")),
 )
 
 
@@ -121,7 +122,11 @@ class Score:
         rows = {"all folds": self.accuracy, **self.folds}
         rows |= {f"{texture} (recall)": accuracy for texture, accuracy in self.recall.items()}
         named_rows = tuple({"name": name, **to_plain(accuracy)} for name, accuracy in rows.items())
-        yield Table(columns=_SHOWN, rows=named_rows, title=f"{self.split.protocol}: accuracy (%)")
+        unknown = self.split.unknown_groups
+        level = shown_level(self.split.hold_out, unknown)
+        title = f"{self.split.protocol}{f', {level}' if level != self.split.hold_out else ''}: accuracy (%)"
+        columns = (*_SHOWN, Column("prints", head="runs" if "prints" in unknown else "prints"))
+        yield Table(columns=columns, rows=named_rows, title=title)
         textures = self.split.textures
         counts = zip(textures, self.confusion.tolist(), strict=True)
         yield Table(
@@ -132,7 +137,7 @@ class Score:
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
-        names = ("protocol", "data_sha256", "hold_out", "simulated")
+        names = ("protocol", "data_sha256", "hold_out", "simulated", "unknown_groups")
         return {
             **{name: to_plain(getattr(self.split, name)) for name in names},
             "chance": 1.0 / len(self.split.textures),

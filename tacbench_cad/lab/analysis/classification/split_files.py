@@ -83,6 +83,7 @@ class Split:
         presses: The presses.
         folds: The folds.
         simulated: The simulated parts of the study.
+        unknown_groups: See :attr:`.Collection.unknown_groups`.
 
     Raises:
         InputError: A press or a fold occurs twice, a fold has an unknown press or no training or test presses, or a
@@ -94,6 +95,7 @@ class Split:
     presses: tuple[SplitPress, ...]
     folds: tuple[SplitFold, ...]
     simulated: tuple[str, ...] = ()
+    unknown_groups: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.folds:
@@ -144,7 +146,7 @@ class Split:
             "schema": SCHEMA,
             "version": SCHEMA_VERSION,
             "protocol": self.protocol,
-            **{name: plain[name] for name in ("hold_out", "seed", "simulated")},
+            **{name: plain[name] for name in ("hold_out", "seed", "simulated", "unknown_groups")},
             **{name: getattr(self, name) for name in ("design_sha256", "data_sha256")},
             "textures": list(self.textures),
             "columns": list(PRESS_COLUMNS),
@@ -205,7 +207,16 @@ def make_splits(
             )
             for i, fold in enumerate(mine, start=1)
         )
-        splits.append(Split(hold_out=level, seed=seed, presses=presses, folds=of_level, simulated=collection.simulated))
+        splits.append(
+            Split(
+                hold_out=level,
+                seed=seed,
+                presses=presses,
+                folds=of_level,
+                simulated=collection.simulated,
+                unknown_groups=collection.unknown_groups,
+            )
+        )
     return tuple(splits), drawn.notes
 
 

@@ -147,6 +147,21 @@ def shown_level(level: str, unknown_groups: Sequence[str]) -> str:
     return MAY_LEAK if level == _WITHIN_GROUPS[0] else f"{level}, may leak"
 
 
+def quoted_level(level: str, unknown_groups: Sequence[str]) -> str:
+    """Return the name of a level for a number to quote, as :func:`shown_level`, with the unknown groups beside it."""
+    shown = shown_level(level, unknown_groups)
+    return f"{shown}, {' and '.join(unknown_groups)} unknown" if unknown_groups and shown == level else shown
+
+
+def leak_warning(unknown_groups: Sequence[str]) -> str:
+    """Return the note that a random split may leak if groups are unknown."""
+    return (
+        f"{' and '.join(unknown_groups)} are unknown: if samples of one object or one session are similar, a random "
+        "split leaks: its accuracy is too high, and its interval too narrow; import the samples with a column for "
+        "each, such as --columns session=COLUMN"
+    )
+
+
 def folds_of(presses: PressTable, levels: Sequence[str] = HOLD_OUT_LEVELS, *, seed: int, folds: int = FOLDS) -> Folds:
     """Make the folds of a trial.
 

@@ -44,12 +44,14 @@ class Classification:
             InputError: A file is missing or damaged, or a setting is missing.
         """
         record = ClassificationRecord.read(folder)
+        scores = Table.read(folder / "classification.csv", COLUMNS)
+        levels = list(dict.fromkeys(row["hold_out"] for row in scores.rows))
         return cls(
             folder=folder,
             record=record,
-            methods=macro("methods.j2", "classification")(record),
+            methods=macro("methods.j2", "classification")(record, levels),
             answers=Table.read(folder / "texture_answers.csv", ANSWER_COLUMNS),
-            scores=Table.read(folder / "classification.csv", COLUMNS),
+            scores=scores,
             confusion=Table.read(folder / "confusion.csv", CONFUSION_COLUMNS),
         )
 

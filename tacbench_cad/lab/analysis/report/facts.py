@@ -60,7 +60,7 @@ def unknown_names(collection: Collection) -> list[str]:
     """Return the names of unknown facts of imported runs; an empty list for other runs."""
     if collection.info.protocol is not None:
         return []
-    names = ("label", "print", "printer", "filament", "position", "force", "repeat")
+    names = ("label", "session", "print", "printer", "filament", "position", "force", "repeat")
     unknown = [name for name in names if not collection.has(name)]
     return unknown + (["formula", "size"] if all(run.info.printed.block is None for run in collection.runs) else [])
 

@@ -10,7 +10,7 @@ from typing import Any
 from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
-from tacbench_cad.lab.analysis.classification.splits import UNITS, shown_level
+from tacbench_cad.lab.analysis.classification.splits import UNITS, quoted_level, shown_level
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
@@ -96,8 +96,11 @@ class Results:
     @property
     def shown_hold_out(self) -> str:
         """The words for the level to quote: ``on unseen prints``, ``held out: press`` or ``random split, may leak``."""
-        shown = shown_level(self.hold_out, self.collection.unknown_groups)
-        return "on unseen prints" if shown == UNSEEN else f"held out: {shown}" if shown == self.hold_out else shown
+        quoted = quoted_level(self.hold_out, self.collection.unknown_groups)
+        if self.hold_out == UNSEEN:
+            return quoted.replace(UNSEEN, "on unseen prints", 1)
+        may_leak = shown_level(self.hold_out, self.collection.unknown_groups) != self.hold_out
+        return quoted if may_leak else f"held out: {quoted}"
 
     def score(self, hold_out: str) -> Row | None:
         """Return the accuracy of the first estimator at a hold-out level, over all held-out groups; None if missing."""
@@ -129,7 +132,7 @@ class Results:
         study = self.collection
         cells = {(cell.texture, cell.combination): cell for cell in self.cells_at(self.level or 0)}
         rows: list[Row] = []
-        held_out = shown_level(self.hold_out, study.unknown_groups)
+        held_out = quoted_level(self.hold_out, study.unknown_groups)
         for texture in study.textures:
             answer = self.texture_answers.get(texture)
             ends = (answer["low"], answer["high"]) if answer else (None, None)

@@ -37,7 +37,7 @@ def prepared(loaded: Loaded, channels: Channels) -> Prepared:
         CheckFailedError: The image is incomplete or too large, or the array does not contain real numbers.
     """
     if not isinstance(loaded, bytes):
-        frame, simulated = from_outside(loaded, channels), ""
+        frame, simulated = from_outside(_without_last_axis(loaded), channels), ""
     else:
         suffix = next((suffix for start, suffix in ((PNG, ".png"), (JPEG, ".jpg")) if loaded.startswith(start)), "")
         frame = decoded(loaded, suffix) if suffix else _other_image(loaded)
@@ -53,6 +53,12 @@ def prepared(loaded: Loaded, channels: Channels) -> Prepared:
         raise CheckFailedError(f"contains {frame.dtype} of shape {frame.shape}; it must contain real numbers")
     file = FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ()))
     return Prepared(file, frame.shape, simulated)
+
+
+def _without_last_axis(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a grey image of shape (height, width, 1), as many networks take it, without its last axis."""
+    is_grey = array.ndim == 3 and array.shape[2] == 1 and is_image(array[..., 0])
+    return array[..., 0] if is_grey else array
 
 
 def _other_image(data: bytes) -> NDArray[Any]:

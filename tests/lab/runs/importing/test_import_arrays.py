@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tacbench_cad.cli import main
 from tacbench_cad.lab import ImportOptions, Run, import_samples
 from tacbench_cad.lab.runs.importing import arrays
 from tacbench_cad.util.errors import InputError
@@ -40,6 +41,25 @@ def write_hdf5(path: Path, **arrays: Any) -> None:
         for name, array in arrays.items():
             file.create_dataset(f"data/{name}", data=array)
         file.create_dataset(b"\xff", data=np.zeros(12))  # a name that is not UTF-8 is left out
+
+
+def test_grey_images_with_a_last_axis_of_one_are_images(table: Any, tmp_path: Path) -> None:
+    array = frames()[..., :1]
+    np.save(tmp_path / "X.npy", array)
+    table(tmp_path / "X.csv", ("label",), [("a",), ("b",)] * 6)
+    assert import_samples([tmp_path / "X.npy"], tmp_path / "out").ok
+    assert Run.open(tmp_path / "out" / "a").info.frame_shape == (16, 24)
+    require_equal(tmp_path / "out", array[..., 0])
+
+
+def test_a_region_in_runs_without_images_is_refused_with_the_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.save(tmp_path / "X.npy", np.zeros((8, 6, 10, 75)))
+    assert main(["import-frames", str(tmp_path / "X.npy"), "--kind", "arrays", "-o", str(tmp_path / "out")]) == 0
+    assert main(["runs", "roi", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "is only for images, but" in error and "has no readable image" in error
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".hdf5"])

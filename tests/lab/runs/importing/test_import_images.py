@@ -69,6 +69,20 @@ def test_a_folder_with_a_table_becomes_one_run_for_each_print(images: Any, table
     assert all(check_run(folder).ok for folder in find_runs([tmp_path / "out"]))
 
 
+@pytest.mark.parametrize("prints", ["0 1 2", "1 2 12", "1001 1002 20240131", "007 7 8", "+1 -1 1.0", "1_0 10 ١"])
+def test_prints_are_named_by_numbers_of_any_kind(prints: str, images: Any, table: Any, tmp_path: Path) -> None:
+    """Counted from 0, from 1, or the numbers of an inventory: every run can be read, and has the name of its print."""
+    names = prints.split()
+    rows = [(f"{i}.png", "cork", names[i % 3]) for i in range(6)]
+    folder, labels = images(6), table(tmp_path / "labels.csv", ("file", "label", "print"), rows)
+    assert import_samples([folder, labels], tmp_path / "out").ok
+    runs = [Run.open(folder) for folder in find_runs([tmp_path / "out"])]
+    assert sorted(str(run.info.printed.copy) for run in runs) == sorted(names)
+    for run in runs:
+        assert len(run.rows) == 2
+        assert not [f for f in check_run(run.folder).findings if f.kind not in ("contrast", "blurred", "identical")]
+
+
 def test_everything_is_optional(images: Any, table: Any, tmp_path: Path) -> None:
     folder = images(4)
     report = import_samples([folder], tmp_path / "a")
