@@ -125,14 +125,9 @@ def command(
         raise InputError("--out DIR", None, "is missing; name the folder of the runs")
     if not page and (host != options.LOCAL or port or no_browser):
         raise InputError("--host, --port, --no-browser", None, "are only for --page")
-    where = Path() if study is None else study.parent
-    if chosen.on_finish is not None:
-        from tacbench_cad.lab.acquire.finish import hook_words
-
-        hook_words(chosen.on_finish)
     settings = _Page(host=host, port=port, browser=not no_browser) if page else None
     with located("" if study is None else f"{study}: ", fields="["):
-        _press(chosen, where, folder, settings)
+        _press(chosen, folder, settings)
     print_next("check-runs", folder)
 
 
@@ -145,10 +140,10 @@ class _Page:
     browser: bool
 
 
-def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> None:
+def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     """Press the blocks of a study, check the runs, and report the outcome."""
     from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
-    from tacbench_cad.lab.acquire.finish import Outcome, finishing, run_hook
+    from tacbench_cad.lab.acquire.finish import Outcome, finishing
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
     from tacbench_cad.lab.acquire.session import acquire_study, unfinished
@@ -166,8 +161,6 @@ def _press(chosen: StudyFile, where: Path, folder: Path, page: _Page | None) -> 
 
     def end(outcome: Outcome) -> None:
         file.write("over", outcome=outcome.word, message=outcome.message)
-        if chosen.on_finish is not None:
-            run_hook(chosen.on_finish, where, outcome, folder, note)
 
     def give_up(error: RunInterruptedError) -> None:
         say_interrupted(error, sys.argv[1:])

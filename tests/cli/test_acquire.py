@@ -197,22 +197,3 @@ def test_options_of_the_page_need_the_page(arguments: list[str], message: str, t
     assert main(["acquire", "--virtual", "--out", str(tmp_path / "o"), *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
-
-
-@needs_pty
-def test_a_command_runs_at_the_end_and_its_failure_is_a_warning(tmp_path: Path, capsys: Capture) -> None:
-    path = virtual_file(tmp_path)
-    path.write_text(
-        "on_finish = \"sh -c 'echo $TACBENCH_OUTCOME $TACBENCH_MESSAGE > said; exit 3'\"\n" + path.read_text()
-    )
-    assert main(["acquire", str(path)]) == 0
-    assert (tmp_path / "said").read_text() == "done 1 run complete\n"
-    assert "ended with exit code 3\n" in capsys.readouterr().err
-    # The session is over for readers of the progress file, and the command also runs after a refusal.
-    assert '"event":"over"' in (tmp_path / "runs" / "progress.jsonl").read_text().splitlines()[-1]
-    path.write_text(path.read_text().replace("forces_n = [0.5]", "forces_n = [0.6]"))
-    assert main(["acquire", str(path)]) == 2
-    assert (tmp_path / "said").read_text().startswith("refused run = ")
-    path.write_text('on_finish = "sh \'"\n' + "\n".join(path.read_text().splitlines()[1:]))
-    assert main(["acquire", str(path)]) == 2
-    assert 'on_finish = "sh \'": cannot be split into words' in capsys.readouterr().err

@@ -48,13 +48,11 @@ class StudyFile:
         study: The blocks and the protocol.
         rig: The devices; None if the file has none, because the study is only simulated.
         out: The folder for the run folders; None if the file does not name it.
-        on_finish: The command that ``tacbench acquire`` runs at its end; None for no command.
     """
 
     study: Study
     rig: RigSettings | None = None
     out: Path | None = None
-    on_finish: str | None = None
 
     @property
     def required_rig(self) -> RigSettings:
@@ -240,7 +238,6 @@ class _Document(_Devices):
     """The whole file. Tables that depend on other tables are read afterwards."""
 
     out: str | None = None
-    on_finish: str | None = None
     block: _BlockTable | None = None
     study: Mapping[str, Any] = field(default_factory=dict)
     protocol: Mapping[str, Any] = field(default_factory=dict)
@@ -271,7 +268,7 @@ def _study_file(plain: Mapping[str, Any], folder: Path, teaching: bool = False) 
     if not (document.stage is document.gauge is document.sensor is None):
         rig = _rig(document, rim, protocol, folder, teaching)
     out = folder / document.out if document.out is not None else None
-    return StudyFile(study=study, rig=rig, out=out, on_finish=document.on_finish)
+    return StudyFile(study=study, rig=rig, out=out)
 
 
 def _require_filled(plain: Mapping[str, Any], may_be_empty: str) -> None:
