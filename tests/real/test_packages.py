@@ -75,7 +75,7 @@ def call(argv: Sequence[str | Path], folder: Path, max_seconds: float) -> subpro
         cwd=folder,
         env=environment | {"COLUMNS": "200", "PIP_DISABLE_PIP_VERSION_CHECK": "1"},
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         timeout=max_seconds,
         check=False,
     )
