@@ -188,9 +188,11 @@ def words_of(parameter: click.Parameter, context: click.Context) -> list[str]:
     return [item.value for item in items if item.type == "plain" and not item.value.endswith(".toml")]
 
 
+#: Click keeps the names of the option --help from the first context, so this one has the settings of the command.
+_ROOT = cli.tacbench.make_context("tacbench", [], resilient_parsing=True)
 OFFERED = [
     pytest.param(f"{path} {parameter.name}", parameter, context, id=f"{path} {parameter.name}")
-    for path, command, context in commands(cli.tacbench, click.Context(cli.tacbench, info_name="tacbench"))
+    for path, command, context in commands(cli.tacbench, _ROOT)
     for parameter in command.params
     if words_of(parameter, context)
 ]
