@@ -45,7 +45,7 @@ class Network(ClassifierMixin, BaseEstimator):
         self,
         frame_shape: tuple[int, ...] | None = None,
         random_state: int = 0,
-        epochs: int = 10,
+        epochs: int = 40,
         batch_size: int = 64,
         rate: float = 3e-3,
     ) -> None:

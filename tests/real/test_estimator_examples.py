@@ -82,7 +82,7 @@ def test_an_interrupted_network_is_resumed(runs: Path, folder: Path) -> None:
     program = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *command]
     # More epochs make the training slow enough for a signal during the training.
     source = (folder / "convolutional.py").read_text()
-    (folder / "convolutional.py").write_text(source.replace("epochs: int = 10", "epochs: int = 60"))
+    (folder / "convolutional.py").write_text(source.replace("epochs: int = 40", "epochs: int = 240"))
     process = subprocess.Popen(program, cwd=folder, env=dict(os.environ), stderr=subprocess.PIPE, text=True)
     trials = folder / "out" / "trials"
     deadline = time.monotonic() + 200
