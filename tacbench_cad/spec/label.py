@@ -44,8 +44,8 @@ _LIKE = {
     for character, glyph in GLYPHS.items()
     if character != "-"
 }
-#: The coordinates of one point or of many points.
-Coordinate = TypeVar("Coordinate", float, Floats)
+# The coordinates of one point, or of many points.
+T = TypeVar("T", float, Floats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class _Page:
     def depth(self) -> float:
         return self.size_mm[0] if self.along_y else self.size_mm[1]
 
-    def to_block(self, a: Coordinate, b: Coordinate) -> tuple[Coordinate, Coordinate]:
+    def to_block(self, a: T, b: T) -> tuple[T, T]:
         """Convert points of the page to the block frame. They are mirrored, because the page is seen from below."""
         x, y = self.size_mm
         return (x - b, y - a) if self.along_y else (a, y - b)
