@@ -29,7 +29,11 @@ exclude_patterns = ["_build"]
 nitpicky = True
 # A single capital is a type variable. The names of other projects are no links: see _ext/reference.py.
 # Bounds of numbers in annotations are no classes.
-nitpick_ignore_regex = [("py:class", r"tacbench_cad\..*\.[A-Z]"), ("py:class", r"-?(inf|\d+(\.\d+)?(e-?\d+)?)")]
+nitpick_ignore_regex = [
+    ("py:class", r"tacbench_cad\..*\.[A-Z]"),
+    ("py:class", r"types\.FrameType"),
+    ("py:class", r"-?(inf|\d+(\.\d+)?(e-?\d+)?)"),
+]
 
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3

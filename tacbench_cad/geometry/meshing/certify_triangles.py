@@ -288,7 +288,7 @@ def leaning(least: Floats, most: Floats) -> Floats:
 
 
 def shortest(vertical: Floats, slope: Floats, room: Floats, bend: Floats) -> Floats:
-    """Return the length of the path to a surface; see :func:`_nearest`.
+    """Return the length of the path to a surface; see ``_nearest``.
 
     Args:
         vertical: The vertical distance from the surface.

@@ -294,7 +294,7 @@ class Carriage:
     def home_again(self) -> Point | None:
         """Home the stage; see :func:`tacbench_cad.lab.rig.stage.home_again`.
 
-        The caller sets :attr:`position_kept` once it has stored the result.
+        The caller sets ``position_kept`` once it has stored the result.
 
         Returns:
             The true position minus the reported position before, in mm of the work frame; None if it is unknown.

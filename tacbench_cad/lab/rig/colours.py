@@ -18,9 +18,11 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError, one_of
 
 Channels = Literal["rgb", "bgr"]
-#: The allowed orders, and the orders inside and outside of the program.
+#: The allowed orders.
 CHANNELS: tuple[Channels, ...] = ("rgb", "bgr")
+#: The order inside the program.
 INSIDE: Channels = "bgr"
+#: The order outside of the program.
 OUTSIDE: Channels = "rgb"
 
 

@@ -119,8 +119,8 @@ def interval_of(fraction: float, sizes: ArrayLike, correlation: float | None) ->
         correlation: The correlation of the presses of one unit, from :func:`correlation_of`; None if it is unknown.
 
     Returns:
-        The lower and the upper end; None if there are too few groups: fewer than two, or the interval would be wider
-        than :data:`WIDEST`.
+        The lower and the upper end. They are None if there are too few groups, that is, fewer than two, or so few that
+        the interval would be wider than :data:`WIDEST`.
     """
     from scipy import stats
 
