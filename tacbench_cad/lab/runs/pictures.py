@@ -10,7 +10,6 @@ import hashlib
 import io
 import os
 import struct
-import warnings
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -132,10 +131,6 @@ def decoded_image(data: bytes, kind: str) -> Frame:
 
     image = None
     if (size := _size(data, kind)) is not None:
-        try:
-            require_within("image", size[0] * size[1] / 1e6, MAX_MEGAPIXELS, "megapixels", "image")
-        except InputError as error:
-            raise CheckFailedError(error.allowed) from None
         with contextlib.suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or (image.shape[1], image.shape[0]) != size:
@@ -161,24 +156,30 @@ def _size(data: bytes, kind: str) -> tuple[int, int] | None:
     Raises:
         CheckFailedError: The image is too large.
     """
-    from PIL import Image
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin
 
+    # Image.open would warn about large images, and warnings cannot be silenced in one of several threads.
+    readers = {
+        "PNG": PngImagePlugin.PngImageFile,
+        "JPEG": JpegImagePlugin.JpegImageFile,
+        "BMP": BmpImagePlugin.BmpImageFile,
+        "TIFF": TiffImagePlugin.TiffImageFile,
+    }
     if kind == "JPEG" and b"\xff\xd9" not in data[-_JPEG_PADDING:]:
         return None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the caller has a lower limit of size than Pillow
-            with Image.open(io.BytesIO(data), formats=[kind]) as image:
-                width, height = image.size
-                if kind in ("PNG", "JPEG"):
-                    image.verify()
-                else:
-                    image.load()
-        return width, height
-    except Image.DecompressionBombError:
-        raise CheckFailedError(f"the image has more than {MAX_MEGAPIXELS:g} megapixels") from None
+        with readers[kind](io.BytesIO(data)) as image:
+            width, height = image.size
+            require_within("image", width * height / 1e6, MAX_MEGAPIXELS, "megapixels", "image")
+            if kind in ("PNG", "JPEG"):
+                image.verify()
+            else:
+                image.load()
+    except InputError as error:
+        raise CheckFailedError(error.allowed) from None
     except Exception:  # Pillow raises errors of many kinds for damaged files
         return None
+    return width, height
 
 
 def sha256(data: bytes) -> str:

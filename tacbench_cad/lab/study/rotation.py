@@ -8,7 +8,6 @@ down. A matrix turns column vectors of the same frame.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,12 +32,12 @@ def matrix(angles_deg: Angles) -> Floats:
 
 def angles_of(turn: Floats) -> Angles:
     """Return the angles of a matrix. At 90 degrees around y, the angle around z is 0."""
-    from scipy.spatial.transform import Rotation
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
-        x, y, z = (float(angle) for angle in Rotation.from_matrix(turn).as_euler("xyz", degrees=True))
-    return (x, y, z)
+    sin_y = min(max(-float(turn[2, 0]), -1.0), 1.0)
+    if abs(sin_y) > 1.0 - 1e-12:
+        around_x, around_z = math.atan2(-turn[1, 2], turn[1, 1]), 0.0
+    else:
+        around_x, around_z = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+    return (math.degrees(around_x), math.degrees(math.asin(sin_y)), math.degrees(around_z))
 
 
 def from_vector(vector_rad: tuple[float, ...]) -> Floats:
