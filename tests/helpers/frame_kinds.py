@@ -167,7 +167,7 @@ KINDS: dict[str, Callable[[int, float], Shot]] = {
     for each in (tactip, tactip_binary, tactip_127, tactip_glare, gelsight_dots, digit, gelsight_mini)
 }
 WITH_MARKERS = {"tactip": 331, "tactip_binary": 331, "tactip_127": 127, "tactip_glare": 127, "gelsight_dots": 48}
-WITHOUT = tuple(set(KINDS) - set(WITH_MARKERS))
+WITHOUT = tuple(kind for kind in KINDS if kind not in WITH_MARKERS)
 
 
 def frames_of(kind: str, count: int, seed: int = 0) -> list[Shot]:
