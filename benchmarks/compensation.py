@@ -32,11 +32,11 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.scan.estimates import Fit, ScanFit
-from tacbench_cad.scan.fitting import fit_scan
-from tacbench_cad.scan.pose import Pose
-from tacbench_cad.scan.printerfit import printer_model, scan_of_fit
-from tacbench_cad.scan.simulating import ScanTruth, Transfer, simulate_scan, stretch
+from tacbench_cad.extensions.printer_models.fitting import printer_model, scan_of_fit
+from tacbench_cad.extensions.scan.estimates import Fit, ScanFit
+from tacbench_cad.extensions.scan.fitting import fit_scan
+from tacbench_cad.extensions.scan.pose import Pose
+from tacbench_cad.extensions.scan.simulating import ScanTruth, Transfer, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import Print, corrected_for, in_file
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint

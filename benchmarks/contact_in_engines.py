@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.formats.simulators.folder import export_to_simulators
+from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

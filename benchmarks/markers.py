@@ -30,9 +30,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from helpers.simulated_markers import detection_rates, simulated_frames
 
+from tacbench_cad.extensions.markers.markers import MarkerFinder, Markers, grey
+from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.vision.markers import MarkerFinder, Markers, grey
-from tacbench_cad.lab.vision.tracking import MarkerTracker
 
 #: For each look: the smallest fraction found and the largest fraction false; threshold, areas and circularity of the
 #: blob detector.

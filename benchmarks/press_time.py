@@ -21,6 +21,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
+from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
@@ -30,8 +32,6 @@ from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, WorkFrame
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.virtual_rig.devices import open_rig
-from tacbench_cad.virtual_rig.machine import Stroke, along_path
 
 LIMIT = 2.0
 #: The highest speeds and the accelerations of the virtual machines, in mm and s.

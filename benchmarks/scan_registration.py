@@ -37,13 +37,12 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.scan.cloud import Cloud
-from tacbench_cad.scan.estimates import ScanFit
-from tacbench_cad.scan.fitting import fit_scan
-from tacbench_cad.scan.pose import Pose
-from tacbench_cad.scan.refining import centre_of
-from tacbench_cad.scan.simulating import (
+from tacbench_cad.extensions.scan.cloud import Cloud
+from tacbench_cad.extensions.scan.estimates import ScanFit
+from tacbench_cad.extensions.scan.fitting import fit_scan
+from tacbench_cad.extensions.scan.pose import Pose
+from tacbench_cad.extensions.scan.refining import centre_of
+from tacbench_cad.extensions.scan.simulating import (
     FOREIGN,
     WALLS,
     ScanTruth,
@@ -52,6 +51,7 @@ from tacbench_cad.scan.simulating import (
     simulate_scan,
     stretch,
 )
+from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats

@@ -22,10 +22,10 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from tacbench_cad.extensions.slicing.compare import compare
+from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.slicing.compare import compare
-from tacbench_cad.slicing.gcode import read_gcode
 from tacbench_cad.spec.block import Block
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

@@ -28,6 +28,8 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 from press_loop import Timed
 
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
+from tacbench_cad.extensions.watch.link import opened_page
 from tacbench_cad.lab.acquire.events import ProgressFile
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress, Several
@@ -37,8 +39,6 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock, RigSettings, WorkFrame
-from tacbench_cad.virtual_rig.devices import open_rig
-from tacbench_cad.web.watch.link import opened_page
 
 LIMIT_MS = 2.0
 #: The presses of a pattern: with the page, without it.

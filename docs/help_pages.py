@@ -106,6 +106,10 @@ def table(left: str, right: str, rows: list[str]) -> str:
 
 def reference() -> str:
     """The tables of all commands by group, then a section for each command."""
-    parts = [overview(title, (f"tacbench {word}" for word in words)) for title, words in cli.GROUPS.items()]
+    words = cli.tacbench.list_commands(ROOT)
+    parts = [
+        overview(title, (f"tacbench {word}" for word in words if COMMANDS[f"tacbench {word}"].panel == title))
+        for title in cli.PANELS
+    ]
     parts += [part for words, command in list(COMMANDS.items())[1:] for part in section(words, command)]
     return "\n".join(parts).strip()

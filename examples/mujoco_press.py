@@ -9,7 +9,8 @@ from pathlib import Path
 
 import mujoco
 
-from tacbench_cad import Block, export_to_simulators
+from tacbench_cad import Block
+from tacbench_cad.extensions.simulators import export_to_simulators
 
 RADIUS_MM, FORCE_N = 20.0, 2.0
 

@@ -3,10 +3,6 @@ from . import bd as bd
 from . import cq as cq
 from .assembly import Assembly as Assembly
 from .coupon import Coupon as Coupon
-from .drawings import coupon_drawing as coupon_drawing
-from .drawings import fixture_drawing as fixture_drawing
-from .drawings import holder_drawing as holder_drawing
-from .drawings import jig_drawing as jig_drawing
 from .fits import FITS as FITS
 from .fits import clearance_mm as clearance_mm
 from .fixture import Fixture as Fixture

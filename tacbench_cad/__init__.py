@@ -31,8 +31,8 @@ This makes a complete print set with holder and jig, like ``tacbench make``::
 
 Every name of this package is loaded when it is first used: ``import tacbench_cad`` alone imports neither NumPy nor a
 CAD package. The other public modules are :mod:`tacbench_cad.cq` (CadQuery), :mod:`tacbench_cad.bd` (build123d),
-:mod:`tacbench_cad.lab` (rig, runs and analysis, without CAD packages), :mod:`tacbench_cad.scan` (scans of prints) and
-:mod:`housing` (holder, jig and coupon).
+:mod:`tacbench_cad.lab` (rig, runs and analysis, without CAD packages), :mod:`housing` (holder, jig and coupon) and
+:mod:`tacbench_cad.extensions` (everything else, for example scans of prints).
 """
 
 from lazy_loader import attach_stub

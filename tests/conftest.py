@@ -71,8 +71,8 @@ def light_pdf_fonts() -> Iterator[list[tuple[dict[str, Any], Any]]]:
     with pytest.MonkeyPatch.context() as patch:
         styles = []
         if find_spec("matplotlib"):
+            from tacbench_cad.extensions.drawings import ink
             from tacbench_cad.lab.analysis import figures
-            from tacbench_cad.render.drawing import ink
             from tacbench_cad.util import plotting
 
             for style in (plotting._STYLE, figures._STYLE, ink._STYLE):

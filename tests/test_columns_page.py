@@ -15,17 +15,17 @@ from helpers.scan_documents import scan_document, write_scan
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.scan import analysing, writing
+from tacbench_cad.extensions.scan.result import WAVE_COLUMNS
+from tacbench_cad.extensions.scan.roughness import Roughness
+from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan
+from tacbench_cad.extensions.slicing import plates
 from tacbench_cad.lab.analysis import answers, compare
 from tacbench_cad.lab.analysis.classification import result, score
 from tacbench_cad.lab.analysis.classification.split_files import PRESS_COLUMNS
 from tacbench_cad.lab.analysis.report import results, scans
 from tacbench_cad.lab.analysis.variance import view
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.scan import analysing, writing
-from tacbench_cad.scan.result import WAVE_COLUMNS
-from tacbench_cad.scan.roughness import Roughness
-from tacbench_cad.scan.simulating import ScanTruth, simulate_scan
-from tacbench_cad.slicing import plates
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 

@@ -18,13 +18,15 @@ from tacbench_cad import Block, CheckFailedError, InputError, as_part, check, ex
 
 ROOT = Path(__file__).parents[1]
 PUBLIC = (
-    *("tacbench_cad", "tacbench_cad.lab", "tacbench_cad.scan", "tacbench_cad.cq", "tacbench_cad.bd"),
-    *("tacbench_cad.virtual_rig", "housing", "housing.cq", "housing.bd"),
+    *("tacbench_cad", "tacbench_cad.lab", "tacbench_cad.extensions.scan", "tacbench_cad.cq", "tacbench_cad.bd"),
+    *("tacbench_cad.extensions.virtual_rig", "housing", "housing.cq", "housing.bd"),
 )
 HEAVY = ("numpy", "scipy", "OCP", "build123d", "cadquery", "matplotlib", "rich")
 
 
-@pytest.mark.parametrize("package", [tacbench_cad, tacbench_cad.scan, housing], ids=lambda package: package.__name__)
+@pytest.mark.parametrize(
+    "package", [tacbench_cad, tacbench_cad.extensions.scan, housing], ids=lambda package: package.__name__
+)
 def test_every_public_name_can_be_imported(package: object) -> None:
     pytest.importorskip("OCP")
     names = package.__all__  # type: ignore[attr-defined]
@@ -96,7 +98,7 @@ def test_examples_and_pages_import_public_names_only(source: str) -> None:
     private = {f"{module}.{name}" for module, name in imports if module not in PUBLIC}
     assert not private
     for module, name in imports:
-        if module in ("tacbench_cad", "tacbench_cad.lab", "tacbench_cad.scan", "housing") and name:
+        if module in ("tacbench_cad", "tacbench_cad.lab", "tacbench_cad.extensions.scan", "housing") and name:
             assert name in importlib.import_module(module).__all__
 
 

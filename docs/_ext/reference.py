@@ -33,7 +33,13 @@ import tacbench_cad
 
 GENERATED = Path("api") / "generated"
 #: The packages that load their public names from other modules when they are used.
-PUBLIC = ("housing", "tacbench_cad", "tacbench_cad.lab", "tacbench_cad.scan", "tacbench_cad.virtual_rig")
+PUBLIC = (
+    "housing",
+    "tacbench_cad",
+    "tacbench_cad.lab",
+    "tacbench_cad.extensions.scan",
+    "tacbench_cad.extensions.virtual_rig",
+)
 #: The length in characters above which the value of a constant is not shown.
 MAX_VALUE_LENGTH = 300
 #: Names of other projects. They are not links, because they have no pages here and the build uses no network.

@@ -15,9 +15,10 @@ from build123d import Align, Box, Cylinder, Face, Polyline, Pos, Rot, Vector, ex
 from build123d import Part as Body
 
 from housing import Holder
-from tacbench_cad import Block, Part, export, save_drawing
-from tacbench_cad.render.drawing.cuts import Cuts
-from tacbench_cad.render.drawing.sheet import Dimension, Drawing, View
+from tacbench_cad import Block, Part, export
+from tacbench_cad.extensions.drawings import save_drawing
+from tacbench_cad.extensions.drawings.cuts import Cuts
+from tacbench_cad.extensions.drawings.sheet import Dimension, Drawing, View
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import mm, report
 

@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import rich_click as click
 from click.exceptions import ClickException, Exit, NoSuchCommand, UsageError
@@ -14,30 +15,21 @@ from tacbench_cad import __version__
 from tacbench_cad.cli.common import note, say_how_to_resume, say_interrupted
 from tacbench_cad.cli.completing import VARIABLE
 from tacbench_cad.cli.options import GENERAL, help_of
+from tacbench_cad.util.entries import entries, load
 from tacbench_cad.util.errors import MissingToolError, TacbenchError, one_line
 from tacbench_cad.util.output import drop
 from tacbench_cad.util.packages import why_not_imported
 
-#: The commands under their headings, in the order in which people use them.
-GROUPS = {
-    "Print": (
-        "textures",
-        "design",
-        "make",
-        "show",
-        "view",
-        "texture-part",
-        "check-part",
-        "plate",
-        "check-gcode",
-        "scan",
-        "printer-model",
-    ),
-    "Press": ("rig", "acquire", "watch", "simulate", "import-frames", "check-runs", "runs"),
-    "Analyse": ("variance", "grade", "classify", "split", "score", "compare", "report"),
-    "Share": ("publish", "cite", "export-runs", "export-simulator"),
-    "Help": ("doctor", "completion"),
-}
+#: The headings of the commands. Each command names its own.
+PANELS = ("Print", "Press", "Analyse", "Share", "Help")
+#: The commands of the core, in the order in which people use them. Extensions and other packages add theirs by entry
+#: points of the group ``tacbench.commands``.
+CORE = (
+    *("textures", "make", "show", "texture-part", "check-part"),
+    *("rig", "acquire", "simulate", "import-frames", "check-runs", "runs"),
+    *("variance", "grade", "classify", "split", "score", "compare", "report"),
+    *("cite", "doctor", "completion"),
+)
 #: Exit code of a run that was stopped safely.
 SAFELY_STOPPED = 3
 
@@ -46,20 +38,31 @@ class _Commands(click.RichGroup):
     """The commands. Each is imported when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return [name for names in GROUPS.values() for name in names]
+        return list(CORE) + [name for name in entries("tacbench.commands") if name not in CORE]
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        if cmd_name not in self.list_commands(ctx):
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        added = entries("tacbench.commands")
+        if cmd_name not in CORE and cmd_name not in added:
             raise NoSuchCommand(cmd_name, possibilities=self.list_commands(ctx), ctx=ctx)
-        module = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
-        command: click.Command = module.command
+        if cmd_name in CORE:
+            command: click.Command = importlib.import_module(f"{__name__}.{cmd_name.replace('-', '_')}").command
+            return command
+        try:
+            command = load(added[cmd_name])
+        except MissingToolError:
+            return None  # a list of the commands leaves it out
         return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args[0] not in CORE and args[0] in entries("tacbench.commands"):
+            load(entries("tacbench.commands")[args[0]])  # says which module is missing
+        return super().resolve_command(ctx, args)
 
 
 @click.command(
     "tacbench",
     cls=_Commands,
-    panels=[click.RichCommandPanel(title, commands=list(names)) for title, names in GROUPS.items()],
+    panels=[click.RichCommandPanel(title) for title in PANELS],
     context_settings={
         "help_option_names": ["-h", "--help"],
         "rich_help_config": {

@@ -18,18 +18,18 @@ from tacbench_cad.util.errors import CheckFailedError, InputError, located
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
+    from tacbench_cad.extensions.watch.link import PageLink
     from tacbench_cad.lab.acquire.events import ProgressFile
     from tacbench_cad.lab.acquire.person import Person
     from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.study.file import StudyFile
-    from tacbench_cad.web.watch.link import PageLink
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
 _VIRTUAL_SPEED = 50.0
 _VIRTUAL = "With --virtual"
 
 
-@options.command("acquire")
+@options.command("acquire", "Press")
 @options.argument("study", options.file("FILE.toml"), "Study file: blocks, protocol and rig.", required=False)
 @options.flag("--virtual", "Press one block on a simulated rig. Needs no file.", options.VIRTUAL_RIG)
 @options.option("--texture", options.TEXTURE, "Texture of the block. Default: 1.", options.VIRTUAL_RIG)
@@ -142,6 +142,7 @@ class _Page:
 
 def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     """Press the blocks of a study, check the runs, and report the outcome."""
+    from tacbench_cad.extensions.virtual_rig.devices import open_rig
     from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
     from tacbench_cad.lab.acquire.finish import Outcome, finishing
     from tacbench_cad.lab.acquire.person import Typing
@@ -149,7 +150,6 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     from tacbench_cad.lab.acquire.session import acquire_study, unfinished
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.util.packages import require
-    from tacbench_cad.virtual_rig.devices import open_rig
 
     # Frames are stored with this package. Without it, no file must be written.
     require("acquire", "cv2")
@@ -197,7 +197,7 @@ def _opened_page(page: _Page, folder: Path, file: ProgressFile, person: Person) 
     from tacbench_cad.util.packages import require
 
     require("the page", "starlette", "uvicorn", "websockets")
-    from tacbench_cad.web.watch.link import opened_page
+    from tacbench_cad.extensions.watch.link import opened_page
 
     return opened_page(
         folder, port=page.port, host=page.host, browser=page.browser, file=file, terminal=person, say=note

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tacbench_cad.checks.report import Report
 
 
-@options.command("check-part")
+@options.command("check-part", "Print")
 @options.argument("files", options.file("FILE"), "STL, 3MF or STEP files.", many=True)
 @options.option(
     "--texture",

@@ -32,7 +32,7 @@ MAX_SHOWN = 10
 MAX_FIELDS = 3
 
 
-@options.command("check-runs")
+@options.command("check-runs", "Press")
 @options.runs
 @options.flag("--repair", "Remove the last row of a table if it is incomplete.", options.REPAIR)
 @options.json

@@ -7,7 +7,7 @@ import rich_click as click
 from tacbench_cad.cli import options
 
 
-@options.command("cite")
+@options.command("cite", "Share")
 @options.option(
     "--format",
     options.choice("text", "bibtex"),

@@ -16,7 +16,7 @@ from tacbench_cad.util.errors import InputError
 SWEPT = ("resolution", "components", "copies", "forces", "frames")
 
 
-@options.command("classify")
+@options.command("classify", "Analyse")
 @options.runs
 @options.option(
     "--protocol",

@@ -13,7 +13,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 
-@options.command("compare")
+@options.command("compare", "Analyse")
 @options.argument(
     "a", options.file("A", completing.of_folders), "Runs of the first sensor, or the output folder of classify."
 )

@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem, FishComplete, add_completion_
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
-    from tacbench_cad.slicing.printers import Printer
+    from tacbench_cad.extensions.slicing.printers import Printer
 
 Items = list[CompletionItem[str]]
 #: A function that returns the completions of an incomplete value. The context has the values that are already typed.
@@ -105,7 +105,7 @@ def of_filaments(ctx: click.Context, incomplete: str) -> Items:
 
 def _printers(ctx: click.Context) -> dict[str, Printer]:
     """The known printers. A file with a mistake is ignored: the command itself reports the mistake."""
-    from tacbench_cad.slicing.printers import printers
+    from tacbench_cad.extensions.slicing.printers import printers
 
     try:
         return printers(ctx.params.get("printers"))

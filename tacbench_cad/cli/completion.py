@@ -17,7 +17,7 @@ INSTALL = {
 }
 
 
-@options.command("completion")
+@options.command("completion", "Help")
 @options.argument("shell", options.choice(*INSTALL, metavar="SHELL"), "bash, zsh or fish.")
 def command(shell: str) -> None:
     """Print the script for tab completion in your shell.

@@ -8,7 +8,7 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table
 
 
-@options.command("doctor")
+@options.command("doctor", "Help")
 @options.flag("--repair", "Run the repairs that pip can do.", options.REPAIR)
 @options.json
 def command(repair: bool, json: bool) -> None:

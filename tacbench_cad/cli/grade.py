@@ -8,7 +8,7 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, show_table
 
 
-@options.command("grade")
+@options.command("grade", "Analyse")
 @options.runs
 @options.option(
     "--force-level", options.COUNT, "Force level to compare. Default: the lowest, as in the paper.", options.METHOD

@@ -46,7 +46,7 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
     return {name: options.whole_of(option, number) for name, number in pairs.items()}
 
 
-@options.command("import-frames")
+@options.command("import-frames", "Press")
 @options.argument("paths", options.file("PATHS"), "Folders and files with frames and tables.", many=True)
 @options.option(
     "--columns",

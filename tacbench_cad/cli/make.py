@@ -9,8 +9,8 @@ from click.exceptions import Exit
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table
-from tacbench_cad.cli.compensating import show_effects
 from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.extensions.printer_models.compensating import show_effects
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.text import by, counted
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tacbench_cad.making.printset import PrintSet
 
 
-@options.command("make")
+@options.command("make", "Print")
 @options.textures
 @options.part
 @options.option(

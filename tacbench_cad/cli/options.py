@@ -256,16 +256,22 @@ def together(*decorators: Decorator) -> Decorator:
     return decorate
 
 
-def command(name: str, group: click.RichGroup | None = None) -> Callable[[Callable[..., None]], click.RichCommand]:
-    """Make a command from a function. The docstring of the function becomes the help."""
+def command(name: str, parent: str | click.RichGroup) -> Callable[[Callable[..., None]], click.RichCommand]:
+    """Make a command from a function. The docstring of the function becomes the help.
+
+    Args:
+        name: The word of the command.
+        parent: The heading under which ``tacbench --help`` lists the command, or the group to which it belongs.
+    """
 
     def decorate(function: Callable[..., None]) -> click.RichCommand:
         # An argument's name is its metavar: the help shows it once.
         panels = [click.RichOptionPanel(ARGUMENTS, column_types=["metavar", "help"])]
         panels += [click.RichOptionPanel(title) for title in PANELS[1:]]
-        built = click.command(name, help=help_of(function.__doc__), panels=panels)(function)
-        if group is not None:
-            group.add_command(built)
+        heading = parent if isinstance(parent, str) else None
+        built = click.command(name, help=help_of(function.__doc__), panels=panels, panel=heading)(function)
+        if isinstance(parent, click.RichGroup):
+            parent.add_command(built)
         return built
 
     return decorate
@@ -278,11 +284,11 @@ class _Group(click.RichGroup):
         return list(self.commands)
 
 
-def group(name: str) -> Callable[[Callable[..., None]], click.RichGroup]:
+def group(name: str, heading: str) -> Callable[[Callable[..., None]], click.RichGroup]:
     """Make a group of commands from a function, in the same way."""
-    return lambda function: click.group(name, cls=_Group, no_args_is_help=False, help=help_of(function.__doc__))(
-        function
-    )
+    return lambda function: click.group(
+        name, cls=_Group, no_args_is_help=False, help=help_of(function.__doc__), panel=heading
+    )(function)
 
 
 def help_of(docstring: str | None) -> str:

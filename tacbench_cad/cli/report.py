@@ -14,7 +14,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 
-@options.command("report")
+@options.command("report", "Analyse")
 @options.runs
 @options.option(
     "--variance", options.file("DIR"), "Output folder of tacbench variance. Default: computed.", options.CONTENT

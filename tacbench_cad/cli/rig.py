@@ -9,7 +9,6 @@ import rich_click as click
 
 from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import ask_line, note, print_json, print_lines, print_next, print_table
-from tacbench_cad.cli.rig_test_driver import test_driver
 from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.text import counted
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.study.spec import Point
 
 
-@options.group("rig")
+@options.group("rig", "Press")
 def command() -> None:
     """Find devices, calibrate the load cell, align the block.
 
@@ -174,9 +173,6 @@ def drivers(json: bool) -> None:
     print_next("rig", "probe")
 
 
-command.add_command(test_driver)
-
-
 def _driver_cells(driver: ListedDriver) -> tuple[str, ...]:
     """Return the cells of a driver's row."""
     if driver.error:
@@ -296,6 +292,7 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     """
     from dataclasses import replace
 
+    from tacbench_cad.extensions.virtual_rig.devices import open_rig
     from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
     from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, TaughtMarkers, Teaching, corner_markers, store_frame
     from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
@@ -303,7 +300,6 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.lab.study.presses import block_order
     from tacbench_cad.lab.study.spec import SensorSettings
-    from tacbench_cad.virtual_rig.devices import open_rig
 
     if tolerance_mm is not None and not 0.0 < tolerance_mm <= 5.0:
         raise InputError("tolerance mm", tolerance_mm, "must be above 0 and at most 5 mm")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tacbench_cad.cli.common import ask_line, note, print_lines, print_next
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import ProgressLines
 from tacbench_cad.lab.acquire.session import acquire_study
@@ -23,7 +24,6 @@ from tacbench_cad.lab.study.names import own_name
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.virtual_rig.devices import open_rig
 
 #: The number of attempts to answer a question.
 _TRIES = 5

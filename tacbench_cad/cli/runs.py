@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.rig.sensor import Frame
 
 
-@options.group("runs")
+@options.group("runs", "Press")
 def command() -> None:
     """Find the region of interest and the markers in frames."""
 
@@ -47,9 +47,9 @@ def roi(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: bool) -
       tacbench runs roi runs/ --roi auto
       tacbench runs roi runs/ --roi circle:304,248,210
     """
+    from tacbench_cad.extensions.markers.region import NONE_FOUND, remove_region, store_region
+    from tacbench_cad.extensions.markers.resting import NO_REGION, found_region, region_of, resting_frames
     from tacbench_cad.lab.runs.reading import Run, find_runs
-    from tacbench_cad.lab.vision.region import NONE_FOUND, remove_region, store_region
-    from tacbench_cad.lab.vision.resting import NO_REGION, found_region, region_of, resting_frames
 
     opened = [Run.open(folder) for folder in find_runs(runs)]
     none_found = False
@@ -131,12 +131,12 @@ def markers(
       tacbench runs markers runs/ -o pictures --marker-sigma 3.5
       tacbench runs markers imported/ -o pictures --reference at_rest.png
     """
+    from tacbench_cad.extensions.markers.displacements import MarkerFeatures
+    from tacbench_cad.extensions.markers.markers import MarkerSettings
+    from tacbench_cad.extensions.markers.pattern import expected_count
+    from tacbench_cad.extensions.markers.pictures import markers_drawn
+    from tacbench_cad.extensions.markers.resting import add_references, region_of
     from tacbench_cad.lab.runs.reading import Run, find_runs
-    from tacbench_cad.lab.vision.displacements import MarkerFeatures
-    from tacbench_cad.lab.vision.markers import MarkerSettings
-    from tacbench_cad.lab.vision.pattern import expected_count
-    from tacbench_cad.lab.vision.pictures import markers_drawn
-    from tacbench_cad.lab.vision.resting import add_references, region_of
 
     opened = [Run.open(folder) for folder in find_runs(runs)]
     if reference is not None:

@@ -8,7 +8,7 @@ from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, show_table
 
 
-@options.command("score")
+@options.command("score", "Analyse")
 @options.argument("predictions", options.file("PREDICTIONS"), "Table of your predictions (CSV).")
 @options.argument("split", options.file("SPLIT"), "Split file that tacbench split wrote.")
 @options.json

@@ -11,14 +11,14 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import short_name
 
 if TYPE_CHECKING:
+    from tacbench_cad.extensions.drawings import Drawing
     from tacbench_cad.making.request import Request
-    from tacbench_cad.render.drawing import Drawing
 
 #: What ``--drawing`` may name, and what ``make`` calls it.
 _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon"}
 
 
-@options.command("show")
+@options.command("show", "Print")
 @options.argument(
     "textures",
     options.words("TEXTURES", *options.TEXTURES, suffix=".toml"),
@@ -80,8 +80,8 @@ def _write_pictures(textures: tuple[str, ...], preset: str, scale: float, press:
 
 
 def _write_drawings(request: Request, press: bool, out: Path | None) -> None:
+    from tacbench_cad.extensions.drawings import save_drawing
     from tacbench_cad.making.request import plan
-    from tacbench_cad.render.drawing import save_drawing
 
     things = [source.thing for source in plan(request).sources]
     _require_single(out, len(things))
@@ -98,11 +98,11 @@ def _require_single(out: Path | None, count: int) -> None:
 
 
 def _drawing(thing: Any, press: bool) -> Drawing:
-    from tacbench_cad.render.drawing import block_drawing
+    from tacbench_cad.extensions.drawings import block_drawing
     from tacbench_cad.spec.block import Block
 
     if isinstance(thing, Block):
         return block_drawing(thing, press)
-    from housing.drawings import fixture_drawing
+    from tacbench_cad.extensions.drawings.fixtures import fixture_drawing
 
     return fixture_drawing(thing)

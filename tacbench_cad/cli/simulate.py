@@ -32,7 +32,7 @@ TIME_SPENT = {
 LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
 
 
-@options.command("simulate")
+@options.command("simulate", "Press")
 @options.option(
     "--study",
     options.text("STUDY", "quick", "paper", complete=completing.of_words_or_files("quick", "paper")),

@@ -9,7 +9,7 @@ from tacbench_cad.cli.common import note, print_json, print_next, print_table
 from tacbench_cad.util.text import counted
 
 
-@options.command("split")
+@options.command("split", "Analyse")
 @options.runs
 @options.option(
     "--hold-out",

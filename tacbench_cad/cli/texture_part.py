@@ -10,11 +10,11 @@ from tacbench_cad.cli.common import print_json, print_lines
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
-    from tacbench_cad.geometry.textured.on_mesh import TexturedMesh
+    from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh
     from tacbench_cad.making.texturing import TexturedFile
 
 
-@options.command("texture-part")
+@options.command("texture-part", "Print")
 @options.argument("file", options.file("FILE"), "STL, 3MF or STEP file of any program, in mm.")
 @options.option(
     "--at",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tacbench_cad.spec.block import Block
 
 
-@options.command("textures")
+@options.command("textures", "Print")
 @options.textures
 @options.preset
 @options.scale

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.analysis.variance.view import VarianceView
 
 
-@options.command("variance")
+@options.command("variance", "Analyse")
 @options.runs
 @options.option(
     "--protocol",
@@ -106,12 +106,12 @@ def command(
       tacbench variance slides --series
       tacbench variance runs --colour --ddof 1 --json
     """
+    from tacbench_cad.extensions.markers.markers import MarkerSettings
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.preprocess import preprocess_of
     from tacbench_cad.lab.analysis.variance.registration import register as seats
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import VarianceView, write_all
-    from tacbench_cad.lab.vision.markers import MarkerSettings
     from tacbench_cad.util.files import locked
 
     if ddof not in (0, 1):

@@ -28,10 +28,6 @@ from .analysis.variance.grade import grade as grade
 from .analysis.variance.table import VarianceResult as VarianceResult
 from .analysis.variance.table import variance_table as variance_table
 from .parallel import workers as workers
-from .publishing.crate import publish as publish
-from .publishing.publication import Author as Author
-from .publishing.publication import Publication as Publication
-from .publishing.publication import read_publication as read_publication
 from .rig.arduino import ArduinoStage as ArduinoStage
 from .rig.calibration import Calibration as Calibration
 from .rig.calibration import read_calibration as read_calibration
@@ -69,9 +65,6 @@ from .rig.stage import Stage as Stage
 from .runs.checking import Finding as Finding
 from .runs.checking import RunReport as RunReport
 from .runs.checking import check_run as check_run
-from .runs.exporting.formats import export_runs as export_runs
-from .runs.exporting.tactile_data import Processing as Processing
-from .runs.exporting.tactile_data import export_tactile_data as export_tactile_data
 from .runs.importing.authors import AuthorsOptions as AuthorsOptions
 from .runs.importing.importer import ImportReport as ImportReport
 from .runs.importing.importer import import_samples as import_samples
@@ -114,13 +107,3 @@ from .study.spec import SensorSettings as SensorSettings
 from .study.spec import StageSettings as StageSettings
 from .study.spec import Study as Study
 from .study.spec import WorkFrame as WorkFrame
-from .vision.displacements import MarkerFeatures as MarkerFeatures
-from .vision.markers import MarkerFinder as MarkerFinder
-from .vision.markers import Markers as Markers
-from .vision.markers import MarkerSettings as MarkerSettings
-from .vision.region import Region as Region
-from .vision.region import find_region as find_region
-from .vision.region import parse_region as parse_region
-from .vision.resting import region_of as region_of
-from .vision.tracking import MarkerTracker as MarkerTracker
-from .vision.tracking import Track as Track

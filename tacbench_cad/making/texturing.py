@@ -12,13 +12,13 @@ import numpy as np
 
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.report import Report
+from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh, texture_on_mesh
 from tacbench_cad.formats import format_of, step
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.formats.threemf import read_foreign_mesh
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.textured.height import around
-from tacbench_cad.geometry.textured.on_mesh import TexturedMesh, texture_on_mesh
 from tacbench_cad.geometry.textured.part import TexturedFaces, face_at, faces_by
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.making.writing import export
@@ -94,7 +94,7 @@ class TexturedFile:
     def as_dict(self) -> dict[str, Any]:
         """Return the values for the last face as plain JSON values.
 
-        The names are those of :class:`~tacbench_cad.geometry.textured.on_mesh.TexturedMesh`. ``error_mm``
+        The names are those of :class:`~tacbench_cad.extensions.foreign_meshes.on_mesh.TexturedMesh`. ``error_mm``
         and ``evidence`` are those of the solid; ``deviation_mm`` was measured on the file.
         """
         result = self.faces.results[-1]

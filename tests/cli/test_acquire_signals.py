@@ -16,10 +16,10 @@ from helpers.blocked_sensor import WAYS
 from helpers.cases import mostly_long
 from helpers.rigs import printed
 
+from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.virtual_rig.process import VirtualRig, launch
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"

@@ -14,7 +14,7 @@ from helpers.fixture_measure import manifold
 from helpers.printers import PRINTER, points
 
 from tacbench_cad.cli import main
-from tacbench_cad.cli.compensating import show_effects
+from tacbench_cad.extensions.printer_models.compensating import show_effects
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import corrected_for, effect_of

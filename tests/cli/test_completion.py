@@ -13,10 +13,12 @@ import pytest
 from click.shell_completion import ShellComplete, get_completion_class
 
 from tacbench_cad import cli
-from tacbench_cad.cli import classify, export_runs, export_simulator, import_frames, main, options, simulate
+from tacbench_cad.cli import classify, import_frames, main, options, simulate
 from tacbench_cad.cli.completing import RUN_FILES, VARIABLE
 from tacbench_cad.cli.completion import INSTALL
 from tacbench_cad.cli.options import TEXTURES
+from tacbench_cad.extensions.exchange import export_runs
+from tacbench_cad.extensions.simulators import command as export_simulator
 
 Capture = pytest.CaptureFixture[str]
 
@@ -122,13 +124,13 @@ def test_an_unknown_or_old_command_completes_to_nothing(capsys: Capture, monkeyp
 
 
 def test_the_completed_words_agree_with_the_program() -> None:
+    from tacbench_cad.extensions.exchange.exporting.formats import FORMATS as EXPORTS
+    from tacbench_cad.extensions.exchange.exporting.formats import TACTILE_DATA
+    from tacbench_cad.extensions.simulators import SIMULATOR_TARGETS
     from tacbench_cad.formats import FORMATS
-    from tacbench_cad.formats.simulators import SIMULATOR_TARGETS
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
     from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
     from tacbench_cad.lab.runs import schema
-    from tacbench_cad.lab.runs.exporting.formats import FORMATS as EXPORTS
-    from tacbench_cad.lab.runs.exporting.formats import TACTILE_DATA
     from tacbench_cad.lab.runs.importing.samples import FIELDS
     from tacbench_cad.lab.simulate.looks import LOOKS
     from tacbench_cad.making.request import PARTS

@@ -110,7 +110,7 @@ def test_the_files_of_two_machines_are_set_up_at_ports_of_virtual_firmware(
     top_mm: float,
 ) -> None:
     """The stage is identified at its port, the load cell is calibrated, and the press reaches its force."""
-    from tacbench_cad.virtual_rig import launch
+    from tacbench_cad.extensions.virtual_rig import launch
 
     path, stiffness = tmp_path / "rig.toml", 0.4
     middle = 80.0 if top_mm > 0.0 else -120.0

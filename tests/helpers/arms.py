@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from helpers.rigs import small_protocol
+from tacbench_cad.extensions.virtual_rig.arm import HOME_MM, VirtualArm
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage
@@ -26,7 +27,6 @@ from tacbench_cad.lab.study.spec import (
     WorkFrame,
 )
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.virtual_rig.arm import HOME_MM, VirtualArm
 
 #: A block that is turned by a quarter turn on the stage.
 ARM_RIG = RigSettings(

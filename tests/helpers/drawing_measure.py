@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 
-from tacbench_cad.render.drawing.ink import drawn
-from tacbench_cad.render.drawing.sheet import Callout, Dimension, Drawing, Outlines, Point, View
+from tacbench_cad.extensions.drawings.ink import drawn
+from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, Outlines, Point, View
 from tacbench_cad.util.plotting import only_style
 from tacbench_cad.util.types import Floats
 

@@ -7,11 +7,11 @@ import random
 from collections.abc import Callable
 from typing import Any
 
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.process import launch
 
 SPEED = 50.0
 #: Faults that a driver can notice. The firmware's step counters do not show the other faults; the force gauge does.

@@ -46,7 +46,7 @@ def read_texture_file(folder: Path) -> object:
 
 
 def read_printers_file(folder: Path) -> object:
-    from tacbench_cad.slicing.printers import printers
+    from tacbench_cad.extensions.slicing.printers import printers
 
     return list(printers(folder / "file.toml"))
 
@@ -244,7 +244,7 @@ def make_gcode(folder: Path) -> None:
 
 
 def read_gcode_file(folder: Path) -> object:
-    from tacbench_cad.slicing.compare import slice_check
+    from tacbench_cad.extensions.slicing.compare import slice_check
     from tacbench_cad.spec.block import Block
 
     return slice_check(folder / "block.gcode", Block.of(2, scale=0.3)).as_dict()

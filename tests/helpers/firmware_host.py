@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from tacbench_cad.virtual_rig.board import Board
-from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.setup import Setup
+from tacbench_cad.extensions.virtual_rig.board import Board
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.setup import Setup
 
 Point = tuple[float, float, float]
 

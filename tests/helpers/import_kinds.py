@@ -123,7 +123,7 @@ def imported(folder: Path, paths: Sequence[str], names: str | None = None) -> ob
 
 
 def make_region(folder: Path) -> None:
-    from tacbench_cad.lab.vision.region import parse_region, store_region
+    from tacbench_cad.extensions.markers.region import parse_region, store_region
 
     store_region(folder, parse_region("circle:30.5,20,15", 48, 64))
 
@@ -131,21 +131,21 @@ def make_region(folder: Path) -> None:
 def make_mask(folder: Path) -> None:
     import cv2
 
-    from tacbench_cad.lab.vision.region import parse_region, store_region
+    from tacbench_cad.extensions.markers.region import parse_region, store_region
 
     cv2.imwrite(str(folder / "mask.png"), np.kron(np.eye(2), np.full((24, 32), 255.0)).astype(np.uint8))
     store_region(folder, parse_region(str(folder / "mask.png"), 48, 64))
 
 
 def read_region(folder: Path) -> object:
-    from tacbench_cad.lab.vision.region import stored_region
+    from tacbench_cad.extensions.markers.region import stored_region
 
     region = stored_region(folder)
     return region and (region.digest, region.sureness)
 
 
 def read_publication_file(folder: Path) -> object:
-    from tacbench_cad.lab.publishing.publication import read_publication
+    from tacbench_cad.extensions.exchange.publishing.publication import read_publication
 
     return str(read_publication(folder / "publication.toml"))
 

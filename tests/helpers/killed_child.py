@@ -12,6 +12,7 @@ from typing import Any
 from helpers.arms import ARM_RIG, LastingArm, rig_of, turning_protocol
 from helpers.fakes import FakeSensor
 from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
@@ -21,7 +22,6 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.rotation import UPRIGHT
 from tacbench_cad.lab.study.spec import Protocol
-from tacbench_cad.virtual_rig.devices import open_rig
 
 
 def on_doubles(folder: Path, seed: int) -> None:

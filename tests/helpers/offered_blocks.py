@@ -17,8 +17,20 @@ import numpy as np
 from helpers.offers import Offer, past, texture_file
 from housing import Coupon, Holder, Jig
 from tacbench_cad.checks.candidates import Expectation
+from tacbench_cad.extensions.design.app import IMAGES, Upload
+from tacbench_cad.extensions.design.document import first_state, start
+from tacbench_cad.extensions.scan.fitting import fit_scan
+from tacbench_cad.extensions.scan.limits import limits_of
+from tacbench_cad.extensions.scan.reading import read_scan
+from tacbench_cad.extensions.scan.roughness import roughness
+from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_foreign
+from tacbench_cad.extensions.serving.server import bound_socket
+from tacbench_cad.extensions.simulators.folder import export_to_simulators
+from tacbench_cad.extensions.slicing.gcode import read_gcode
+from tacbench_cad.extensions.slicing.plates import arrange_plates
+from tacbench_cad.extensions.slicing.printers import Printer, printer_named, printers
+from tacbench_cad.extensions.slicing.surface import Frame
 from tacbench_cad.formats import SUFFIXES, format_of
-from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.geometry.block_part import as_part, block_part
 from tacbench_cad.geometry.textured.field import Fade
 from tacbench_cad.geometry.textured.frame import DIRECTIONS, axes_of
@@ -30,15 +42,6 @@ from tacbench_cad.making.request import Request, _formats, _kinds, blocks_of
 from tacbench_cad.making.showing import request_of
 from tacbench_cad.render.snapshot import _pieces
 from tacbench_cad.render.viewing.page import require_page
-from tacbench_cad.scan.fitting import fit_scan
-from tacbench_cad.scan.limits import limits_of
-from tacbench_cad.scan.reading import read_scan
-from tacbench_cad.scan.roughness import roughness
-from tacbench_cad.scan.simulating import ScanTruth, simulate_foreign
-from tacbench_cad.slicing.gcode import read_gcode
-from tacbench_cad.slicing.plates import arrange_plates
-from tacbench_cad.slicing.printers import Printer, printer_named, printers
-from tacbench_cad.slicing.surface import Frame
 from tacbench_cad.spec import textures as families
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm
@@ -51,9 +54,6 @@ from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import read_rows
 from tacbench_cad.util.plotting import SUFFIXES as PICTURES
 from tacbench_cad.util.plotting import picture_format
-from tacbench_cad.web.design.app import IMAGES, Upload
-from tacbench_cad.web.design.document import first_state, start
-from tacbench_cad.web.server import bound_socket
 
 Rows = Mapping[str, Callable[[Path], Sequence[Offer]]]
 

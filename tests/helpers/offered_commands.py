@@ -14,22 +14,16 @@ import numpy as np
 
 from helpers.offered_blocks import request_words
 from helpers.offers import Offer, past, texture_file
-from tacbench_cad.cli import (
-    check_gcode,
-    check_part,
-    compare,
-    export_runs,
-    import_frames,
-    options,
-    printer_model,
-    rig,
-    rig_test_driver,
-    rig_wizard,
-    scan,
-    texture_part,
-    variance,
-)
-from tacbench_cad.formats.simulators.folder import export_to_simulators
+from tacbench_cad.cli import check_part, compare, import_frames, options, rig, rig_wizard, texture_part, variance
+from tacbench_cad.extensions.conformance import command as rig_test_driver
+from tacbench_cad.extensions.design.document import first_state
+from tacbench_cad.extensions.exchange import export_runs
+from tacbench_cad.extensions.markers.region import parse_region
+from tacbench_cad.extensions.printer_models import command as printer_model
+from tacbench_cad.extensions.scan import command as scan
+from tacbench_cad.extensions.simulators.folder import export_to_simulators
+from tacbench_cad.extensions.slicing import check_gcode
+from tacbench_cad.extensions.slicing.printers import printer_named, printers
 from tacbench_cad.geometry.textured.frame import axes_of
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, Sweep
@@ -39,16 +33,13 @@ from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.names import own_name
-from tacbench_cad.lab.vision.region import parse_region
 from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.request import Request
 from tacbench_cad.making.showing import request_of
-from tacbench_cad.slicing.printers import printer_named, printers
 from tacbench_cad.spec.fits import clearance_mm
 from tacbench_cad.spec.outlines import outline_of
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.web.design.document import first_state
 
 Rows = Mapping[str, Callable[[Path], Sequence[Offer]]]
 
@@ -143,14 +134,14 @@ ROWS: Rows = {
     "cli.rig:_column_of": lambda _: [
         Offer(attempt=lambda text: rig._column_of("column", text), wrong="2", things=["2/3"])
     ],
-    "cli.rig_test_driver:test_driver": lambda _: [
+    "cli.rig_test_driver.command": lambda _: [
         Offer(
-            attempt=lambda mass: run(rig_test_driver.test_driver, "none", "--mass-g", mass),
+            attempt=lambda mass: run(rig_test_driver.command, "none", "--mass-g", mass),
             wrong=0,
             later="is not a driver",
         )
     ],
-    "cli.rig_test_driver:_kind_of": lambda _: [
+    "extensions.conformance.command:_kind_of": lambda _: [
         Offer(attempt=rig_test_driver._kind_of, wrong="xyz", later="is required for (simulated|serial|none)")
     ],
     "cli.rig_wizard:_chosen.convert": lambda _: [Offer(attempt=lambda line: typed(str(line)), wrong=3)],

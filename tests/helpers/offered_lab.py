@@ -15,6 +15,14 @@ from helpers.offers import Offer, past
 from helpers.rigs import printed, rig_settings, small_protocol
 from helpers.rigs import study_of as small_study
 from helpers.wrong_drivers import GoodSensor
+from tacbench_cad.extensions.devices.klipper import KlipperStage
+from tacbench_cad.extensions.exchange.exporting.formats import export_runs as export_runs_to
+from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing
+from tacbench_cad.extensions.exchange.publishing.publication import Author, Publication
+from tacbench_cad.extensions.markers.markers import MarkerSettings
+from tacbench_cad.extensions.markers.region import parse_region
+from tacbench_cad.extensions.virtual_rig import devices
+from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
@@ -23,21 +31,17 @@ from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, Sweep
 from tacbench_cad.lab.analysis.report.cite import citations
 from tacbench_cad.lab.analysis.report.page import write_report
 from tacbench_cad.lab.analysis.variance.table import variance_table
-from tacbench_cad.lab.publishing.publication import Author, Publication
 from tacbench_cad.lab.rig import plugin, registry
 from tacbench_cad.lab.rig.aligning import parse_step
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.colours import channels_fault
 from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.errors import RigError
-from tacbench_cad.lab.rig.klipper import KlipperStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions
 from tacbench_cad.lab.rig.ports import resolve
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.rig.samples import require_stuck_samples
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.exporting.formats import export_runs as export_runs_to
-from tacbench_cad.lab.runs.exporting.tactile_data import Processing
 from tacbench_cad.lab.runs.importing.arrays import _chosen as array_chosen
 from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
 from tacbench_cad.lab.runs.importing.kinds import ImportOptions
@@ -48,11 +52,7 @@ from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.file import _protocol, virtual_study
 from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
-from tacbench_cad.lab.vision.markers import MarkerSettings
-from tacbench_cad.lab.vision.region import parse_region
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.virtual_rig import devices
-from tacbench_cad.virtual_rig.setup import Setup
 
 Rows = Mapping[str, Callable[[Path], Sequence[Offer]]]
 

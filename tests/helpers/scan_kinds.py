@@ -12,7 +12,7 @@ from helpers.mutations import Kind, windows
 
 
 def _points() -> Any:
-    from tacbench_cad.scan.simulating import ScanTruth, simulate_scan
+    from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan
     from tacbench_cad.spec.block import Block
 
     return simulate_scan(Block.of(2), ScanTruth(points=600)).points_mm
@@ -41,7 +41,7 @@ def make_map(folder: Path) -> None:
 
 def _reader(name: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
-        from tacbench_cad.scan.reading import read_scan
+        from tacbench_cad.extensions.scan.reading import read_scan
 
         scan = read_scan(folder / name, unit="mm", mm_per_pixel=0.5, size_mm=(23.3, 30.0, 7.0))
         return scan.kind, scan.dropped, len(scan.cloud), np.round(scan.cloud.points_mm.sum(axis=0), 2).tolist()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tacbench_cad.scan.cloud import Cloud
-from tacbench_cad.scan.estimates import Estimate, ScanFit, WaveEstimate, wave_direction_deg
-from tacbench_cad.scan.simulating import ScanTruth, simulate_scan
+from tacbench_cad.extensions.scan.cloud import Cloud
+from tacbench_cad.extensions.scan.estimates import Estimate, ScanFit, WaveEstimate, wave_direction_deg
+from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.waves import WaveSum
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tacbench_cad.extensions.markers.markers import Markers as FoundMarkers
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.simulate.tactip import Markers, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
-from tacbench_cad.lab.vision.markers import Markers as FoundMarkers
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import Angles
-from tacbench_cad.virtual_rig.arm import VirtualArm
 
 Point = tuple[float, float, float]
 TRAVEL_MM = 100.0

@@ -15,8 +15,8 @@ from helpers.checkout import ROOT, Fill, Once, versioned_files
 from helpers.outsiders import Run, Written, part_named, program
 from helpers.resting import Exported
 
+from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.formats import FORMATS
-from tacbench_cad.formats.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked

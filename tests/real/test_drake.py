@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pytest.importorskip("pydrake", reason="Drake is not installed: pip install drake")

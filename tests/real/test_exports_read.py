@@ -13,8 +13,8 @@ import pytest
 pytest.importorskip("cv2")
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 
-from tacbench_cad.lab.runs.exporting.columns import COLUMNS
-from tacbench_cad.lab.runs.exporting.formats import export_runs
+from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
+from tacbench_cad.extensions.exchange.exporting.formats import export_runs
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.writing import RunWriter

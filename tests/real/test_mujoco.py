@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
-from tacbench_cad.formats.simulators.folder import export_to_simulators
+from tacbench_cad.extensions.simulators.asset import SimulatorAsset
+from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum

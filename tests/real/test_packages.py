@@ -362,7 +362,7 @@ def test_base(environment: Environment) -> None:
     missing = environment.missing_modules()
     assert extras_of(set(missing.values())) <= {"cad", "analysis", "web"}
     assert {"tacbench_cad.cq", "tacbench_cad.bd", "housing.bd"} <= set(missing), "the plug-ins need these packages"
-    light = ("tacbench_cad.lab.", "tacbench_cad.cli.", "tacbench_cad.making.", "tacbench_cad.slicing.")
+    light = ("tacbench_cad.lab.", "tacbench_cad.cli.", "tacbench_cad.making.", "tacbench_cad.extensions.slicing.")
     assert [name for name in missing if name.startswith(light)] == ["tacbench_cad.lab.analysis.classification.network"]
 
 
@@ -424,7 +424,7 @@ def use_cad(environment: Environment) -> None:
         assert "all checks passed" in environment.tacbench(f"check-part made/texture-1_paper_x1.{form}")
     # The pages in the browser need the extra "web", which "cad" does not contain.
     missing = environment.missing_modules()
-    assert {name for name in missing if not name.startswith("tacbench_cad.web")} == set()
+    assert {name for name in missing if not name.startswith("tacbench_cad.extensions.serving")} == set()
 
 
 @pytest.mark.long

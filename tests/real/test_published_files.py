@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers.checkout import Once
 
-from tacbench_cad.scan.reading import read_scan
+from tacbench_cad.extensions.scan.reading import read_scan
 
 pytestmark = pytest.mark.real
 

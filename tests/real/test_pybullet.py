@@ -9,7 +9,7 @@ import pytest
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, settled_mm, valley_mm
 from helpers.triangles import NO_PYBULLET, STEP_S, drop
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)

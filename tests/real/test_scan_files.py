@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacbench_cad.scan import reading
-from tacbench_cad.scan.reading import MIN_POINTS, read_scan
-from tacbench_cad.scan.roughness import roughness
-from tacbench_cad.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
+from tacbench_cad.extensions.scan import reading
+from tacbench_cad.extensions.scan.reading import MIN_POINTS, read_scan
+from tacbench_cad.extensions.scan.roughness import roughness
+from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
 from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real

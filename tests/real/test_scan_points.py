@@ -10,11 +10,11 @@ from helpers.scans import true_scan
 
 pymeshlab = pytest.importorskip("pymeshlab")
 
-from tacbench_cad.scan.colours import coloured, reach_mm
-from tacbench_cad.scan.deviations import top_map, wall_points
-from tacbench_cad.scan.result import Noise, ScanResult
-from tacbench_cad.scan.simulating import ScanTruth, low_pass
-from tacbench_cad.scan.writing import write_coloured
+from tacbench_cad.extensions.scan.colours import coloured, reach_mm
+from tacbench_cad.extensions.scan.deviations import top_map, wall_points
+from tacbench_cad.extensions.scan.result import Noise, ScanResult
+from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass
+from tacbench_cad.extensions.scan.writing import write_coloured
 from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real

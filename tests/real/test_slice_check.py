@@ -9,8 +9,8 @@ import pytest
 from helpers.outsiders import Run, Written, part_named, program
 from helpers.slicing import by_cura, by_prusa, cura_search_path
 
-from tacbench_cad.slicing.compare import AsSliced, compare
-from tacbench_cad.slicing.gcode import read_gcode
+from tacbench_cad.extensions.slicing.compare import AsSliced, compare
+from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real

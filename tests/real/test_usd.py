@@ -12,7 +12,7 @@ import pytest
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
-from tacbench_cad.formats.simulators.asset import SimulatorAsset
+from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.spec.block import Block
 
 pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")

@@ -226,7 +226,7 @@ class TexturedFaces:
         Raises:
             CheckFailedError: The kernel does not reach the tolerance.
         """
-        from tacbench_cad.geometry.textured.facets import is_simple
+        from tacbench_cad.extensions.foreign_meshes.facets import is_simple
 
         relief = self._relief(self._mesh_tolerance_mm)
         simple = all(is_simple(region, height) for region, height in relief.regions)
@@ -260,7 +260,7 @@ class TexturedFaces:
 
     def _combined(self, deflection_mm: float) -> tuple[Floats, Indices]:
         """Return the mesh of the part without its textures, with the meshes of the formula on it."""
-        from tacbench_cad.geometry.textured.facets import combined
+        from tacbench_cad.extensions.foreign_meshes.facets import combined
 
         part = weld(*triangulate(self._before, deflection_mm, ANGLE_RAD))
         textures = [

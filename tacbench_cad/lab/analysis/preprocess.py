@@ -10,15 +10,15 @@ from typing import Annotated
 
 import numpy as np
 
+from tacbench_cad.extensions.markers.displacements import MarkerFeatures
+from tacbench_cad.extensions.markers.markers import MarkerSettings
+from tacbench_cad.extensions.markers.region import Region, require_size
+from tacbench_cad.extensions.markers.resting import region_of
 from tacbench_cad.lab.analysis.collection import Collection, FeatureName
 from tacbench_cad.lab.analysis.variance.moments import small_map
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.series import series_rows
-from tacbench_cad.lab.vision.displacements import MarkerFeatures
-from tacbench_cad.lab.vision.markers import MarkerSettings
-from tacbench_cad.lab.vision.region import Region, require_size
-from tacbench_cad.lab.vision.resting import region_of
 from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Bytes, Floats
@@ -161,7 +161,7 @@ def preprocess_of(
     Args:
         collection: The study.
         features: The analysed features, see :class:`~tacbench_cad.lab.analysis.collection.Collection`.
-        roi: The region of interest, or a text that :func:`~tacbench_cad.lab.vision.resting.region_of` understands.
+        roi: The region of interest, or its text, as for ``--roi``.
         colour: Whether images keep their colours.
         resolution: The fraction of an image's width and height that remains.
         markers: The known settings of the markers.

@@ -3,7 +3,7 @@
 *Virtual*: a firmware simulator in its own process, behind a serial port; the drivers are the real ones.
 *Simulated*: a device in this process. A simulated gauge or sensor follows the position and the angles that the stage
 reports. The lab itself opens neither. Callers that need them pass :class:`Simulators`, as
-``tacbench_cad.virtual_rig.devices.open_rig`` does.
+``tacbench_cad.extensions.virtual_rig.devices.open_rig`` does.
 """
 
 from __future__ import annotations
@@ -173,7 +173,9 @@ def open_rig(
     def simulator(table: str, driver: str) -> Simulators:
         if simulators is None:
             raise InputError(
-                f"[{table}] driver", driver, "is a simulator; open it with tacbench_cad.virtual_rig.devices.open_rig"
+                f"[{table}] driver",
+                driver,
+                "is a simulator; open it with tacbench_cad.extensions.virtual_rig.devices.open_rig",
             )
         return simulators
 

@@ -33,6 +33,7 @@ from tacbench_cad.lab.study.spec import (
     SensorSettings,
     StageSettings,
 )
+from tacbench_cad.util.entries import is_own
 from tacbench_cad.util.errors import InputError, MissingToolError, nearest, one_of
 
 #: The attributes that every stage, gauge and sensor must have.
@@ -134,7 +135,7 @@ def find_driver(kind: Kind, word: str) -> Driver:
     field = f"[{kind}] driver"
     target = word
     if not plugin.is_plugin(word):
-        found = registry.entries(kind)
+        found = registry.drivers(kind)
         entry = found[one_of(field, word, found)]
         target = f"{entry.module}:{entry.attr}"
     loaded = plugin.load(target, field=field)
@@ -196,7 +197,7 @@ def open_device(
     if driver.missing:
         names = ", ".join(driver.missing)
         raise MissingToolError(f"{field} = {word!r}: needs {names}, not installed: run {driver.install}")
-    if word in registry.OWN[kind] or not guarded:
+    if not guarded or (word in registry.drivers(kind) and is_own(registry.drivers(kind)[word])):
         return driver.open(settings, context)
     module = getattr(driver.open, "__module__", None) or ""
     return plugin.open_device(

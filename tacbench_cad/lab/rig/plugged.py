@@ -10,6 +10,7 @@ from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.ports import Candidate
 from tacbench_cad.lab.rig.registry import Connection, Driver, Kind
 from tacbench_cad.lab.rig.video_nodes import VideoNode
+from tacbench_cad.util.entries import is_own
 from tacbench_cad.util.errors import TacbenchError, one_line
 
 #: The distribution whose drivers are ours.
@@ -56,8 +57,8 @@ def list_drivers(ports: Sequence[Candidate], cameras: Sequence[VideoNode]) -> tu
     """
     rows = []
     for kind in registry.GROUPS:
-        for name, entry in registry.entries(kind).items():
-            package = OURS if name in registry.OWN[kind] or entry.dist is None else entry.dist.name
+        for name, entry in registry.drivers(kind).items():
+            package = OURS if is_own(entry) or entry.dist is None else entry.dist.name
             try:
                 driver = find_driver(kind, name)
             except TacbenchError as error:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.util.entries import entries
 from tacbench_cad.util.packages import PACKAGES, has_module, install_command
 
 if TYPE_CHECKING:
@@ -23,31 +23,6 @@ Connection = Literal["serial port", "camera", "network", "other"]
 
 #: The entry-point group of each kind of device.
 GROUPS: Mapping[Kind, str] = {"stage": "tacbench.stages", "gauge": "tacbench.gauges", "sensor": "tacbench.sensors"}
-#: Our drivers. ``pyproject.toml`` registers the same names; a driver of another package cannot replace them. They are
-#: repeated here so that a study file can be checked without reading the metadata of every installed package.
-OWN: Mapping[Kind, Mapping[str, str]] = {
-    "stage": {
-        "grbl": "tacbench_cad.lab.rig.drivers:GRBL",
-        "marlin": "tacbench_cad.lab.rig.drivers:MARLIN",
-        "arduino": "tacbench_cad.lab.rig.drivers:ARDUINO",
-        "klipper": "tacbench_cad.lab.rig.klipper:DRIVER",
-        "ur": "tacbench_cad.lab.rig.universal_robots:DRIVER",
-    },
-    "gauge": {
-        "serial": "tacbench_cad.lab.rig.drivers:SERIAL",
-        "mark-10": "tacbench_cad.lab.rig.force_gauges:MARK_10_DRIVER",
-        "sauter": "tacbench_cad.lab.rig.force_gauges:SAUTER_DRIVER",
-        "imada": "tacbench_cad.lab.rig.force_gauges:IMADA_DRIVER",
-    },
-    "sensor": {
-        "opencv": "tacbench_cad.lab.rig.drivers:OPENCV",
-        "digit": "tacbench_cad.lab.rig.usb_sensors:DIGIT",
-        "gelsight-mini": "tacbench_cad.lab.rig.usb_sensors:GELSIGHT_MINI",
-        "raspberry-pi": "tacbench_cad.lab.rig.raspberry_pi_camera:DRIVER",
-        "genicam": "tacbench_cad.lab.rig.genicam:DRIVER",
-        "taxels": "tacbench_cad.lab.rig.drivers:TAXELS",
-    },
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,22 +78,6 @@ def distributions(modules: Iterable[str]) -> tuple[str, ...]:
     return tuple(known.get(name, name) for name in modules)
 
 
-def entries(kind: Kind) -> dict[str, EntryPoint]:
-    """Return the entry points of a kind of device by their names, ours first."""
-    from importlib.metadata import EntryPoint
-
-    own = {name: EntryPoint(name, value, GROUPS[kind]) for name, value in OWN[kind].items()}
-    return {**own, **{entry.name: entry for entry in _installed(kind) if entry.name not in own}}
-
-
-def names(kind: Kind) -> tuple[str, ...]:
-    """Return the names of all drivers of a kind of device, ours first."""
-    return tuple(entries(kind))
-
-
-@cache
-def _installed(kind: Kind) -> tuple[EntryPoint, ...]:
-    """Return the entry points of installed packages. Reading them takes some milliseconds, so it is done once."""
-    from importlib.metadata import entry_points
-
-    return tuple(sorted(entry_points(group=GROUPS[kind]), key=lambda entry: entry.name))
+def drivers(kind: Kind) -> dict[str, EntryPoint]:
+    """Return the entry points of the drivers of a kind of device by their names, ours first."""
+    return entries(GROUPS[kind])

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.markers.region import REGION_FILE, SURE, Region
+from tacbench_cad.extensions.markers.resting import found_region, region_of
 from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
@@ -23,8 +25,6 @@ from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.runs.table import cut_torn_line, read_table
 from tacbench_cad.lab.runs.usual import Usual
-from tacbench_cad.lab.vision.region import REGION_FILE, SURE, Region
-from tacbench_cad.lab.vision.resting import found_region, region_of
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line

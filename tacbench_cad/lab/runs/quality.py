@@ -27,10 +27,10 @@ from functools import cached_property
 
 import numpy as np
 
+from tacbench_cad.extensions.markers.region import Region
 from tacbench_cad.lab.rig.frames import SATURATED, FrameLimits, FrameQuality, frame_quality
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.usual import Likeness, Usual
-from tacbench_cad.lab.vision.region import Region
 from tacbench_cad.util.types import Bools
 
 #: The kinds of findings that judge how a frame looks. The file itself is complete.

@@ -469,8 +469,8 @@ class _Device(Checked):
     @classmethod
     def require_driver(cls, field: str, word: str) -> None:
         """Check that a driver is a driver of this program or of an installed package, or a ``module:name``."""
-        if ":" not in word and word not in cls.VIRTUAL and word not in registry.OWN[cls.KIND]:
-            one_of(field, word, (*registry.names(cls.KIND), *cls.VIRTUAL, "module:name"))
+        if ":" not in word and word not in cls.VIRTUAL:
+            one_of(field, word, (*registry.drivers(cls.KIND), *cls.VIRTUAL, "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)

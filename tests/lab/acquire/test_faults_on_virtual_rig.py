@@ -15,6 +15,10 @@ import pytest
 from helpers.cases import mostly_long
 from helpers.rigs import small_protocol
 
+from tacbench_cad.extensions.virtual_rig import devices
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.process import VirtualRig
 from tacbench_cad.lab.acquire import safety
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
@@ -26,10 +30,6 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import StudyFile, virtual_study
 from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.virtual_rig import devices
-from tacbench_cad.virtual_rig.devices import open_rig
-from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.process import VirtualRig
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"

@@ -10,6 +10,7 @@ import pytest
 from helpers.rigs import LIMITS, printed, small_protocol, study_of
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
@@ -19,7 +20,6 @@ from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.study.spec import GaugeSettings, RigSettings, SensorSettings, StageSettings, WorkFrame
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.virtual_rig.devices import open_rig
 
 ORIGIN = (30.0, 10.0, -5.0)
 RIG = RigSettings(

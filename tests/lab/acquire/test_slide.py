@@ -14,6 +14,7 @@ import pytest
 from helpers.fakes import Plate, SlidingStage
 from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol
 
+from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress
@@ -28,7 +29,6 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.virtual_rig.devices import open_rig
 
 FRAMES = 5
 TRAVEL_MM = 5.0

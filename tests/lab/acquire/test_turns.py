@@ -18,13 +18,14 @@ from helpers.arms import ARM_RIG, CLOCK, rig_of, turning_protocol
 from helpers.emulated_arm import install_arm
 from helpers.rigs import FakeRig, printed, rig_settings, study_of
 
+from tacbench_cad.extensions.devices.universal_robots import UniversalRobot
+from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import DepthLimitError, ForceLimitError
-from tacbench_cad.lab.rig.universal_robots import UniversalRobot
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
@@ -39,7 +40,6 @@ from tacbench_cad.lab.study.spec import (
     WorkFrame,
 )
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.virtual_rig.arm import VirtualArm
 
 
 class Arm(VirtualArm):

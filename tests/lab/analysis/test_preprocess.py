@@ -11,6 +11,9 @@ from helpers.dots import REST, SHAPE, dots_at_rest, dots_displacement, dots_imag
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.markers.displacements import MarkerFeatures
+from tacbench_cad.extensions.markers.region import parse_region, store_region
+from tacbench_cad.extensions.markers.resting import region_of
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import save, styled
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
@@ -18,9 +21,6 @@ from tacbench_cad.lab.analysis.variance.figures import displacement_figure
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.study.presses import plan_presses
-from tacbench_cad.lab.vision.displacements import MarkerFeatures
-from tacbench_cad.lab.vision.region import parse_region, store_region
-from tacbench_cad.lab.vision.resting import region_of
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 

@@ -11,10 +11,10 @@ import pytest
 from helpers.devices import plug_camera
 from helpers.emulated_cameras import UnavailableNode, install_genicam, install_picamera, picture
 
+from tacbench_cad.extensions.conformance.checks import check_sensor
 from tacbench_cad.lab.rig import camera as camera_module
 from tacbench_cad.lab.rig import video_nodes
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.conformance import check_sensor
 from tacbench_cad.lab.rig.drivers import open_sensor
 from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
 from tacbench_cad.lab.study.spec import SensorSettings

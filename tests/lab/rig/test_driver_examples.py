@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.lab.rig import conformance, plugin
+from tacbench_cad.extensions.conformance import checks as conformance
+from tacbench_cad.extensions.conformance.checks import Check, check_gauge
+from tacbench_cad.extensions.conformance.stage import check_stage
+from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.conformance import Check, check_gauge
-from tacbench_cad.lab.rig.conformance_stage import check_stage
 from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError, NotThereError, PositionLostError
 from tacbench_cad.lab.study.rotation import above, angle_between
 

@@ -125,8 +125,8 @@ def test_wrong_settings_of_marlin_are_named() -> None:
 
 
 def test_the_virtual_marlin_lists_its_settings() -> None:
+    from tacbench_cad.extensions.virtual_rig import launch
     from tacbench_cad.lab.rig.probing import identify
-    from tacbench_cad.virtual_rig import launch
 
     pytest.importorskip("serial")
     with launch("marlin", speed=20.0) as virtual:

@@ -389,9 +389,9 @@ def test_a_users_gauge(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("newtons", [False, True])
 def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
     """Read the stream of the virtual load cell without a fault and with each fault."""
-    from tacbench_cad.virtual_rig.faults import Fault
-    from tacbench_cad.virtual_rig.loadcell import CellSettings
-    from tacbench_cad.virtual_rig.loadcell import LoadCell as VirtualCell
+    from tacbench_cad.extensions.virtual_rig.faults import Fault
+    from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings
+    from tacbench_cad.extensions.virtual_rig.loadcell import LoadCell as VirtualCell
 
     path = tmp_path / "gauge.json"
     scale = CellSettings().counts_per_n
@@ -425,8 +425,8 @@ def first_good_force(gauge: Gauge, error: type[Exception]) -> float:
 
 @pty_only
 def test_the_virtual_rigs_faults_cause_specific_errors_and_the_gauge_recovers() -> None:
-    from tacbench_cad.virtual_rig.faults import Fault
-    from tacbench_cad.virtual_rig.process import launch
+    from tacbench_cad.extensions.virtual_rig.faults import Fault
+    from tacbench_cad.extensions.virtual_rig.process import launch
 
     spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
     with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:

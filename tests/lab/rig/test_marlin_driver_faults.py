@@ -14,14 +14,14 @@ if sys.platform == "win32":
 from helpers.alarm import alarm
 from helpers.driver_faults import SPEED, survive
 
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.rig import marlin_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, NotThereError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
-from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.process import launch
 
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
 CENTER: Point = (50.0, 60.0, 70.0)

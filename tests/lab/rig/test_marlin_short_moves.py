@@ -12,11 +12,11 @@ if sys.platform == "win32":
 
 from helpers.scripted_marlin import ScriptedMarlin
 
+from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
 from tacbench_cad.lab.rig import greeting, marlin
 from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.virtual_rig.process import VirtualRig, launch
 
 SPEED = 50.0
 

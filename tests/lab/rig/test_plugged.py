@@ -10,9 +10,10 @@ import pytest
 from helpers.devices import install_package, plug_camera
 
 from tacbench_cad.cli import rig
-from tacbench_cad.lab.rig import ports, registry, video_nodes
+from tacbench_cad.lab.rig import ports, video_nodes
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.ports import Candidate
+from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
@@ -33,7 +34,7 @@ def sysfs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(video_nodes.video_nodes, "__defaults__", (folder,))
     monkeypatch.setattr(ports, "candidates", lambda: [PORT])
     yield folder
-    registry._installed.cache_clear()
+    entries.cache_clear()
 
 
 def listed(capsys: Capture, *words: str) -> str:

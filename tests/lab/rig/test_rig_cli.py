@@ -313,7 +313,7 @@ class FakeGauge(Closing):
 
 @pytest.fixture
 def stage(monkeypatch: Patch) -> FakeStage:
-    from tacbench_cad.virtual_rig import devices
+    from tacbench_cad.extensions.virtual_rig import devices
 
     fake, gauge = FakeStage(), FakeGauge()
 
@@ -388,7 +388,7 @@ def test_align_stores_nothing_unless_it_succeeds(
 )
 def test_a_signal_lifts_the_stage_and_keeps_the_taught_markers(tmp_path: Path, name: str) -> None:
     """GRBL's default build has the switch of z at 0. With this seed, a lift to 0 would close it."""
-    from tacbench_cad.virtual_rig import launch
+    from tacbench_cad.extensions.virtual_rig import launch
 
     path = tmp_path / "study.toml"
     with launch("grbl", speed=100.0, origin="switch", seed=4) as rig:
@@ -457,7 +457,7 @@ def test_align_refuses_invalid_tolerances_and_studies_without_a_rig(tmp_path: Pa
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 @pytest.mark.parametrize("kind", [pytest.param("grbl", marks=pytest.mark.long), "marlin"])
 def test_firmware_and_gauge_are_identified(kind: str) -> None:
-    from tacbench_cad.virtual_rig.process import launch
+    from tacbench_cad.extensions.virtual_rig.process import launch
 
     options = {"settings": {1: 25}} if kind == "grbl" else {}
     with launch(kind, speed=20.0, **options) as virtual:

@@ -7,6 +7,8 @@ from contextlib import suppress
 
 import pytest
 
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NotThereError, ProtocolError, SlipError
@@ -14,8 +16,6 @@ from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.rig.switches import SwitchCheck, offset_at_switch
-from tacbench_cad.virtual_rig.faults import Fault
-from tacbench_cad.virtual_rig.process import launch
 
 
 @pytest.mark.parametrize("towards", [1, -1])

@@ -17,6 +17,7 @@ from helpers.lookalikes import LOOKS, draw
 from helpers.studies import GRID, write_study
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.markers.region import Region, find_region
 from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.checking import check_run
@@ -25,7 +26,6 @@ from tacbench_cad.lab.runs.reading import find_runs
 from tacbench_cad.lab.runs.usual import Usual
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.lab.vision.region import Region, find_region
 from tacbench_cad.util.types import Floats
 
 

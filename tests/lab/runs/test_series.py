@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.publishing.crate import _copy_run
+from tacbench_cad.extensions.exchange.publishing.crate import _copy_run
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run

@@ -17,6 +17,8 @@ from helpers.real_frames import SENSORS, goals, simulated_statistics
 from scipy.spatial import cKDTree
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.markers.markers import MarkerFinder
+from tacbench_cad.extensions.markers.region import find_region
 from tacbench_cad.lab import (
     LOOKS,
     Clock,
@@ -37,8 +39,6 @@ from tacbench_cad.lab.rig.frames import frame_faults
 from tacbench_cad.lab.simulate.devices import SimulatedSensor
 from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.study.spec import PlannedBlock, Protocol, Study, WorkFrame
-from tacbench_cad.lab.vision.markers import MarkerFinder
-from tacbench_cad.lab.vision.region import find_region
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid
 from tacbench_cad.util.errors import InputError

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad import __version__
+from tacbench_cad.extensions.markers.displacements import origin_of
 from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.result import level_column, recall_table
@@ -29,7 +30,6 @@ from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.scans import SCANNED, answer
 from tacbench_cad.lab.analysis.report.summary import next_steps
 from tacbench_cad.lab.analysis.tables import interval_column
-from tacbench_cad.lab.vision.displacements import origin_of
 from tacbench_cad.util.text import counted
 
 #: The largest number of findings of a run on the page; the CSV file contains all of them.

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tacbench_cad.extensions.markers.resting import resting_frames
+from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.variance.cells import (
@@ -22,8 +24,6 @@ from tacbench_cad.lab.analysis.variance.cells import (
 from tacbench_cad.lab.analysis.variance.components import LEVELS
 from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
 from tacbench_cad.lab.analysis.variance.table import VarianceResult
-from tacbench_cad.lab.vision.resting import resting_frames
-from tacbench_cad.lab.vision.tracking import MarkerTracker
 from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 

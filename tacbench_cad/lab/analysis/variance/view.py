@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad import __version__
+from tacbench_cad.extensions.markers.displacements import origin_of
 from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.collection import Collection, FeatureName
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
@@ -35,7 +36,6 @@ from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
-from tacbench_cad.lab.vision.displacements import origin_of
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted, interval, short

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.exchange.exporting.formats import export_runs
 from tacbench_cad.lab import ImportOptions, Run, find_runs, import_samples
-from tacbench_cad.lab.runs.exporting.formats import export_runs
 
 #: Red, green and blue of the lower half of every frame; the upper half is noise.
 ORANGE = (250, 120, 10)

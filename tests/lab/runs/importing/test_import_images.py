@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import import_frames, main
+from tacbench_cad.extensions.exchange.exporting.formats import export_runs
+from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED
+from tacbench_cad.extensions.exchange.exporting.tactile_data import export_tactile_data
 from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
 from tacbench_cad.lab.runs import writing
-from tacbench_cad.lab.runs.exporting.formats import export_runs
-from tacbench_cad.lab.runs.exporting.image_folder import UNLABELLED
-from tacbench_cad.lab.runs.exporting.tactile_data import export_tactile_data
 from tacbench_cad.lab.runs.importing.kinds import KINDS
 from tacbench_cad.util.errors import InputError
 

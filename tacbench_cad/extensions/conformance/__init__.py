@@ -1,0 +1,1 @@
+"""Checks of a driver on its device."""

@@ -1,0 +1,268 @@
+"""The messages between the design page and the server.
+
+The page sends JSON texts with an ``id``, and the answer has the same ``id``. Answers are JSON texts. Only a picture is
+sent as bytes: the ``id`` as a 32-bit integer, and then :func:`tacbench_cad.extensions.design.model.picture`. The page
+sends a height map as bytes; see :class:`Upload`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+import struct
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from starlette.routing import BaseRoute, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from tacbench_cad.extensions.design.document import (
+    NEW_WAVE,
+    STARTS,
+    controls,
+    fixed_controls,
+    of_image,
+    opened,
+    start,
+    toml,
+)
+from tacbench_cad.extensions.design.model import Design, facts, picture
+from tacbench_cad.extensions.serving.server import file_routes
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.making.printset import build
+from tacbench_cad.spec.images import PICTURES, TABLES
+from tacbench_cad.util.convert import Bounds, from_plain, to_plain
+from tacbench_cad.util.door import parse_json
+from tacbench_cad.util.errors import InputError, TacbenchError, one_line
+from tacbench_cad.util.files import replacing
+
+#: The largest size of the JSON text of a message, in characters.
+MAX_TEXT = 1_000_000
+#: The endings of height maps that the page accepts.
+IMAGES = (*PICTURES, *TABLES, ".npy")
+#: The largest number of slow answers that a page may wait for at the same time.
+MAX_WAITING = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A message of the page.
+
+    Args:
+        id: A number that the answer repeats.
+        do: What to do.
+        design: The state of the page; None before the first texture is chosen.
+        text: A texture file (open), the name of a texture (start).
+        name: The name of the opened file.
+        formats: The formats of the files to write.
+        count: The number of waves.
+    """
+
+    id: Annotated[int, Bounds(0, 2**31)]
+    do: Literal["hello", "start", "open", "waves", "picture", "facts", "toml", "write"]
+    design: Design | None = None
+    text: str = ""
+    name: str = "texture.toml"
+    formats: tuple[str, ...] = ()
+    count: Annotated[int, Bounds(1, 100)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Upload:
+    """A height map that the user dropped on the page.
+
+    Args:
+        id: A number that the answer repeats.
+        name: The name of the file.
+        content: Its bytes.
+    """
+
+    id: int
+    name: str
+    content: bytes
+
+    @classmethod
+    def of(cls, message: bytes) -> Upload:
+        """Read a message: the id and the length of the name as 32-bit integers, the name, the content.
+
+        Raises:
+            InputError: The message is too short, or the file has an unknown ending.
+        """
+        if len(message) < 8:
+            raise InputError("message", None, "is too short for a height map")
+        number, length = struct.unpack_from("<II", message)
+        given = message[8 : 8 + min(length, 500)].decode("utf-8", "replace")
+        name = re.sub(r"[^A-Za-z0-9._-]", "_", given)[-100:].lstrip(".-")
+        if Path(name).suffix.lower() not in IMAGES:
+            raise InputError("height map", given, f"must end in {', '.join(IMAGES)}")
+        return cls(id=number, name=name, content=message[8 + length :])
+
+
+class DesignPage:
+    """The page and the folder that it writes to.
+
+    Args:
+        out: The folder of the files. The page cannot choose another.
+        uploads: A folder for the height maps that the user drops on the page.
+        first: The state at the beginning.
+        name: The name of that state in :data:`tacbench_cad.extensions.design.document.STARTS`; empty for a file.
+    """
+
+    def __init__(self, out: Path, uploads: Path, first: Design, name: str = "") -> None:
+        self._out, self._uploads, self._first, self._start = out, uploads, first, name
+        # A state names its height map, because every tab, and every state of a tab, can have another.
+        self._folders = {"": first.folder}
+        self._slow = asyncio.Lock()
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        """The routes of the page."""
+        return [
+            *file_routes("tacbench_cad.extensions.design", "page.html", "page.css", "page.js", "block.js"),
+            WebSocketRoute("/socket", self._talk),
+        ]
+
+    async def _talk(self, socket: WebSocket) -> None:
+        await socket.accept()
+        waiting: set[asyncio.Task[None]] = set()
+        try:
+            await self._answer_all(socket, waiting)
+        finally:
+            for task in waiting:
+                task.cancel()
+
+    async def _answer_all(self, socket: WebSocket, waiting: set[asyncio.Task[None]]) -> None:
+        """Answer the messages of a page until it is closed."""
+        while (message := await socket.receive())["type"] == "websocket.receive":
+            data = message.get("text") or message.get("bytes") or b""
+            try:
+                question = question_of(data) if isinstance(data, str) else Upload.of(data)
+            except InputError as error:
+                await socket.send_text(json.dumps({"id": None, "error": one_line(error)}))
+                continue
+            if isinstance(question, Question) and question.do not in ("facts", "write"):
+                await self._answer(socket, question)
+            elif len(waiting) >= MAX_WAITING:
+                await socket.send_text(json.dumps({"id": question.id, "error": "Wait for the last result."}))
+            else:
+                task = asyncio.create_task(self._answer_slowly(socket, question))
+                waiting.add(task)
+                task.add_done_callback(waiting.discard)
+
+    async def _answer_slowly(self, socket: WebSocket, question: Question | Upload) -> None:
+        """Answer a question when all earlier slow questions are answered."""
+        async with self._slow:
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the page was closed in the meantime
+                await self._answer(socket, question)
+
+    async def _answer(self, socket: WebSocket, question: Question | Upload) -> None:
+        answer: dict[str, Any] | None
+        try:
+            if isinstance(question, Upload):
+                answer = await asyncio.to_thread(self._upload, question)
+            elif question.do == "picture":
+                data = await asyncio.to_thread(picture, self._state_of(question))
+                answer = None
+            else:
+                answer = await asyncio.to_thread(self.answer, question)
+        except TacbenchError as error:
+            answer = {"error": one_line(error)}
+        except Exception as error:  # a fault of this program, or of the system: the page says so and goes on
+            answer = {"error": f"unexpected error: {type(error).__name__}: {one_line(error, 200)}"}
+        if answer is None:
+            await socket.send_bytes(struct.pack("<I", question.id) + data)
+        else:
+            await socket.send_text(json.dumps({"id": question.id, **answer}, allow_nan=False))
+
+    def _state_of(self, question: Question) -> Design:
+        """Return the state of the page, with the folder of its files."""
+        if question.design is None:
+            raise InputError("design", None, "is missing")
+        folder = self._folders.get(question.design.upload)
+        if folder is None:
+            raise InputError("upload", question.design.upload, "is unknown; open the height map again")
+        return replace(question.design, folder=folder)
+
+    def _upload(self, upload: Upload) -> dict[str, Any]:
+        """Keep a height map and return the state that shows it."""
+        folder = Path(tempfile.mkdtemp(dir=self._uploads))
+        (folder / upload.name).write_bytes(upload.content)
+        state = of_image(folder, upload.name)
+        self._folders[folder.name] = folder
+        return _state(replace(state, upload=folder.name))
+
+    def answer(self, question: Question) -> dict[str, Any]:
+        """Return the answer to a question that is not about a picture.
+
+        Raises:
+            TacbenchError: The question asks for something that is not possible.
+        """
+        answers: dict[str, Callable[[], dict[str, Any]]] = {
+            "hello": lambda: {
+                **_state(self._first),
+                "starts": list(STARTS),
+                "start": self._start,
+                "fixed": fixed_controls(self._first),
+                "out": str(self._out),
+                "formats": {name: row.why_missing() for name, row in FORMATS.items()},
+            },
+            "start": lambda: _state(start(question.text)),
+            "open": lambda: _state(opened(question.text, question.name)),
+            "waves": lambda: _state(_with_waves(self._state_of(question), question.count)),
+            "facts": lambda: {"facts": facts(self._state_of(question))},
+            "toml": lambda: {"toml": toml(self._state_of(question)), "name": f"{self._state_of(question).name}.toml"},
+            "write": lambda: self._write(self._state_of(question), question.formats),
+        }
+        return answers[question.do]()
+
+    def _write(self, design: Design, formats: tuple[str, ...]) -> dict[str, Any]:
+        """Write the files of the block, and its texture file."""
+        sources = {f"{design.name}.toml": toml(design).encode()}
+        design.require_files()
+        for name in design.files:
+            sources[name] = (design.folder / name).read_bytes()
+            path = self._out / name
+            if path.exists() and path.read_bytes() != sources[name]:
+                raise InputError(
+                    "output file",
+                    str(path),
+                    "already has another content, and a texture file may name it; rename yours, or move this away",
+                )
+        result = build(design.request(formats=formats, out=self._out))
+        for name, content in sources.items():
+            path = self._out / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(path) as temporary:
+                temporary.write_bytes(content)
+        return {
+            "files": [*(str(row["file"]) for row in result.rows), *sources],
+            "failed": [f"{failure.file}: {'; '.join(failure.faults)}" for failure in result.failures],
+        }
+
+
+def question_of(message: str) -> Question:
+    """Return the question in a message of the page.
+
+    Raises:
+        InputError: The message is not a question.
+    """
+    if len(message) > MAX_TEXT:
+        raise InputError("message", None, f"may have at most {MAX_TEXT:,} characters")
+    return from_plain(Question, parse_json(message, "message", "of the page"))
+
+
+def _with_waves(design: Design, count: int) -> Design:
+    """Return the state with this number of waves: the first of its own, or its own and new ones."""
+    if design.texture.get("family") != "plane-waves":
+        raise InputError("waves", count, "can be changed only in a texture of the family plane-waves")
+    return replace(design, wave=(*design.wave, *[NEW_WAVE] * count)[:count])
+
+
+def _state(design: Design) -> dict[str, Any]:
+    """Return a state with its controls."""
+    return {"design": to_plain(design), "groups": controls(design)}

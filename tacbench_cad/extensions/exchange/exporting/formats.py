@@ -1,0 +1,78 @@
+"""The list of export formats, and the function that writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacbench_cad.extensions.exchange.exporting import hugging_face, image_folder, npz, web_dataset, zarr_group
+from tacbench_cad.extensions.exchange.exporting.card import card
+from tacbench_cad.extensions.exchange.exporting.samples import Progress, Samples
+from tacbench_cad.util.errors import one_of
+from tacbench_cad.util.files import replacing_folder
+from tacbench_cad.util.packages import require
+
+#: The format that tactile_learning reads. It is written by
+#: :func:`~tacbench_cad.extensions.exchange.exporting.tactile_data.export_tactile_data`, because it changes the images
+#: and can be written into the run folder.
+TACTILE_DATA = "tactile-data"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportFormat:
+    """An export format.
+
+    Args:
+        write: The function that writes samples into an empty folder.
+        loading: The lines of Python that load the data from the folder.
+        modules: The Python modules that writing needs.
+        head: The function that returns the beginning of README.md.
+    """
+
+    write: Callable[[Samples, Path], None]
+    loading: str
+    modules: tuple[str, ...] = ()
+    head: Callable[[Samples], str] = lambda samples: ""
+
+
+#: The formats, by name.
+FORMATS = {
+    "huggingface": ExportFormat(
+        write=hugging_face.write, loading=hugging_face.LOADING, modules=("pyarrow",), head=hugging_face.card_head
+    ),
+    "webdataset": ExportFormat(write=web_dataset.write, loading=web_dataset.LOADING),
+    "imagefolder": ExportFormat(write=image_folder.write, loading=image_folder.LOADING),
+    "zarr": ExportFormat(write=zarr_group.write, loading=zarr_group.LOADING, modules=("zarr", "cv2")),
+    "npz": ExportFormat(write=npz.write, loading=npz.LOADING, modules=("cv2",)),
+}
+
+
+def export_runs(folders: Iterable[Path], to: str, out: Path, progress: Progress = lambda done, count: None) -> Samples:
+    """Write the frames of runs with their columns in another format.
+
+    Each frame is compared with its checksum, and only a few frames are in memory at a time. The folder is written
+    completely or not at all.
+
+    Args:
+        folders: Run folders, or folders that contain run folders.
+        to: The format, a key of :data:`FORMATS`.
+        out: A folder that does not exist yet.
+        progress: A function that is called with the number of frames written so far and the number of all frames.
+
+    Returns:
+        The written samples.
+
+    Raises:
+        InputError: The format is unknown, a run cannot be read or has frames that the format cannot store, or ``out``
+            exists or cannot be written.
+        CheckFailedError: A frame is missing, damaged or changed.
+        MissingToolError: The format needs a package that is not installed.
+    """
+    chosen = FORMATS[one_of("to", to, FORMATS)]
+    require(f"--to {to}", *chosen.modules)
+    samples = Samples(folders, progress)
+    with replacing_folder(out) as folder:
+        chosen.write(samples, folder)
+        (folder / "README.md").write_text(chosen.head(samples) + card(samples, chosen.loading), encoding="utf-8")
+    return samples

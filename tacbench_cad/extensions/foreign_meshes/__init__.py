@@ -1,0 +1,1 @@
+"""Textures on regions of meshes that other programs made."""

@@ -1,0 +1,20 @@
+"""The names of :mod:`tacbench_cad.extensions.scan`, for type checkers and for its lazy loading alike."""
+
+from .analysing import Options as Options
+from .analysing import analyse as analyse
+from .cloud import Cloud as Cloud
+from .estimates import Estimate as Estimate
+from .estimates import ScanFit as ScanFit
+from .estimates import WaveEstimate as WaveEstimate
+from .fitting import fit_scan as fit_scan
+from .fitting import identify as identify
+from .limits import Limits as Limits
+from .pictures import deviation_picture as deviation_picture
+from .pictures import waves_picture as waves_picture
+from .pose import Pose as Pose
+from .reading import read_scan as read_scan
+from .result import PrintOrigin as PrintOrigin
+from .result import ScanResult as ScanResult
+from .simulating import ScanTruth as ScanTruth
+from .simulating import simulate_scan as simulate_scan
+from .writing import write_result as write_result

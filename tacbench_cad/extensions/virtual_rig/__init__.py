@@ -1,0 +1,18 @@
+"""Virtual firmware: processes that behave like GRBL, grblHAL, Marlin and the paper's Arduino sketch, and a load cell.
+
+Import the names from this package. Each is loaded at its first use::
+
+    from tacbench_cad.extensions.virtual_rig import Fault, launch, open_rig
+
+* :func:`launch` starts a virtual rig (:class:`VirtualRig`), which accepts each :class:`Fault`;
+* :func:`open_rig` opens any combination of real, virtual and simulated devices.
+
+The modules inside: ``machine`` moves a carriage in rig time; ``grbl``, ``marlin`` and ``arduino`` are state machines
+with bytes as input and output; ``board`` connects one to a serial line of a given speed and applies ``faults``;
+``loadcell`` sends samples; ``server`` and ``transport`` provide pseudo-terminals or TCP ports; ``process`` starts the
+process. ``arm`` is a simulated arm without firmware, which can turn the sensor.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,90 @@
+"""The virtual rig as a program, for tests with other host software."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from dataclasses import fields
+
+from tacbench_cad.extensions.virtual_rig.faults import KINDS as FAULTS
+from tacbench_cad.extensions.virtual_rig.faults import Fault, settings_of
+from tacbench_cad.extensions.virtual_rig.server import Server, serve_launcher
+from tacbench_cad.extensions.virtual_rig.setup import KINDS, Setup
+from tacbench_cad.util.convert import from_plain
+from tacbench_cad.util.errors import TacbenchError
+
+
+def main() -> int:
+    """Parse the command line and serve.
+
+    Returns:
+        The exit code.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m tacbench_cad.extensions.virtual_rig",
+        description="Simulated stage firmware and load cell on pseudo-terminals or TCP ports. No hardware is involved.",
+        epilog="Example: %(prog)s grbl --speed 10 --fault 'drop at_s=30 count=3 direction=in'",
+    )
+    parser.add_argument("kind", nargs="?", choices=KINDS, default="grbl", help="which firmware (grbl)")
+    parser.add_argument("--speed", type=float, default=1.0, help="times faster than real time (1)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything left to chance (0)")
+    parser.add_argument("--tcp", action="store_true", help="TCP ports instead of pseudo-terminals")
+    parser.add_argument("--no-reset-on-open", action="store_true", help="opening the port does not reset the board")
+    parser.add_argument("--check-baud", action="store_true", help="a host at another speed gets garbage (Linux)")
+    parser.add_argument(
+        "--flat", nargs=2, type=float, metavar=("Z_MM", "N_PER_MM"), help="a flat spring under the carriage"
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="'KIND KEY=VALUE ...'",
+        help=f"kinds: {', '.join(FAULTS)}; keys: {', '.join(field.name for field in fields(Fault)[1:])}",
+    )
+    for name, of in (("--option", "the firmware, as emergency_parser=1"), ("--gauge", "the load cell, as newtons=1")):
+        parser.add_argument(name, action="append", default=[], metavar="KEY=VALUE", help=f"a setting of {of}")
+    options = parser.parse_args()
+    _clean_up_on_sigterm()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        values = {name: getattr(options, name) for name in ("kind", "speed", "seed", "tcp", "check_baud")}
+        if options.flat is not None:
+            values["stimulus"] = dict(zip(("flat_z_mm", "n_per_mm"), options.flat, strict=True))
+        values["resets_on_open"] = not options.no_reset_on_open
+        values["faults"] = [Fault.parse(text) for text in options.fault]
+        values["firmware"] = settings_of(options.option)
+        values["gauge"] = settings_of(options.gauge)
+        server = Server(from_plain(Setup, values))
+    except TacbenchError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    print(
+        f"SIMULATED {options.kind} stage on {server.stage.name}\n"
+        f"SIMULATED load cell on {server.gauge.name}\nCtrl-C ends it.",
+        file=sys.stderr,
+        flush=True,
+    )
+    try:
+        server.run()
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        server.close()
+    return 0
+
+
+def launched() -> None:
+    """Run in the child process of a launcher."""
+    _clean_up_on_sigterm()
+    # A terminal sends an interruption to a whole group of processes. The launcher decides when its rig ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    serve_launcher()
+
+
+def _clean_up_on_sigterm() -> None:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

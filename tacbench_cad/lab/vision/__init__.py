@@ -1,1 +1,0 @@
-"""The region of the sensor in a camera's frame, and the positions of the sensor's markers."""

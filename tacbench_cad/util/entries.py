@@ -1,0 +1,44 @@
+"""What extensions and other packages add to the program, by Python entry points.
+
+A package names its own object in its ``pyproject.toml``, in one of the groups ``tacbench.commands``,
+``tacbench.stages`` and so on. Our own extensions use the same way, so a folder of an extension may be deleted.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from tacbench_cad.util.errors import MissingToolError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+
+@cache
+def entries(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by their names, ours first. No other package can replace ours."""
+    from importlib.metadata import entry_points
+
+    found = sorted(entry_points(group=group), key=lambda entry: entry.name)
+    own = {entry.name: entry for entry in found if is_own(entry)}
+    return own | {entry.name: entry for entry in found if entry.name not in own}
+
+
+def is_own(entry: EntryPoint) -> bool:
+    """Return whether an entry point names an object of this program."""
+    return entry.module.startswith("tacbench_cad.")
+
+
+def load(entry: EntryPoint) -> Any:
+    """Return the object that an entry point names.
+
+    Raises:
+        MissingToolError: Its module does not exist, as after its extension was deleted.
+    """
+    try:
+        return entry.load()
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{entry.module}.".startswith(f"{error.name}."):
+            raise
+        raise MissingToolError(f"{entry.name} needs {error.name}, which is not installed") from None

@@ -1,0 +1,322 @@
+"""Test virtual rigs as processes: over pseudo-terminals and TCP, with faults at run time, and without orphans."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
+from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.util.errors import InputError
+
+serial = pytest.importorskip("serial")
+needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+TRANSPORTS = [pytest.param(False, id="pty", marks=needs_pty), pytest.param(True, id="tcp")]
+MODULE = "tacbench_cad.extensions.virtual_rig"
+SPEED = 50.0
+
+
+class Port:
+    """A host on a serial port that reads with a time limit."""
+
+    def __init__(self, name: str, baud: int = 115200) -> None:
+        self.serial = serial.serial_for_url(name, baudrate=baud, timeout=0.005)
+
+    def until(self, mark: bytes, timeout_s: float = 10.0) -> bytes:
+        received = b""
+        end = time.monotonic() + timeout_s
+        while mark not in received:
+            assert time.monotonic() < end, (mark, received)
+            received += self.serial.read(4096)
+        return received
+
+    def ask(self, data: bytes, mark: bytes) -> bytes:
+        self.serial.write(data)
+        return self.until(mark)
+
+    def quiet(self, seconds: float = 0.1) -> bytes:
+        received = b""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            received += self.serial.read(4096)
+        return received
+
+
+def has_ended(pid: int) -> bool:
+    """Return whether a process has ended or is a zombie."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return True
+
+
+def becomes_true(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool:
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+@pytest.mark.parametrize("tcp", TRANSPORTS)
+def test_grbl_from_banner_to_position(tcp: bool) -> None:
+    with launch("grbl", speed=SPEED, tcp=tcp) as rig:
+        port = Port(rig.port)
+        assert port.until(b"unlock]\r\n").startswith(b"\r\nGrbl 1.1h ['$' for help]\r\n")
+        port.ask(b"$H\n", b"ok\r\n")
+        port.ask(b"G1 X30 Y20 Z-5 F3000\n", b"ok\r\n")
+        assert becomes_true(lambda: b"<Idle|MPos:30.000,20.000,-5.000|" in port.ask(b"?", b">"))
+        assert all(abs(a - b) < 0.01 for a, b in zip(rig.true_position(), (30.0, 20.0, -5.0), strict=True))
+        assert rig.reported_position() == (30.0, 20.0, -5.0)
+
+
+@needs_pty
+@pytest.mark.parametrize("kind", ["grblhal", "marlin", "arduino"])
+def test_other_firmwares(kind: str) -> None:
+    with launch(kind, speed=SPEED) as rig:
+        port = Port(rig.port)
+        ready, home, answer = {
+            "grblhal": (b"unlock]\r\n", b"$H\n", b"ok\r\n"),
+            "marlin": (b"Settings Loaded\n", b"G28\n", b"ok\n"),
+            "arduino": (b"", b"RESET\n", b"done\n"),
+        }[kind]
+        port.until(ready)
+        if not ready:
+            time.sleep(2.0 / SPEED)
+        port.ask(home, answer)
+        home_z = 100.0 if kind == "marlin" else 0.0
+        assert all(abs(a - b) < 0.02 for a, b in zip(rig.true_position(), (0.0, 0.0, home_z), strict=True))
+
+
+@pytest.mark.parametrize("tcp", TRANSPORTS)
+def test_opening_resets_only_if_requested(tcp: bool) -> None:
+    with launch("grbl", speed=SPEED, tcp=tcp, resets_on_open=False) as rig:
+        time.sleep(2.0 / SPEED)
+        port = Port(rig.port)
+        assert port.quiet() == b"", "there is no banner without a reset, and earlier output is lost"
+        assert port.ask(b"?", b">").startswith(b"<Alarm")
+    with launch("grbl", speed=SPEED, tcp=tcp) as rig:
+        for _ in range(3):
+            port = Port(rig.port)
+            port.until(b"unlock]\r\n")
+            port.serial.close()
+            time.sleep(0.05)
+
+
+@needs_pty
+def test_bytes_sent_during_boot_are_lost() -> None:
+    with launch("grbl", speed=4.0) as rig:
+        port = Port(rig.port)
+        port.serial.write(b"$I\n?")
+        assert port.until(b"unlock]\r\n").startswith(b"\r\nGrbl")
+        assert port.quiet(0.2) == b""
+
+
+@pytest.mark.parametrize("tcp", TRANSPORTS)
+def test_unplugging_closes_the_port_and_replugging_restores_its_name(tcp: bool) -> None:
+    with launch("grbl", speed=SPEED, tcp=tcp) as rig:
+        port = Port(rig.port)
+        port.until(b"unlock]\r\n")
+        rig.inject(Fault(kind="unplug", seconds=10.0))
+        with pytest.raises(serial.SerialException):
+            for _ in range(100):
+                port.serial.write(b"?")
+                port.quiet(0.01)
+        port.serial.close()
+
+        def back() -> bool:
+            try:
+                port.serial = Port(rig.port).serial
+            except serial.SerialException:
+                return False
+            return True
+
+        assert becomes_true(back)
+        port.until(b"unlock]\r\n")
+
+
+@pytest.mark.parametrize("tcp", TRANSPORTS)
+def test_load_cell_follows_the_true_position(tcp: bool) -> None:
+    cell = {"newtons": True, "noise_n": 0.0, "drift_n_per_min": 0.0}
+    flat = {"flat_z_mm": -5.0, "n_per_mm": 2.0}
+    with launch("grbl", speed=SPEED, tcp=tcp, stimulus=flat, gauge=cell) as rig:
+        port, gauge = Port(rig.port), Port(rig.gauge_port)
+        port.until(b"unlock]\r\n")
+        port.ask(b"$H\n", b"ok\r\n")
+        assert b"0.0000\n" in gauge.until(b"\n0.0000\n")
+        port.ask(b"G1 Z-6 F900\n", b"ok\r\n")
+        assert becomes_true(lambda: b"<Idle" in port.ask(b"?", b">"))
+        assert rig.force_n() == pytest.approx(2.0, abs=0.01)
+        steady = float(gauge.quiet(0.05).split(b"\n")[-2])
+        assert steady == pytest.approx(rig.force_n(), abs=1e-4)
+        rig.inject(Fault(kind="slip", axis="z", mm=-1.0))
+        assert rig.force_n() == pytest.approx(4.0, abs=0.01)
+        rig.put(None)
+        assert rig.force_n() == 0.0
+        rig.inject(Fault(kind="stuck"))
+        assert len(set(gauge.quiet(0.1).split(b"\n")[-20:-1])) == 1
+        rig.inject(Fault(kind="unplug", where="gauge"))
+        with pytest.raises(serial.SerialException):
+            gauge.quiet(5.0)
+        assert port.ask(b"?", b">").startswith(b"<Idle"), "the stage's port is a different one"
+
+
+def test_load_cell_fault_at_launch_does_not_affect_the_stage() -> None:
+    faults = ["unplug where=gauge", "garble where=gauge chance=1"]
+    with launch("grbl", speed=SPEED, faults=faults) as rig:
+        port = Port(rig.port)
+        port.until(b"unlock]\r\n")
+        assert b"<Alarm|MPos:0.000,0.000,0.000|" in port.ask(b"?", b">")
+        with pytest.raises(serial.SerialException):
+            Port(rig.gauge_port).quiet(5.0)
+
+
+@needs_pty
+def test_samples_are_sent_in_rig_time() -> None:
+    with launch("grbl", speed=10.0) as rig:
+        gauge = Port(rig.gauge_port)
+        gauge.until(b"\n")
+        start = rig.now_s()
+        lines = gauge.quiet(0.5).count(b"\n")
+        # A busy machine loses samples but never adds any.
+        assert 40 <= lines <= 80 * (rig.now_s() - start) + 80
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux reports the host's baud rate")
+def test_wrong_baud_rate_gives_garbage() -> None:
+    with launch("marlin", speed=SPEED, check_baud=True) as rig:
+        port = Port(rig.port, baud=115200)
+        assert b"Marlin" not in port.quiet(0.3)
+        port.serial.close()
+        time.sleep(0.05)
+        Port(rig.port, baud=250000).until(b"Settings Loaded\n")
+
+
+def test_invalid_arguments_are_refused_at_once() -> None:
+    with pytest.raises(InputError, match="kind"):
+        launch("reprap")
+    with pytest.raises(InputError, match="fire"):
+        launch("grbl", faults=["fire"])
+    with pytest.raises(InputError, match="flat_z"):
+        launch("grbl", tcp=True, stimulus={"flat_z": 3})
+    with launch("grbl", tcp=True, faults=["drop at_s=3", {"kind": "reset", "at_s": 4.0}]) as rig:
+        with pytest.raises(InputError, match="stimulus"):
+            rig.put({"nothing": 1})
+        assert rig.now_s() >= 0.0
+
+
+@pytest.mark.parametrize("tcp", TRANSPORTS)
+def test_closing_a_rig_ends_its_process(tcp: bool) -> None:
+    rig = launch("grbl", tcp=tcp)
+    pid, port = rig.process_id, rig.port
+    rig.close()
+    rig.close()
+    assert has_ended(pid) and (tcp or not Path(port).parent.exists())
+    with pytest.raises(DeviceLostError):
+        rig.true_position()
+
+
+@needs_pty
+def test_rig_ends_with_its_parent_process() -> None:
+    code = (
+        "import sys, time; from tacbench_cad.extensions.virtual_rig.process import launch\n"
+        "rig = launch('grbl'); print(rig.process_id, rig.port, flush=True); time.sleep(600)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    pid, port = parent.stdout.readline().split()
+    assert not has_ended(int(pid))
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    parent.stdout.close()
+    assert becomes_true(lambda: has_ended(int(pid)))
+    assert becomes_true(lambda: not Path(port).parent.exists())
+
+
+def busy_s(rig: VirtualRig) -> float:
+    """Return the processor time that a process has used, in s."""
+    fields = Path(f"/proc/{rig.process_id}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_idle_rig_uses_little_processor_time() -> None:
+    with launch("grbl", speed=SPEED) as rig:
+        port = Port(rig.port)
+        port.until(b"unlock]\r\n")
+        before = busy_s(rig)
+        time.sleep(1.0)
+        assert busy_s(rig) - before < 0.1
+
+
+@needs_pty
+@pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_program_reports_that_it_simulates(end: signal.Signals, code: int) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            MODULE,
+            "marlin",
+            "--speed",
+            "50",
+            "--flat",
+            "20",
+            "2",
+            "--gauge",
+            "newtons=1",
+            "--option",
+            "emergency_parser=1",
+        ],
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stderr is not None
+    first, second = process.stderr.readline(), process.stderr.readline()
+    assert first.startswith("SIMULATED marlin stage on ") and second.startswith("SIMULATED load cell on ")
+    port = Port(first.split()[-1])
+    port.until(b"Settings Loaded\n")
+    assert b"EMERGENCY_PARSER:1\n" in port.ask(b"M115\n", b"ok\n")
+    assert b"." in Port(second.split()[-1]).until(b"\n")
+    process.send_signal(end)
+    assert process.wait(10) == code
+    process.stderr.close()
+    assert not Path(first.split()[-1]).parent.exists()
+
+
+def test_help_and_invalid_options_of_the_program() -> None:
+    helped = subprocess.run([sys.executable, "-m", MODULE, "--help"], capture_output=True, text=True, check=True)
+    assert "Simulated stage firmware" in helped.stdout and "saturated" in helped.stdout
+    refused = subprocess.run([sys.executable, "-m", MODULE, "--fault", "fire"], capture_output=True, text=True)
+    assert refused.returncode == 2 and refused.stderr.count("\n") == 1 and "fire" in refused.stderr
+
+
+def test_launched_process_answers_invalid_input_with_an_error() -> None:
+    for text in ("", "nonsense\n", '{"kind": "reprap"}\n'):
+        code = "from tacbench_cad.extensions.virtual_rig.__main__ import launched; launched()"
+        result = subprocess.run([sys.executable, "-c", code], input=text, capture_output=True, text=True)
+        assert "error" in json.loads(result.stdout) and result.stderr == ""
+
+
+@needs_pty
+def test_files_in_the_working_folder_are_not_imported(tmp_path: Path) -> None:
+    for name in ("tacbench_cad", "json", "argparse", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the working folder was imported')\n")
+    code = (
+        "from tacbench_cad.extensions.virtual_rig import launch\nwith launch('grbl') as rig: print(rig.now_s() >= 0.0)"
+    )
+    command = [sys.executable, "-P", "-c", code]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.stdout == "True\n", result.stderr

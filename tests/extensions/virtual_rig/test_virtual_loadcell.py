@@ -1,0 +1,133 @@
+"""Test the virtual load cell's stream and the force that it measures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tacbench_cad.extensions.virtual_rig.faults import Fault
+from tacbench_cad.extensions.virtual_rig.loadcell import (
+    FULL_SCALE,
+    CellSettings,
+    FlatSpring,
+    ForceAtCarriage,
+    LoadCell,
+    stimulus_from,
+)
+from tacbench_cad.util.errors import InputError
+
+QUIET = CellSettings(noise_n=0.0, drift_n_per_min=0.0, offset_counts=1000.0, counts_per_n=10_000.0, rate_hz=100.0)
+
+
+def counts(data: bytes) -> list[int]:
+    return [int(word) for word in data.split()]
+
+
+def test_one_line_for_each_sample_at_the_sample_rate() -> None:
+    cell = LoadCell(QUIET)
+    assert cell.read(0.0, lambda: 0.0) == b"1000\n"
+    assert cell.read(0.005, lambda: 0.0) == b""
+    assert counts(cell.read(0.1005, lambda: 0.0)) == [1000] * 10
+    assert cell.next_s == pytest.approx(0.11)
+
+
+def test_force_becomes_counts_and_changes_linearly_within_a_batch() -> None:
+    cell = LoadCell(QUIET)
+    cell.read(0.0, lambda: 0.0)
+    assert counts(cell.read(0.0401, lambda: 2.0)) == [6000, 11000, 16000, 21000]
+    assert counts(cell.read(0.0501, lambda: 2.0)) == [21000]
+
+
+def test_force_is_requested_only_when_a_sample_is_due() -> None:
+    requests = []
+    cell = LoadCell(QUIET)
+
+    def force() -> float:
+        requests.append(1)
+        return 0.0
+
+    for i in range(100):
+        cell.read(i * 0.001, force)
+    assert len(requests) == 10
+
+
+def test_output_in_newtons_noise_and_drift() -> None:
+    cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
+    values = [float(word) for word in cell.read(1.0, lambda: 0.5).split()][-40:]
+    cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
+    cell.skip_to(120.0)
+    cell.read(120.0, lambda: 0.5)
+    later = [float(word) for word in cell.read(120.9, lambda: 0.5).split()]
+    mean = sum(later) / len(later)
+    assert 2.4 < mean < 2.6
+    assert 0.003 < (sum((value - mean) ** 2 for value in later) / len(later)) ** 0.5 < 0.03
+    assert len(set(values)) > 10
+
+
+def test_faults_of_the_gauge() -> None:
+    cell = LoadCell(QUIET)
+    cell.inject(Fault(kind="saturated", seconds=0.05), 0.0)
+    assert set(counts(cell.read(0.045, lambda: 1.0))) == {FULL_SCALE}
+    cell.read(0.1, lambda: 1.0)
+    cell.inject(Fault(kind="stuck", seconds=0.1), 0.1)
+    assert set(counts(cell.read(0.19, lambda: 3.0))) == {11000}
+    cell.read(0.3, lambda: 3.0)
+    cell.inject(Fault(kind="noise", n=1.0), 0.3)
+    assert len(set(counts(cell.read(0.5, lambda: 3.0)))) > 10
+    cell.inject(Fault(kind="drop", where="gauge", chance=1.0), 0.5)
+    assert cell.read(0.6, lambda: 3.0) == b""
+    assert LoadCell(QUIET).read(0.0, lambda: 1e9) == b"%d\n" % FULL_SCALE
+
+
+def test_unread_samples_do_not_accumulate() -> None:
+    cell = LoadCell(QUIET)
+    assert len(counts(cell.read(1e6, lambda: 0.0))) == 1
+
+
+def test_flat_spring_and_the_cache_of_its_force() -> None:
+    spring = stimulus_from({"flat_z_mm": -50.0, "n_per_mm": 2.0})
+    assert spring == FlatSpring(flat_z_mm=-50.0, n_per_mm=2.0)
+    assert spring.force_n((0.0, 0.0, -49.0)) == 0.0
+    assert spring.force_n((0.0, 0.0, -50.5)) == 1.0
+    here = (0.0, 0.0, -51.0)
+    force = ForceAtCarriage(lambda: here, spring)
+    assert force() == 2.0
+    here = (0.0, 0.0, -51.5)
+    assert force() == 3.0
+    force.put(None)
+    assert force() == 0.0
+
+
+def test_block_as_stimulus() -> None:
+    from tacbench_cad.lab.simulate.contact import contact_for
+    from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+    from tacbench_cad.spec.block import Block
+
+    printed = PrintedBlock(block=Block.of("1"), printer="bambu-p1p", filament="pla-minus")
+    values = {
+        "printed": printed.as_dict(),
+        "holder": {"rim_mm": 1.18, "gap_mm": 0.2},
+        "frame": {"origin_mm": [80.0, 80.0, -60.0]},
+    }
+    stimulus = stimulus_from(values)
+    contact = contact_for(printed, HolderRim())
+    z = contact.z_for_force(6.0, 20.0, 1.913)
+    assert stimulus.force_n((86.0, 100.0, -60.0 + z)) == pytest.approx(1.913, abs=0.01)
+    assert stimulus.force_n((86.0, 100.0, -30.0)) == 0.0
+
+
+@pytest.mark.parametrize(
+    "values", [{}, {"flat_z_mm": 1.0}, {"flat_z_mm": 1.0, "n_per_mm": 1.0, "colour": 3}, {"printed": {}}]
+)
+def test_invalid_stimuli_are_refused(values: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        stimulus_from(values)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"rate_hz": 0.0}, {"counts_per_n": 0.0}, {"noise_n": float("nan")}, {"rate_hz": "fast"}]
+)
+def test_invalid_cells_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        CellSettings(**wrong)
