@@ -142,7 +142,7 @@ ROWS: Rows = {
     "formats.__init__:format_of": lambda _: [
         Offer(attempt=lambda end: format_of(Path(f"a{end}")), wrong=".xyz", things=list(SUFFIXES))
     ],
-    "formats.simulators.folder:export_to_simulators 2": lambda folder: [
+    "extensions.simulators.folder:export_to_simulators 2": lambda folder: [
         Offer(attempt=lambda word: export_to_simulators([], [word] if word else [], folder / "out"), wrong=wrong)
         for wrong in ("", "xyz")
     ],
@@ -230,10 +230,10 @@ ROWS: Rows = {
     "render.viewing.page:require_page": lambda folder: [
         Offer(attempt=lambda end: require_page(folder / f"a{end}"), wrong=".txt", things=[".html"])
     ],
-    "scan.fitting:fit_scan": lambda _: [
+    "extensions.scan.fitting:fit_scan": lambda _: [
         Offer(attempt=past(lambda word: fit_scan(None, Block.of(1), word)), wrong="xyz")  # type: ignore[arg-type]
     ],
-    "scan.limits:limits_of 2": lambda folder: [
+    "extensions.scan.limits:limits_of 2": lambda folder: [
         Offer(attempt=lambda name: limits_of([f"{name}=0.5"]), wrong="xyz"),
         Offer(
             attempt=lambda value: limits_of([f"top_rms_mm={value}"]),
@@ -241,28 +241,28 @@ ROWS: Rows = {
             things={"a number": "0.05", "none": "none"},
         ),
     ],
-    "scan.reading:read_scan": lambda _: [
+    "extensions.scan.reading:read_scan": lambda _: [
         Offer(attempt=lambda word: read_scan(Path("none.ply"), unit=word), wrong="xyz", later="none.ply")
     ],
-    "scan.roughness:roughness": lambda _: [
+    "extensions.scan.roughness:roughness": lambda _: [
         Offer(attempt=past(lambda value: roughness(None, s_filter_mm=value)), wrong=-1.0)  # type: ignore[arg-type]
     ],
-    "scan.simulating:ScanTruth.__post_init__ 6": lambda _: [
+    "extensions.scan.simulating:ScanTruth.__post_init__ 6": lambda _: [
         *_fields(ScanTruth, -1.0, "", "noise_mm", "outlier_fraction", "top_fraction", "points"),
         Offer(attempt=lambda word: ScanTruth(noise_direction=word), wrong="xyz"),
         Offer(attempt=lambda word: ScanTruth(walls=(word,)), wrong="xyz"),
     ],
-    "scan.simulating:simulate_foreign": lambda _: [
+    "extensions.scan.simulating:simulate_foreign": lambda _: [
         Offer(attempt=lambda word: simulate_foreign(word, points=100), wrong="xyz")
     ],
-    "slicing.gcode:read_gcode": lambda _: [
+    "extensions.slicing.gcode:read_gcode": lambda _: [
         Offer(attempt=lambda value: read_gcode(Path("none.gcode"), value), wrong=0.0, later="none")
     ],
-    "slicing.plates:arrange_plates 2": lambda _: [
+    "extensions.slicing.plates:arrange_plates 2": lambda _: [
         Offer(attempt=past(lambda value: arrange_plates([], value, printers()["form-3"])), wrong=0),
         Offer(attempt=past(lambda value: arrange_plates([], 1, printers()["form-3"], value)), wrong=-1.0),
     ],
-    "slicing.printers:Printer.__post_init__": lambda _: [
+    "extensions.slicing.printers:Printer.__post_init__": lambda _: [
         *_fields(Printer, 1.0, "", "height_mm", name="x", bed_mm=(50.0, 50.0), filaments=("a",)),
         Offer(
             attempt=lambda value: Printer(
@@ -271,10 +271,10 @@ ROWS: Rows = {
             wrong=1.0,
         ),
     ],
-    "slicing.printers:printer_named": lambda _: [
+    "extensions.slicing.printers:printer_named": lambda _: [
         Offer(attempt=lambda word: printer_named(word, printers()), wrong="xyz")
     ],
-    "slicing.surface:Frame.__post_init__": lambda _: [
+    "extensions.slicing.surface:Frame.__post_init__": lambda _: [
         Offer(
             attempt=lambda quarters: Frame(x_mm=0.0, y_mm=0.0, quarters=quarters),
             wrong=5,
@@ -385,13 +385,13 @@ ROWS: Rows = {
     "util.plotting:picture_format": lambda _: [
         Offer(attempt=lambda end: picture_format(Path(f"a{end}")), wrong=".gif", things=list(PICTURES))
     ],
-    "web.design.app:Upload.of": lambda _: [Offer(attempt=_upload, wrong=".exe", things=list(IMAGES))],
-    "web.design.document:start": lambda _: [Offer(attempt=start, wrong="xyz")],
-    "web.design.document:first_state 2": lambda folder: [
+    "extensions.design.app:Upload.of": lambda _: [Offer(attempt=_upload, wrong=".exe", things=list(IMAGES))],
+    "extensions.design.document:start": lambda _: [Offer(attempt=start, wrong="xyz")],
+    "extensions.design.document:first_state 2": lambda folder: [
         Offer(attempt=first_state, wrong="xyz"),
         Offer(attempt=first_state, wrong="xyz", things={"1 to 6": ["1", "6"], "TOML files": str(texture_file(folder))}),
     ],
-    "web.server:bound_socket 2": lambda _: [
+    "extensions.serving.server:bound_socket 2": lambda _: [
         Offer(attempt=lambda port: bound_socket(port).close(), wrong=70_000, later="cannot be used"),
         Offer(
             attempt=lambda host: bound_socket(0, host).close(),

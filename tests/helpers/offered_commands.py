@@ -17,12 +17,12 @@ from helpers.offers import Offer, past, texture_file
 from tacbench_cad.cli import check_part, compare, import_frames, options, rig, rig_wizard, texture_part, variance
 from tacbench_cad.extensions.conformance import command as rig_test_driver
 from tacbench_cad.extensions.design.document import first_state
-from tacbench_cad.extensions.exchange import export_runs
+from tacbench_cad.extensions.exchange import export_command
 from tacbench_cad.extensions.markers.region import parse_region
 from tacbench_cad.extensions.printer_models import command as printer_model
 from tacbench_cad.extensions.scan import command as scan
 from tacbench_cad.extensions.simulators.folder import export_to_simulators
-from tacbench_cad.extensions.slicing import check_gcode
+from tacbench_cad.extensions.slicing import check_command
 from tacbench_cad.extensions.slicing.printers import printer_named, printers
 from tacbench_cad.geometry.textured.frame import axes_of
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
@@ -57,9 +57,9 @@ def typed(line: str) -> object:
 
 
 ROWS: Rows = {
-    "cli.export_runs:_whole_numbers.read": lambda _: [
+    "extensions.exchange.export_command:_whole_numbers.read": lambda _: [
         Offer(
-            attempt=lambda text: export_runs._whole_numbers("x", 2, "WxH, for example 128x128").read("size", text),
+            attempt=lambda text: export_command._whole_numbers("x", 2, "WxH, for example 128x128").read("size", text),
             wrong="5",
             things={"WxH": "64x48", "128x128": "128x128"},
         )
@@ -67,21 +67,21 @@ ROWS: Rows = {
     "cli.rig_wizard:_word": lambda _: [
         Offer(attempt=partial(rig_wizard._word, ("counts", "newtons")), wrong="xyz", things=["counts", "newtons"])
     ],
-    "cli.check_gcode:_frame_of 2": lambda _: [
+    "extensions.slicing.check_command:_frame_of 2": lambda _: [
         Offer(
-            attempt=lambda text: check_gcode._frame_of("frame", text),
+            attempt=lambda text: check_command._frame_of("frame", text),
             wrong="90",
             things={"X,Y": "88.35,85", "X,Y,DEGREES": "88.35,85,90"},
         ),
         Offer(
-            attempt=lambda degrees: check_gcode._frame_of("frame", f"1,2,{degrees}"),
+            attempt=lambda degrees: check_command._frame_of("frame", f"1,2,{degrees}"),
             wrong="45",
             things=["0", "90", "180", "270"],
         ),
     ],
-    "cli.check_gcode:_block": lambda folder: [
+    "extensions.slicing.check_command:_block": lambda folder: [
         Offer(
-            attempt=lambda word: check_gcode._block(word, "paper", 1.0, None, None),
+            attempt=lambda word: check_command._block(word, "paper", 1.0, None, None),
             wrong="all",
             things={"1 to 6": ["1", "6"], "dunes": "dunes", "a TOML file": str(texture_file(folder))},
         )
@@ -97,9 +97,11 @@ ROWS: Rows = {
             later="none",
         )
     ],
-    "cli.export_runs:command": lambda _: [
+    "extensions.exchange.export_command:command": lambda _: [
         Offer(
-            attempt=lambda word: run(export_runs.command, "none", "--to", word, "-o", "out"), wrong="xyz", later="none"
+            attempt=lambda word: run(export_command.command, "none", "--to", word, "-o", "out"),
+            wrong="xyz",
+            later="none",
         )
     ],
     "cli.import_frames:_pairs_of": lambda _: [
@@ -123,7 +125,7 @@ ROWS: Rows = {
     "cli.options:_jobs_of": lambda _: [
         Offer(attempt=lambda text: options._jobs_of("jobs", text), wrong="0", things={"1 or more": ["1", "7"]})
     ],
-    "cli.printer_model:command": lambda _: [
+    "extensions.printer_models.command:command": lambda _: [
         Offer(
             attempt=lambda end: run(printer_model.command, "none.json", "-o", f"model{end}"),
             wrong=".txt",
@@ -134,7 +136,7 @@ ROWS: Rows = {
     "cli.rig:_column_of": lambda _: [
         Offer(attempt=lambda text: rig._column_of("column", text), wrong="2", things=["2/3"])
     ],
-    "cli.rig_test_driver.command": lambda _: [
+    "extensions.conformance.command:command": lambda _: [
         Offer(
             attempt=lambda mass: run(rig_test_driver.command, "none", "--mass-g", mass),
             wrong=0,
@@ -148,15 +150,15 @@ ROWS: Rows = {
     "cli.rig_wizard:_limits": lambda _: [
         Offer(attempt=rig_wizard._limits, wrong="1 2", things=["0 220, 0 220, 20 200"])
     ],
-    "cli.scan:_result": lambda _: [
+    "extensions.scan.command:_result": lambda _: [
         Offer(attempt=lambda layer: run(scan.command, "none.ply", "--layer", layer), wrong=0.0, later="none.ply")
     ],
-    "cli.scan:command": lambda _: [
+    "extensions.scan.command:command": lambda _: [
         Offer(
             attempt=lambda word: run(scan.command, "--simulate", "scan.ply", "--block", word), wrong="all", things=[4]
         )
     ],
-    "cli.scan:_simulate": lambda _: [
+    "extensions.scan.command:_simulate": lambda _: [
         Offer(
             attempt=lambda end: run(scan.command, "--block", "1", "--simulate", f"scan{end}"),
             wrong=".stl",
@@ -232,7 +234,9 @@ READERS: Mapping[str, Callable[[str], object]] = {
     "estimators": lambda word: ClassificationSettings(estimators=(word,)),
     "hold_out": lambda word: ClassificationSettings(hold_out=(word,)),
     "sweep": Sweep.parsed,
-    "export-runs to": lambda word: _passes(lambda: run(export_runs.command, "none", "--to", word, "-o", "o"), "none"),
+    "export-runs to": lambda word: _passes(
+        lambda: run(export_command.command, "none", "--to", word, "-o", "o"), "none"
+    ),
     "export-simulator to": lambda word: export_to_simulators([], [word], Path("out")),
 }
 

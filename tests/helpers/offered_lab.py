@@ -189,10 +189,10 @@ ROWS: Rows = {
         Offer(attempt=past(lambda word: variance_table(None, protocol=word)), wrong="xyz"),  # type: ignore[arg-type]
         Offer(attempt=past(lambda value: variance_table(None, ddof=value)), wrong=2, things=[0, 1]),  # type: ignore[arg-type]
     ],
-    "lab.publishing.publication:Author.__post_init__": lambda _: [
+    "extensions.exchange.publishing.publication:Author.__post_init__": lambda _: [
         Offer(attempt=lambda text: Author(**AUTHOR, orcid=text), wrong="0", things=["0000-0002-1825-0097"])
     ],
-    "lab.publishing.publication:Publication.__post_init__ 4": lambda _: [
+    "extensions.exchange.publishing.publication:Publication.__post_init__ 4": lambda _: [
         Offer(attempt=lambda year: publication(year=year), wrong=1800, things={"1900 or later": [1900, 2026]}),
         Offer(attempt=lambda text: publication(licence=text), wrong="x y", things=["CC-BY-4.0"]),
         Offer(attempt=lambda text: publication(doi=text), wrong="x", things=["10.5281/zenodo.1234567"]),
@@ -214,7 +214,7 @@ ROWS: Rows = {
         Offer(attempt=partial(options_of, driver), wrong="xyz", later="/dev/none|must be")
         for driver in ("grbl", "marlin", "arduino")
     ],
-    "lab.rig.klipper:KlipperStage.__init__": lambda _: [
+    "extensions.devices.klipper:KlipperStage.__init__": lambda _: [
         Offer(attempt=klipper, wrong="x", things={"http://printer.local:7125": "http://127.0.0.1:1"})
     ],
     "lab.rig.loadcell:LoadCellOptions.__post_init__ 2": lambda _: [
@@ -239,10 +239,10 @@ ROWS: Rows = {
     "lab.rig.samples:require_stuck_samples": lambda _: [
         Offer(attempt=require_stuck_samples, wrong=1, things={"at least 2": 2, "0 to switch": 0})
     ],
-    "lab.runs.exporting.formats:export_runs": lambda _: [
+    "extensions.exchange.exporting.formats:export_runs": lambda _: [
         Offer(attempt=lambda word: export_runs_to([Path("none")], word, Path("out")), wrong="xyz", later="none")
     ],
-    "lab.runs.exporting.tactile_data:Processing.__post_init__": lambda _: [
+    "extensions.exchange.exporting.tactile_data:Processing.__post_init__": lambda _: [
         Offer(
             attempt=lambda size: Processing(size=size),
             wrong=(0, 1),
@@ -298,10 +298,10 @@ ROWS: Rows = {
         )
     ],
     "lab.study.spec:Study.__post_init__": lambda _: [Offer(attempt=levels, wrong=9)],
-    "lab.vision.markers:MarkerSettings.__post_init__": lambda _: [
+    "extensions.markers.markers:MarkerSettings.__post_init__": lambda _: [
         Offer(attempt=lambda value: MarkerSettings(sigma_px=value), wrong=99.0)
     ],
-    "lab.vision.region:parse_region": lambda folder: [
+    "extensions.markers.region:parse_region": lambda folder: [
         Offer(
             attempt=lambda text: parse_region(text, 64, 64),
             wrong="xyz",
@@ -312,8 +312,8 @@ ROWS: Rows = {
             },
         )
     ],
-    "virtual_rig.devices:LaunchedStage.__init__": lambda _: [Offer(attempt=launched, wrong=0.0)],
-    "virtual_rig.setup:Setup.board": lambda _: [
+    "extensions.virtual_rig.devices:LaunchedStage.__init__": lambda _: [Offer(attempt=launched, wrong=0.0)],
+    "extensions.virtual_rig.setup:Setup.board": lambda _: [
         Offer(attempt=past(partial(board, kind)), wrong="xyz", later="must be")
         for kind in ("grbl", "grblhal", "marlin", "arduino")
     ],

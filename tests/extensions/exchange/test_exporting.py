@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.exchange.export_runs import command
+from tacbench_cad.extensions.exchange.export_command import command
 from tacbench_cad.extensions.exchange.exporting import hugging_face, npz, web_dataset, zarr_group
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, values_of
 from tacbench_cad.extensions.exchange.exporting.formats import FORMATS, TACTILE_DATA, export_runs

@@ -12,7 +12,7 @@ from helpers.devices import install_package
 
 from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver, open_stage
-from tacbench_cad.lab.rig.registry import Driver
+from tacbench_cad.lab.rig.registry import GROUPS, Driver
 from tacbench_cad.lab.study.spec import GaugeSettings, StageSettings
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError, MissingToolError
@@ -30,6 +30,7 @@ def _forget_installed_packages() -> Iterator[None]:
     entries.cache_clear()
 
 
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in GROUPS for name in OWN[GROUPS[kind]]])
 def test_each_of_our_drivers_can_be_loaded_and_describes_itself(kind: registry.Kind, name: str) -> None:
     driver = find_driver(kind, name)
     assert isinstance(driver, Driver) and driver.summary and "install" in driver.install
@@ -48,7 +49,7 @@ def test_a_class_of_another_package_is_a_driver_by_its_name(tmp_path: Path, monk
 
 
 OWN_DRIVER = """
-from tacbench_cad.lab.rig.registry import Driver
+from tacbench_cad.lab.rig.registry import GROUPS, Driver
 
 def opened(settings, context):
     raise AssertionError("must not be opened")
