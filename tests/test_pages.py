@@ -132,3 +132,21 @@ def test_a_page_is_parsed_with_its_outputs() -> None:
 def test_wrong_marks_are_named(text: str) -> None:
     with pytest.raises(renew.PageError, match=r"page:\d+: "):
         list(renew.parse("page", text.split("\n")))
+
+
+def test_the_examples_that_teach_are_outputs_of_the_analysis_page() -> None:
+    analysis, text = ((DOCS / page).read_text(encoding="utf-8") for page in ("analysis.md", "numbers.md"))
+    block = re.compile(r"^```text(?: output)?\n.*?^```", re.DOTALL | re.MULTILINE)
+    shown = set(re.findall(r"\d+\.\d+", " ".join(block.findall(analysis))))
+    examples = block.findall(text)
+    rows = {section: re.findall(r"^\|.*", body, re.MULTILINE) for section, body in _sections(text)}
+    for section in ("What the numbers mean", "Variance components", "Hold-out levels", "Two sensors"):
+        examples += rows[section]
+    numbers = re.findall(r"\d+\.\d+", re.sub(r"^\| force level .*", "", "\n".join(examples), flags=re.MULTILINE))
+    assert len(numbers) > 50
+    assert set(numbers) <= shown
+
+
+def _sections(text: str) -> list[tuple[str, str]]:
+    """Return the headings of a page, each with the text below it."""
+    return re.findall(r"^#+ (.+)\n((?:(?!#+ ).*\n)*)", text, re.MULTILINE)
