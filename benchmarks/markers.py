@@ -30,9 +30,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from helpers.simulated_markers import detection_rates, simulated_frames
 
-from tacbench_cad.extensions.markers.markers import MarkerFinder, Markers, grey
+from tacbench_cad.extensions.markers.markers import MarkerFinder, Markers
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.pictures import grey
 
 #: For each look: the smallest fraction found and the largest fraction false; threshold, areas and circularity of the
 #: blob detector.

@@ -44,7 +44,7 @@ ELSEWHERE = {
             "lab.runs.info:printed_block_from",
             "lab.runs.schema:Row.__post_init__",
             "lab.runs.schema:MovingRow.__post_init__",
-            "extensions.markers.region:stored_region",
+            "lab.runs.region:stored_region",
             "spec.scanrecord:read_scan_record.number",
             "spec.storage:surface_from 2",
             "spec.printermodel:PrinterModel.__post_init__",

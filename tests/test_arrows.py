@@ -41,7 +41,6 @@ STILL_UPWARDS = {
     "tacbench_cad.cli.make",
     "tacbench_cad.cli.rig",
     "tacbench_cad.cli.rig_wizard",
-    "tacbench_cad.cli.runs",
     "tacbench_cad.cli.show",
     "tacbench_cad.cli.texture_part",
     "tacbench_cad.cli.variance",
@@ -50,11 +49,7 @@ STILL_UPWARDS = {
     "tacbench_cad.lab.analysis.preprocess",
     "tacbench_cad.lab.analysis.report.sections",
     "tacbench_cad.lab.analysis.variance.figures",
-    "tacbench_cad.lab.analysis.variance.table",
     "tacbench_cad.lab.analysis.variance.view",
-    "tacbench_cad.lab.runs.checking",
-    "tacbench_cad.lab.runs.quality",
-    "tacbench_cad.lab.runs.usual",
     "tacbench_cad.making.texturing",
 }
 

@@ -26,7 +26,7 @@ PANELS = ("Print", "Press", "Analyse", "Share", "Help")
 #: points of the group ``tacbench.commands``.
 CORE = (
     *("textures", "make", "show", "texture-part", "check-part"),
-    *("rig", "acquire", "simulate", "import-frames", "check-runs", "runs"),
+    *("rig", "acquire", "simulate", "import-frames", "check-runs", "roi"),
     *("variance", "grade", "classify", "split", "score", "compare", "report"),
     *("cite", "doctor", "completion"),
 )

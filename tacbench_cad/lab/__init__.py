@@ -10,7 +10,7 @@ Import the names from this module. Each name is loaded when it is first used, so
 * the run folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
 * run folders for other tools, and for publication: :func:`export_runs`, :func:`export_tactile_data`, :func:`publish`
 * other people's frames as run folders: :func:`import_samples`
-* the sensor's region and markers in an image: :func:`find_region`, :class:`MarkerFinder`, :class:`MarkerTracker`
+* the sensor's region in an image: :func:`find_region`
 * the analysis: :class:`Collection`, :func:`variance_table`, :func:`grade`, :func:`classify`, :func:`compare`
 """
 

@@ -72,6 +72,7 @@ from .runs.importing.kinds import ImportOptions as ImportOptions
 from .runs.info import RunInfo as RunInfo
 from .runs.reading import Run as Run
 from .runs.reading import find_runs as find_runs
+from .runs.region_search import find_region as find_region
 from .runs.schema import Row as Row
 from .runs.writing import RunWriter as RunWriter
 from .simulate.blockrun import SimulationOptions as SimulationOptions

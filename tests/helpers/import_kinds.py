@@ -1,4 +1,4 @@
-"""Valid files of each kind that ``tacbench import-frames``, ``runs roi`` and ``publish`` read, and their readers."""
+"""Valid files of each kind that ``tacbench import-frames``, ``roi`` and ``publish`` read, and their readers."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def imported(folder: Path, paths: Sequence[str], names: str | None = None) -> ob
 
 
 def make_region(folder: Path) -> None:
-    from tacbench_cad.extensions.markers.region import parse_region, store_region
+    from tacbench_cad.lab.runs.region import parse_region, store_region
 
     store_region(folder, parse_region("circle:30.5,20,15", 48, 64))
 
@@ -131,14 +131,14 @@ def make_region(folder: Path) -> None:
 def make_mask(folder: Path) -> None:
     import cv2
 
-    from tacbench_cad.extensions.markers.region import parse_region, store_region
+    from tacbench_cad.lab.runs.region import parse_region, store_region
 
     cv2.imwrite(str(folder / "mask.png"), np.kron(np.eye(2), np.full((24, 32), 255.0)).astype(np.uint8))
     store_region(folder, parse_region(str(folder / "mask.png"), 48, 64))
 
 
 def read_region(folder: Path) -> object:
-    from tacbench_cad.extensions.markers.region import stored_region
+    from tacbench_cad.lab.runs.region import stored_region
 
     region = stored_region(folder)
     return region and (region.digest, region.sureness)

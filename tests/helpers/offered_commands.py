@@ -18,7 +18,6 @@ from tacbench_cad.cli import check_part, compare, import_frames, options, rig, r
 from tacbench_cad.extensions.conformance import command as rig_test_driver
 from tacbench_cad.extensions.design.document import first_state
 from tacbench_cad.extensions.exchange import export_command
-from tacbench_cad.extensions.markers.region import parse_region
 from tacbench_cad.extensions.printer_models import command as printer_model
 from tacbench_cad.extensions.scan import command as scan
 from tacbench_cad.extensions.simulators.folder import export_to_simulators
@@ -29,6 +28,7 @@ from tacbench_cad.lab.analysis.classification.settings import ClassificationSett
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, Sweep
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.runs.importing.samples import FIELDS
+from tacbench_cad.lab.runs.region import parse_region
 from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.study.file import virtual_study

@@ -20,7 +20,6 @@ from tacbench_cad.extensions.exchange.exporting.formats import export_runs as ex
 from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing
 from tacbench_cad.extensions.exchange.publishing.publication import Author, Publication
 from tacbench_cad.extensions.markers.markers import MarkerSettings
-from tacbench_cad.extensions.markers.region import parse_region
 from tacbench_cad.extensions.virtual_rig import devices
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.lab.acquire.person import Typing
@@ -47,6 +46,7 @@ from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
 from tacbench_cad.lab.runs.importing.kinds import ImportOptions
 from tacbench_cad.lab.runs.importing.samples import columns_of, field_of
 from tacbench_cad.lab.runs.pictures import write_png
+from tacbench_cad.lab.runs.region import parse_region
 from tacbench_cad.lab.simulate.looks import LOOKS, look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.simulate.tactip import TacTip
@@ -301,7 +301,7 @@ ROWS: Rows = {
     "extensions.markers.markers:MarkerSettings.__post_init__": lambda _: [
         Offer(attempt=lambda value: MarkerSettings(sigma_px=value), wrong=99.0)
     ],
-    "extensions.markers.region:parse_region": lambda folder: [
+    "lab.runs.region:parse_region": lambda folder: [
         Offer(
             attempt=lambda text: parse_region(text, 64, 64),
             wrong="xyz",

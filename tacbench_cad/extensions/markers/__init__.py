@@ -1,4 +1,4 @@
-"""The region of the sensor in a camera's frame, and the positions of the sensor's markers."""
+"""The markers of a tactile sensor in its frames, and their displacements as features of presses."""
 
 import lazy_loader
 

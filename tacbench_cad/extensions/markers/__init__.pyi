@@ -4,9 +4,5 @@ from .displacements import MarkerFeatures as MarkerFeatures
 from .markers import MarkerFinder as MarkerFinder
 from .markers import Markers as Markers
 from .markers import MarkerSettings as MarkerSettings
-from .region import Region as Region
-from .region import find_region as find_region
-from .region import parse_region as parse_region
-from .resting import region_of as region_of
 from .tracking import MarkerTracker as MarkerTracker
 from .tracking import Track as Track

@@ -19,11 +19,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tacbench_cad.extensions.markers.markers import MarkerFinder, MarkerSettings
-from tacbench_cad.extensions.markers.region import Region
-from tacbench_cad.extensions.markers.resting import resting_frames
 from tacbench_cad.extensions.markers.tracking import MarkerTracker, Track
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.region import Region
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats
 
@@ -76,7 +75,7 @@ class MarkerFeatures:
         in_contact = [not run.references for run in runs]
         of_each = max(_MIN_OF_RUN, math.ceil(_MEDIAN_FRAMES / max(1, sum(in_contact))))
         counts = [of_each if without else REFERENCE_FRAMES for without in in_contact]
-        resting = [resting_frames(run, count) for run, count in zip(runs, counts, strict=True)]
+        resting = [run.resting_frames(count) for run, count in zip(runs, counts, strict=True)]
         for run, frames in zip(runs, resting, strict=True):
             if not frames:
                 raise InputError("features", "markers", f"need images, but {run.folder} has no readable image")

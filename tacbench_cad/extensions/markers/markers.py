@@ -26,9 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.extensions.markers.pattern import MIN_MARKERS, no_pattern
-from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.pictures import grey, noise_counts
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Bools, Bytes, Floats, Floats32
+from tacbench_cad.util.types import Bools, Floats, Floats32
 
 #: The scales that are tried, in pixels. Below the limit, markers are searched in frames that are enlarged twice.
 SCALES_PX = 1.5 * 1.2 ** np.arange(-4, 13)
@@ -334,20 +335,6 @@ def _no_markers(reason: str) -> InputError:
     return InputError("markers", None, f"there are no markers in these frames: {reason}; {advice}")
 
 
-def grey(frame: Frame) -> Floats32:
-    """Convert a frame to grey.
-
-    Raises:
-        InputError: The frame is not an image.
-    """
-    import cv2
-
-    if not is_image(frame):
-        raise InputError("frame", f"{frame.dtype} {frame.shape}", "must be an image, because only images show markers")
-    image: Bytes = frame if frame.ndim == 2 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
-    return image.astype(np.float32)
-
-
 def _peaks(image: Floats32, scale: float, dark: bool, low: float, mask: Bools | None) -> tuple[Floats, Floats32]:
     """Find peaks of the normalised Laplacian of Gaussian above ``low``; return places (n, 2) and responses (n,).
 
@@ -390,14 +377,6 @@ def _symmetric(patch: Floats) -> Floats:
     both = patch + patch[::-1]
     both = both + both[:, ::-1]
     return (both + both.T) / 8.0
-
-
-def noise_counts(image: Floats32) -> float:
-    """Estimate the noise of a frame, in counts, by the median deviation of pixels from their neighbours (Immerkaer)."""
-    import cv2
-
-    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
-    return float(np.median(np.abs(cv2.filter2D(image, cv2.CV_32F, mask)))) / 6.0 * 1.4826
 
 
 def _quality(patches: NDArray[Any], residual: NDArray[Any], weights: NDArray[Any] | None = None) -> NDArray[Any]:

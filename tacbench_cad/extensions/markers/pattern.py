@@ -10,7 +10,7 @@ in four properties, which all have to hold:
   in the tests.
 * They are in all frames of a run, displaced smoothly. The print of a fabric is regular too, but moves as it likes.
 
-The limits lie far from both sides; ``tests/lab/vision/test_pattern.py`` measures the distances.
+The limits lie far from both sides; ``tests/extensions/markers/test_pattern.py`` measures the distances.
 """
 
 from __future__ import annotations
@@ -102,6 +102,20 @@ def expected_count(centres_px: Floats) -> int:
             return len(points)
         points = np.vstack([points, middle[added]])
         middle, radius = _empty_circles(points)
+
+
+def circle_around(centres_px: Floats) -> str:
+    """Return the circle around markers, enlarged by their spacing, as a value of ``--roi``.
+
+    It shows where the sensor is if its surroundings are as dark as its skin, so that no outline is visible.
+
+    Args:
+        centres_px: The centres of the markers, shape (n, 2).
+    """
+    import cv2
+
+    (x, y), radius = cv2.minEnclosingCircle(centres_px.astype(np.float32))
+    return f"circle:{x:.1f},{y:.1f},{radius + MarkerTracker(reference_px=centres_px).spacing_px:.1f}"
 
 
 def _empty_circles(points: Floats) -> tuple[Floats, Floats]:

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.markers.displacements import MIN_FOUND, MarkerFeatures
-from tacbench_cad.extensions.markers.resting import region_of
 from tacbench_cad.lab.acquire.events import KEPT_PRESSES, Progress, ProgressReader, progress_name
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.checking import Finding, check_run
 from tacbench_cad.lab.runs.reading import Run, find_runs
+from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, REFERENCES_FILE, RUN_FILE, TARGETS_FILE, Row
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line

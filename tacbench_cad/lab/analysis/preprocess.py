@@ -12,12 +12,12 @@ import numpy as np
 
 from tacbench_cad.extensions.markers.displacements import MarkerFeatures
 from tacbench_cad.extensions.markers.markers import MarkerSettings
-from tacbench_cad.extensions.markers.region import Region, require_size
-from tacbench_cad.extensions.markers.resting import region_of
 from tacbench_cad.lab.analysis.collection import Collection, FeatureName
 from tacbench_cad.lab.analysis.variance.moments import small_map
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.region import Region, require_size
+from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import CheckFailedError, InputError

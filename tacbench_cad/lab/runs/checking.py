@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.region import REGION_FILE, SURE, Region
-from tacbench_cad.extensions.markers.resting import found_region, region_of
 from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
@@ -21,18 +19,20 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.quality import MIN_FRAMES, Judge, Measured, beside_each_other
 from tacbench_cad.lab.runs.reading import Run, good_checks, planned, shape_fault
+from tacbench_cad.lab.runs.region import REGION_FILE, SURE, Region
+from tacbench_cad.lab.runs.region_search import found_region, region_of
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.runs.table import cut_torn_line, read_table
-from tacbench_cad.lab.runs.usual import Usual
+from tacbench_cad.lab.runs.typical_frame import TypicalFrame
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
 
-#: The largest number of frames for the usual frame of a run.
-USUAL_FRAMES = 25
+#: The largest number of frames for the typical frame of a run.
+TYPICAL_FRAMES = 25
 #: A function that is called with the number of frames examined so far and the number of all frames.
 FramesExamined = Callable[[int, int], None]
 
@@ -287,7 +287,7 @@ class _Check:
         judge = Judge(
             limits=limits_of(self.run.info),
             region=self.region(),
-            usual=self.usual(),
+            typical=self.typical_frame(),
             any_kind=bool(self.run.info.source),
         )
         first: dict[str, str] = {}
@@ -309,18 +309,18 @@ class _Check:
         for kind, where, text in beside_each_other(measured, self.in_time, self.still):
             self.add(kind, where, text)
 
-    def usual(self) -> Usual | None:
-        """Return the usual frame of the run from some frames; None if fewer than eight can be read."""
+    def typical_frame(self) -> TypicalFrame | None:
+        """Return the typical frame of the run from some frames; None if fewer than eight can be read."""
         paths = [path for path, _ in self.expected if path.endswith(schema.IMAGE_SUFFIXES)]
         frames = []
-        for at in np.unique(np.linspace(0, len(paths) - 1, USUAL_FRAMES).astype(int)) if paths else ():
+        for at in np.unique(np.linspace(0, len(paths) - 1, TYPICAL_FRAMES).astype(int)) if paths else ():
             try:
                 frame = self.run.read(paths[at])
             except CheckFailedError:
                 continue  # it is reported when the frame is judged
             if is_image(frame):
                 frames.append(frame)
-        return Usual(frames=frames) if len(frames) >= MIN_FRAMES else None
+        return TypicalFrame(frames=frames) if len(frames) >= MIN_FRAMES else None
 
     def region(self) -> Region | None:
         """Return the run's stored region of interest, or the region found in its frames if that is certain enough."""

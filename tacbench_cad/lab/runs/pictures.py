@@ -1,6 +1,6 @@
 """Frames as files: images as PNG (simulated ones are marked), and all other arrays as NumPy files.
 
-Imported JPEG files are read, but no JPEG files are written.
+Imported JPEG files are read, but no JPEG files are written. Grey values and the noise of an image are here, too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.npyfile import array_of
 from tacbench_cad.util.door import require_within
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import replacing
+from tacbench_cad.util.files import refusing, replacing
+from tacbench_cad.util.types import Bytes, Floats32
 
 #: The keyword of the PNG text that lists the simulated devices.
 SIMULATED_KEYWORD = "simulated"
@@ -92,11 +93,13 @@ def encoded(frame: Frame, simulated: Sequence[str]) -> tuple[bytes, str]:
 
 
 def write_png(path: Path, image: Frame) -> None:
-    """Write an image as a PNG file, completely or not at all.
+    """Write an image as a PNG file, completely or not at all. Its folder is made if it does not exist.
 
     Raises:
         InputError: The file cannot be written.
     """
+    with refusing(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_bytes(encoded(image, ())[0])
 
@@ -185,3 +188,25 @@ def _size(data: bytes, kind: str) -> tuple[int, int] | None:
 def sha256(data: bytes) -> str:
     """Return the SHA-256 as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
+
+
+def grey(frame: Frame) -> Floats32:
+    """Convert a frame to grey.
+
+    Raises:
+        InputError: The frame is not an image.
+    """
+    import cv2
+
+    if not is_image(frame):
+        raise InputError("frame", f"{frame.dtype} {frame.shape}", "must be an image")
+    image: Bytes = frame if frame.ndim == 2 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+    return image.astype(np.float32)
+
+
+def noise_counts(image: Floats32) -> float:
+    """Estimate the noise of a frame, in counts, by the median deviation of pixels from their neighbours (Immerkaer)."""
+    import cv2
+
+    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+    return float(np.median(np.abs(cv2.filter2D(image, cv2.CV_32F, mask)))) / 6.0 * 1.4826

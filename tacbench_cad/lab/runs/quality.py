@@ -27,10 +27,10 @@ from functools import cached_property
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.region import Region
 from tacbench_cad.lab.rig.frames import SATURATED, FrameLimits, FrameQuality, frame_quality
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.usual import Likeness, Usual
+from tacbench_cad.lab.runs.region import Region
+from tacbench_cad.lab.runs.typical_frame import Likeness, TypicalFrame
 from tacbench_cad.util.types import Bools
 
 #: The kinds of findings that judge how a frame looks. The file itself is complete.
@@ -46,22 +46,22 @@ SATURATION = 0.15
 FLICKER = 0.01
 #: The largest change of the mean brightness from the first quarter of a run to the last, as a fraction.
 DRIFT = 0.05
-#: The largest shift of the picture from that of the run's usual frame, in pixels.
+#: The largest shift of the picture from that of the run's typical frame, in pixels.
 MOVED_PX = 3.5
 #: The largest noise above the run's median, in counts.
 NOISE = 5.0
 #: The largest width of the sharpest edges relative to the run's median, and the largest standard deviation of this
 #: width relative to the median for which it is compared.
 BLUR, _STEADY_EDGES = 1.25, 0.05
-#: The smallest energy of the fine details relative to the usual frame, and the largest standard deviation of this
+#: The smallest energy of the fine details relative to the typical frame, and the largest standard deviation of this
 #: energy over the frames for which it is compared.
 DETAILS, _STEADY_DETAILS = 0.65, 0.05
 #: The smallest limit of each comparison, in standard deviations of the run's frames.
 SCATTER = 6.0
 #: A frame is mirrored or has other colours if this fraction of the usual effect is exceeded, and if the usual effect on
-#: the correlation with the usual frame is at least the second number.
+#: the correlation with the typical frame is at least the second number.
 _HALF_EFFECT, _MIN_EFFECT = 0.5, 0.002
-#: The smallest standard deviation of the correlation with the usual frame. A frame is mirrored only if it is like the
+#: The smallest standard deviation of the correlation with the typical frame. A frame is mirrored only if it is like the
 #: others after the change is undone: markers at rest, among frames with contact, may fit better when mirrored.
 _MIN_SCATTER = 0.005
 #: The focus is measured without a margin along the edge of the region. The width of the margin is a fraction of the
@@ -80,7 +80,7 @@ class Measured:
 
     Args:
         quality: The quality of the frame inside the region.
-        likeness: The comparison with the usual frame; None if the run has too few frames.
+        likeness: The comparison with the typical frame; None if the run has too few frames.
     """
 
     quality: FrameQuality
@@ -94,14 +94,14 @@ class Judge:
     Args:
         limits: The limits for dark and blurred frames.
         region: The region of the sensor; None for the whole frame.
-        usual: The usual frame of the run; None if the run has too few frames.
+        typical: The typical frame of the run; None if the run has too few frames.
         any_kind: Whether the frames may be of any kind, as those of imported runs. Then frames without sharp edges are
             not blurred by themselves, but only beside sharper frames of the run.
     """
 
     limits: FrameLimits
     region: Region | None
-    usual: Usual | None = None
+    typical: TypicalFrame | None = None
     any_kind: bool = False
 
     @cached_property
@@ -118,11 +118,11 @@ class Judge:
     def measure(self, frame: Frame) -> Measured:
         """Measure a frame, which must have the size of the region's mask."""
         quality = frame_quality(frame, self._inside, edges=self.limits.blur_px > 0.0)
-        return Measured(quality=quality, likeness=None if self.usual is None else self.usual.compare(frame))
+        return Measured(quality=quality, likeness=None if self.typical is None else self.typical.compare(frame))
 
     def faults(self, measured: Measured) -> Iterator[tuple[str, str]]:
         """Yield the faults of a single frame: the kind, and the text as the end of a sentence."""
-        if self.usual is not None and self.usual.binary:
+        if self.typical is not None and self.typical.binary:
             return  # a binary image has no brightness and no focus
         quality, limits = measured.quality, self.limits
         sharp_kind = limits.blur_px > 0.0 and not self.any_kind
@@ -204,7 +204,7 @@ def _deviation(values: Sequence[float]) -> float:
 
 
 def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
-    """Compare each frame with the usual frame of the run. Only the first fault of a frame is reported."""
+    """Compare each frame with the typical frame of the run. Only the first fault of a frame is reported."""
     if len(measured) < MIN_FRAMES:
         return
     likeness = {path: each.likeness for path, each in measured.items() if each.likeness is not None}

@@ -9,7 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.rig.sensor import Frame
+import numpy as np
+
+from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.origins import read_origins
@@ -212,6 +214,28 @@ class Run:
         """
         group = [frame for frame in self.stationary_frames if (frame.when, frame.in_contact) == (when, in_contact)]
         return [self.read(frame.path) for frame in sorted(group, key=lambda frame: frame.index)]
+
+    def resting_frames(self, most: int) -> list[Frame]:
+        """Return images without contact at regular intervals of the run.
+
+        If the run has no frames without contact, other frames are returned. The list is empty if the sensor's frames
+        are not images.
+
+        Args:
+            most: The largest number of frames.
+
+        Raises:
+            InputError: A table of the run cannot be read.
+        """
+        paths = [reference.path for reference in self.references]
+        paths = paths or [row.path for row in sorted(self.rows, key=lambda row: row.number)]
+        frames = []
+        for at in np.unique(np.linspace(0, len(paths) - 1, most).astype(int)) if paths else ():
+            try:
+                frames.append(self.read(paths[at]))
+            except CheckFailedError:
+                continue  # check-runs reports the fault
+        return [frame for frame in frames if is_image(frame)]
 
     def read(self, path: str, digest: str | None = None) -> Frame:
         """Read a frame.

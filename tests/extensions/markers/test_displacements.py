@@ -52,7 +52,7 @@ def test_without_frames_at_rest_displacements_are_relative_to_the_median_positio
 def test_reference_frames_give_the_displacements_from_rest(
     imported: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    order = ["runs", "markers", str(imported), "-o", str(tmp_path / "pictures")]
+    order = ["markers", str(imported), "-o", str(tmp_path / "pictures")]
     assert main(order) == 0
     assert "displacements are measured from the median position of each marker" in capsys.readouterr().out
     (tmp_path / "rest").mkdir()
@@ -79,7 +79,7 @@ def test_unusable_reference_frames_are_refused(
         (tmp_path / "rest" / "small.png").write_bytes(content)
     elif content:
         cv2.imwrite(str(tmp_path / "rest" / "small.png"), np.zeros((20, 20), np.uint8))
-    order = ["runs", "markers", str(imported), "-o", str(tmp_path / "pictures")]
+    order = ["markers", str(imported), "-o", str(tmp_path / "pictures")]
     assert main([*order, "--reference", str(tmp_path / "rest")]) == 2
     assert message in capsys.readouterr().err
     assert not any(Run.open(folder).references for folder in find_runs([imported]))

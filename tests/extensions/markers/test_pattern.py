@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
@@ -15,10 +16,12 @@ from tacbench_cad.extensions.markers.pattern import (
     MAX_IRREGULARITY,
     MIN_CONTRAST,
     change,
+    circle_around,
     expected_count,
     irregularity,
 )
 from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.region_search import find_region
 from tacbench_cad.util.errors import InputError
 
 #: The smallest fraction of the visible markers that is found in five frames in contact.
@@ -88,3 +91,21 @@ def test_a_known_size_is_taken_as_it_is() -> None:
     few = np.full_like(image, 30)
     few[:, :80] = image[:, 264:344]
     assert MarkerFinder.learn([few], MarkerSettings(sigma_px=3.7)).sigma_px == 3.7
+
+
+def dots() -> Frame:
+    """Return bright pins on a black background without an outline."""
+    image = np.full((480, 640), 2, dtype=np.uint8)
+    for radius in (0, 40, 80, 120):
+        for angle in np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / max(1, radius // 5)):
+            place = (320 + radius * np.cos(angle), 240 + radius * np.sin(angle))
+            cv2.circle(image, tuple(round(coordinate) for coordinate in place), 6, 200, -1)  # type: ignore[arg-type]
+    return image
+
+
+def test_the_circle_around_the_markers_shows_a_sensor_without_an_outline() -> None:
+    with pytest.raises(InputError, match="found no dome or gel"):
+        find_region([dots()])
+    circle = circle_around(MarkerFinder.learn([dots()]).find(dots()).centres_px)
+    numbers = [float(number) for number in circle.removeprefix("circle:").split(",")]
+    assert numbers == pytest.approx([320.0, 240.0, 145.0], abs=12.0)

@@ -8,8 +8,9 @@ from helpers.cases import mostly_long
 from helpers.simulated_markers import detection_rates, simulated_frames
 
 from tacbench_cad.extensions.markers.markers import MarkerFinder
-from tacbench_cad.extensions.markers.region import SURE, find_region
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
+from tacbench_cad.lab.runs.region import SURE
+from tacbench_cad.lab.runs.region_search import find_region
 
 #: The smallest fraction of markers found and the largest fraction of false ones.
 LIMITS = {"tactip-bristol": (0.99, 0.005), "tactip-sussex": (0.95, 0.05), "clean": (0.99, 0.0)}

@@ -12,14 +12,14 @@ from helpers.studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.markers.displacements import MarkerFeatures
-from tacbench_cad.extensions.markers.region import parse_region, store_region
-from tacbench_cad.extensions.markers.resting import region_of
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import save, styled
 from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
 from tacbench_cad.lab.analysis.variance.figures import displacement_figure
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.runs.region import parse_region, store_region
+from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -151,12 +151,12 @@ def test_the_commands_report_what_was_analysed(
 def test_regions_and_markers_are_drawn_and_regions_stored(
     pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["runs", "markers", str(pressed), "-o", str(tmp_path / "pictures")]) == 0
+    assert main(["markers", str(pressed), "-o", str(tmp_path / "pictures")]) == 0
     assert "49 bright markers" in capsys.readouterr().out
     assert len(list((tmp_path / "pictures").glob("*_markers.png"))) == 8
-    assert main(["runs", "roi", str(pressed), "--roi", "circle:100,90,80", "-o", str(tmp_path / "pictures")]) == 0
+    assert main(["roi", str(pressed), "--roi", "circle:100,90,80", "-o", str(tmp_path / "pictures")]) == 0
     assert "stored with 8 runs" in capsys.readouterr().out
-    assert main(["runs", "roi", str(pressed), "--roi", "none", "--json"]) == 0
+    assert main(["roi", str(pressed), "--roi", "none", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["region"] is None
     assert not list(pressed.glob("*/roi.json"))
 

@@ -17,13 +17,14 @@ from helpers.lookalikes import LOOKS, draw
 from helpers.studies import GRID, write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.markers.region import Region, find_region
 from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.quality import Judge, beside_each_other
 from tacbench_cad.lab.runs.reading import find_runs
-from tacbench_cad.lab.runs.usual import Usual
+from tacbench_cad.lab.runs.region import Region
+from tacbench_cad.lab.runs.region_search import find_region
+from tacbench_cad.lab.runs.typical_frame import TypicalFrame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.types import Floats
@@ -71,7 +72,7 @@ def test_a_saturated_dome_is_reported(look: tuple[Judge, list[Frame]]) -> None:
 
 def findings(frames: Sequence[Frame], judge: Judge) -> list[tuple[str, str, str]]:
     names = [str(number) for number in range(len(frames))]
-    judge = replace(judge, usual=Usual(frames=frames))
+    judge = replace(judge, typical=TypicalFrame(frames=frames))
     measured = dict(zip(names, map(judge.measure, frames), strict=True))
     return list(beside_each_other(measured, names, {"still": names[:5]}))
 

@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.markers.markers import MarkerFinder
-from tacbench_cad.extensions.markers.region import find_region
 from tacbench_cad.lab import (
     LOOKS,
     Clock,
@@ -36,6 +35,7 @@ from tacbench_cad.lab import (
     variance_table,
 )
 from tacbench_cad.lab.rig.frames import frame_faults
+from tacbench_cad.lab.runs.region_search import find_region
 from tacbench_cad.lab.simulate.devices import SimulatedSensor
 from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.study.spec import PlannedBlock, Protocol, Study, WorkFrame

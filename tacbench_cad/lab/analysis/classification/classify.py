@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.markers.markers import MarkerSettings
-from tacbench_cad.extensions.markers.resting import NO_REGION, region_of
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.answers import Answer
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
@@ -26,6 +25,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
 from tacbench_cad.lab.analysis.tables import percent
 from tacbench_cad.lab.parallel import Executor
+from tacbench_cad.lab.runs.region_search import NO_REGION, region_of
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.resting import resting_frames
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
@@ -234,7 +233,7 @@ def region_figure(result: VarianceResult) -> Figure:
     assert region is not None  # the figure is only drawn with a region
     figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
     axes = figure.add_subplot()
-    for frame in resting_frames(result.collection.runs[0], 1):
+    for frame in result.collection.runs[0].resting_frames(1):
         axes.imshow(region.drawn(frame)[..., ::-1])
     axes.set_axis_off()
     return figure

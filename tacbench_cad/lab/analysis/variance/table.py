@@ -29,8 +29,6 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.region import SURE
-from tacbench_cad.extensions.markers.resting import found_region
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, Preprocess
 from tacbench_cad.lab.analysis.published import variance_of
@@ -47,6 +45,8 @@ from tacbench_cad.lab.analysis.variance.intervals import (
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
+from tacbench_cad.lab.runs.region import SURE
+from tacbench_cad.lab.runs.region_search import found_region
 from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats

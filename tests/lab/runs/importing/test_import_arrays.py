@@ -57,7 +57,7 @@ def test_a_region_in_runs_without_images_is_refused_with_the_reason(
 ) -> None:
     np.save(tmp_path / "X.npy", np.zeros((8, 6, 10, 75)))
     assert main(["import-frames", str(tmp_path / "X.npy"), "--kind", "arrays", "-o", str(tmp_path / "out")]) == 0
-    assert main(["runs", "roi", str(tmp_path / "out")]) == 2
+    assert main(["roi", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert "is only for images, but" in error and "has no readable image" in error
 

@@ -1,8 +1,8 @@
-"""The usual frame of a run, with which each frame is compared: its kind, its colours, its orientation and its place.
+"""The typical frame of a run, with which each frame is compared: its kind, colours, orientation and place.
 
-The usual frame is the median of some frames. Contact changes a frame in places, but neither the colours of the lamps
+The typical frame is the median of some frames. Contact changes a frame in places, but neither the colours of the lamps
 nor the sides from which they shine, nor the parts of the picture that do not touch the object. Therefore each frame is
-compared with the usual frame in these respects only.
+compared with the typical frame in these respects only.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.markers import grey, noise_counts
 from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.pictures import grey, noise_counts
 from tacbench_cad.util.types import Bools, Floats, Floats32
 
 #: The fraction of the pixels of a binary image that are 0 or 255. Few others come from scaling and compression.
@@ -53,16 +53,16 @@ CHANGES: Mapping[str, Callable[[Floats32], Floats32]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Likeness:
-    """The comparison of a frame with the usual frame of its run.
+    """The comparison of a frame with the typical frame of its run.
 
     Args:
         binary: Whether the frame has only the values 0 and 255.
         noise: The noise between neighbouring pixels, in counts.
-        correlation: The correlation with the usual frame.
-        gains: By how much the frame's correlation with the usual frame increases if a change is undone, by the name of
-            the change; negative for a usual frame.
+        correlation: The correlation with the typical frame.
+        gains: By how much the frame's correlation with the typical frame increases if a change is undone, by the name
+            of the change; negative for a typical frame.
         shift_px: The shift of the parts that do not touch the object, as column and row.
-        sharpness: The energy of the fine details relative to that of the usual frame, in most of the places that have
+        sharpness: The energy of the fine details relative to that of the typical frame, in most of the places that have
             details; None if too few places have them.
     """
 
@@ -75,8 +75,8 @@ class Likeness:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Usual:
-    """The usual frame of a run.
+class TypicalFrame:
+    """The typical frame of a run.
 
     Args:
         frames: Some frames of the run, of the same shape.
@@ -92,7 +92,7 @@ class Usual:
 
     @cached_property
     def _places(self) -> tuple[_Place, ...]:
-        """The reduced usual frame with each smoothing, without those with too few independent pixels for a fit."""
+        """The reduced typical frame with each smoothing, without those with too few independent pixels for a fit."""
         small = _reduced(grey(self.frames[0]), _SHIFT_SIDE_PX, 1.0)
         return tuple(
             _Place.of(self.frames, smoothing, better)
@@ -105,7 +105,7 @@ class Usual:
         return np.asarray(np.median([_small(frame) for frame in self.frames], axis=0))
 
     def compare(self, frame: Frame) -> Likeness:
-        """Compare a frame of the same shape with the usual frame."""
+        """Compare a frame of the same shape with the typical frame."""
         image, small = grey(frame), _small(frame)
         straight = _correlation(small, self._small)
         gains = {
@@ -132,7 +132,7 @@ class Usual:
         return usual, usual >= _MIN_ENERGY * _NOISE_ENERGY * noise**2, mean
 
     def _sharpness(self, image: Floats32) -> float | None:
-        """Return the sharpness of a frame relative to the usual frame."""
+        """Return the sharpness of a frame relative to the typical frame."""
         usual, has_details, mean = self._details
         if has_details.sum() < _MIN_CELLS or not image.any():
             return None
@@ -147,10 +147,10 @@ class Usual:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Place:
-    """The reduced usual frame, with which the place of a frame is compared.
+    """The reduced typical frame, with which the place of a frame is compared.
 
     Args:
-        usual: The reduced and smoothed usual frame.
+        usual: The reduced and smoothed typical frame.
         design: The design of the fit of a shift, a gain and an offset, shape (pixels, 4).
         weight: The weight of each pixel, shape (pixels,).
         scale: The reduction.
@@ -183,7 +183,7 @@ class _Place:
     def shift_px(self, image: Floats32) -> tuple[float, float] | None:
         """Return the shift of a frame by a robust fit of a shift, a gain and an offset (Lucas-Kanade).
 
-        The result is None if the frame is not clearly more like the usual frame after the shift.
+        The result is None if the frame is not clearly more like the typical frame after the shift.
         """
         import cv2
 

@@ -12,8 +12,8 @@ from helpers.frame_kinds import frames_of
 from helpers.lookalikes import LOOKS, Look, draw, gel
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.markers.region import SURE, Region, find_region, parse_region, store_region, stored_region
-from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.region import SURE, Region, parse_region, store_region, stored_region
+from tacbench_cad.lab.runs.region_search import find_region
 from tacbench_cad.util.errors import InputError
 
 DARK = replace(LOOKS["A"], surround=(4, 2), leds=(0, 0.0, 0.0), skin=(40, 40, 40), beyond=45)
@@ -44,22 +44,6 @@ def test_a_gel_is_found() -> None:
     assert region.sureness >= SURE
 
 
-def dots() -> Frame:
-    """Return bright pins on a black background without an outline."""
-    image = np.full((480, 640), 2, dtype=np.uint8)
-    for radius in (0, 40, 80, 120):
-        for angle in np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / max(1, radius // 5)):
-            place = (320 + radius * np.cos(angle), 240 + radius * np.sin(angle))
-            cv2.circle(image, tuple(round(coordinate) for coordinate in place), 6, 200, -1)  # type: ignore[arg-type]
-    return image
-
-
-def test_without_an_outline_the_markers_give_an_uncertain_region() -> None:
-    region = find_region([dots()])
-    assert numbers(region) == pytest.approx([320.0, 240.0, 145.0], abs=12.0)
-    assert region.sureness < SURE
-
-
 @pytest.mark.parametrize("kind", ["digit", "gelsight_mini", "gelsight_dots"])
 def test_a_patch_of_light_is_no_dome(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frames = [shot.image for shot in frames_of(kind, 3, seed=4)]
@@ -70,7 +54,7 @@ def test_a_patch_of_light_is_no_dome(kind: str, tmp_path: Path, capsys: pytest.C
         cv2.imwrite(str(tmp_path / "class" / f"{number}.png"), frame)
     assert main(["import-frames", str(tmp_path / "class"), "-o", str(tmp_path / "runs")]) == 0
     for more in ([], ["--roi", "auto"]):
-        assert main(["runs", "roi", str(tmp_path / "runs"), *more]) == 0
+        assert main(["roi", str(tmp_path / "runs"), *more]) == 0
         assert "no dome or gel was found: the whole frame is used" in capsys.readouterr().out
     assert not list(tmp_path.glob("runs/*/roi.json"))
 

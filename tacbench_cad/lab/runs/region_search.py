@@ -1,46 +1,27 @@
-"""The region of interest: the part of a frame that shows the sensor. The user gives it, or the program finds it.
+"""Search for the sensor, a dome or a gel, in frames and in runs: their region of interest.
 
 The dome of a TacTip is a disc in its frame, and a gel is mostly a rectangle. The surroundings do not depend on the
-contact. :func:`find_region` searches the outline along which the brightness changes everywhere in the same direction.
-For a circle, it compares the brightness just outside and just inside along rays; for a rectangle, across the sides. An
-outline is judged by its weakest quarter, because pins, lamps and reflections are strong only in places.
+contact. The search finds the outline along which the brightness changes everywhere in the same direction. For a circle,
+it compares the brightness just outside and just inside along rays; for a rectangle, across the sides. An outline is
+judged by its weakest quarter, because pins, lamps and reflections are strong only in places.
 """
 
 from __future__ import annotations
 
-import hashlib
-import math
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated
+from dataclasses import replace
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.markers import MarkerFinder, grey
-from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import MAX_MEGAPIXELS, decoded, write_png
-from tacbench_cad.util import door
-from tacbench_cad.util.convert import Bounds, read_json
-from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import refusing, write_json
+from tacbench_cad.lab.runs.pictures import grey
+from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.region import SURE, Region, parse_region, stored_region
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Floats32
 
-#: The allowed values of ``--roi``.
-SYNTAX = "auto, circle:X,Y,R, rect:X0,Y0,X1,Y1 (pixels from the top left) or a PNG file, white where the sensor is"
-#: The file of a run's region, and the picture of a region that was given as a picture.
-REGION_FILE, MASK_FILE = "roi.json", "roi.png"
-#: The certainty from which a region that was found may be used without asking.
-SURE = 0.8
-#: The smallest allowed number of pixels of a region.
-MIN_PIXELS = 100
 #: What is said if there is no outline.
 NONE_FOUND = "found no dome or gel in these frames; leave it out to use the whole frame, or give a circle or a rect"
-_NUMBER = r"(-?\d+(?:\.\d+)?)"
-_CIRCLE = re.compile(rf"circle[: ]{_NUMBER},{_NUMBER},{_NUMBER}")
-_RECTANGLE = re.compile(rf"rect[: ]{_NUMBER},{_NUMBER},{_NUMBER},{_NUMBER}")
 #: The width of the reduced image in which outlines are searched first, and the number of rays of a circle.
 _COARSE_PX, _RAYS = 160, 72
 #: The step of brightness from which an outline is certain, in counts, and the quantile of the steps that is compared.
@@ -50,114 +31,19 @@ _RADII, _MIN_SIDE = (0.18, 0.62), 0.4
 #: Two distances from an outline, in pixels, and the smallest ratio of the steps across them. It was 0.56 or more at
 #: domes and gels, and 0.33 to 0.36 at patches of light, whose brightness changes gradually.
 _SHARP_PX, _MIN_SHARP = (4.0, 12.0), 0.45
-#: The number of frames in which markers are searched, and the smallest fraction of the frame's pixels that a circle
-#: around them leaves out.
-_MARKER_FRAMES, _MIN_OUTSIDE = 3, 0.05
 #: The fraction of a circle that must lie in the frame.
 _IN_FRAME = 0.7
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Region:
-    """A region of interest.
-
-    Args:
-        text: The region as a value of ``--roi``: ``circle:304,248,210``.
-        mask: True for the pixels in the region, shape (height, width).
-        sureness: The certainty that this region shows the sensor, from 0 to 1; 1 for a region that a user gave.
-    """
-
-    text: str
-    mask: Bools
-    sureness: float = 1.0
-
-    @property
-    def outside(self) -> float:
-        """The fraction of the frame's pixels outside the region."""
-        return 1.0 - float(np.mean(self.mask))
-
-    @property
-    def digest(self) -> str:
-        """A hash of the mask."""
-        return hashlib.sha256(f"{self.mask.shape}".encode() + np.packbits(self.mask).tobytes()).hexdigest()[:16]
-
-    def scaled(self, height: int, width: int) -> Bools:
-        """Return the mask at another resolution, with the pixels that are at least half in the region."""
-        import cv2
-
-        if self.mask.shape == (height, width):
-            return self.mask
-        small = cv2.resize(self.mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-        return np.asarray(small >= 0.5)
-
-    def drawn(self, frame: Frame) -> Frame:
-        """Draw the region's outline in a frame in red, and darken the pixels outside.
-
-        Raises:
-            InputError: The frame has another size.
-        """
-        import cv2
-
-        require_size(self.mask, frame)
-        picture = frame.copy() if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
-        picture[~self.mask] //= 2
-        outline = cv2.findContours(self.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-        cv2.drawContours(picture, outline, -1, (0, 0, 255), max(1, round(frame.shape[1] / 320)))
-        return np.asarray(picture)
-
-
-def require_size(mask: Bools, frame: Frame) -> None:
-    """Check that a frame has the size of a mask.
-
-    Raises:
-        InputError: The frame has another size.
-    """
-    if frame.shape[:2] != mask.shape:
-        size = " x ".join(map(str, mask.shape[::-1]))
-        raise InputError(
-            "region of interest", size, f"is for frames of that size; this one has {frame.shape[1]} x {frame.shape[0]}"
-        )
-
-
-def parse_region(text: str, height: int, width: int) -> Region:
-    """Make a region from a text or a file.
-
-    Args:
-        text: ``circle:X,Y,R``, ``rect:X0,Y0,X1,Y1`` or the path of a PNG.
-        height: The height of the frames.
-        width: The width of the frames.
-
-    Raises:
-        InputError: The text has another form, the region has too few pixels in the frame, or the picture has another
-            size.
-    """
-    y, x = np.mgrid[:height, :width].astype(np.float64)
-    if match := _CIRCLE.fullmatch(text):
-        column, row, radius = map(float, match.groups())
-        mask = (x - column) ** 2 + (y - row) ** 2 <= radius**2
-    elif match := _RECTANGLE.fullmatch(text):
-        left, top, right, bottom = map(float, match.groups())
-        mask = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
-    elif text.lower().endswith(".png"):
-        mask = _mask_of(Path(text), height, width)
-    else:
-        raise InputError("roi", text, f"must be {SYNTAX}")
-    if mask.sum() < MIN_PIXELS:
-        raise InputError("roi", text, f"has {int(mask.sum())} pixels in a frame of {width} x {height}; at least 100")
-    return Region(text=text.replace(" ", ":", 1) if match else text, mask=mask)
-
-
-def _mask_of(path: Path, height: int, width: int, within: Path | None = None) -> Bools:
-    """Read a picture, and return its pixels that are brighter than half of the largest value."""
-    try:
-        picture = decoded(door.read_bytes(path, "roi", "image", within=within), str(path))
-    except CheckFailedError as error:
-        raise InputError("roi", str(path), str(error)) from None
-    if picture.shape[:2] != (height, width):
-        size = f"{picture.shape[1]} x {picture.shape[0]}"
-        raise InputError("roi", str(path), f"is {size} pixels; the frames are {width} x {height}")
-    grey_picture = picture if picture.ndim == 2 else picture[..., :3].max(axis=2)
-    return np.asarray(grey_picture > np.iinfo(picture.dtype).max // 2)
+#: The value of ``--roi`` for no region. A region that is stored with the runs is then not used either.
+NO_REGION = "none"
+#: The number of runs, and of frames of each run, in which a region is searched.
+_RUNS, _FRAMES = 6, 3
+#: The smallest certainty of an outline.
+_MIN_SURENESS = 0.5
+#: The directions of the rays, shape (2, rays); and the number of circles of the reduced image that are refined.
+_RAY = np.stack([f(np.arange(_RAYS) * 2.0 * np.pi / _RAYS) for f in (np.cos, np.sin)])
+_CIRCLES = 4
+#: The weakest step of an outline in counts, the fraction of the outline that agrees with it, and the outline as text.
+_Candidate = tuple[float, float, str]
 
 
 def find_region(frames: Sequence[Frame]) -> Region:
@@ -182,15 +68,59 @@ def find_region(frames: Sequence[Frame]) -> Region:
     candidates = [_circle(small, smooth, scale), _rectangle(small, smooth, scale)]
     step, agreeing, text = max(candidates, key=lambda each: each[0] * each[1] ** 2)
     sureness = round(agreeing * min(1.0, step / _SURE_STEP), 3)
-    if sureness >= _OF_MARKERS and _is_sharp(smooth, text):
+    if sureness >= _MIN_SURENESS and _is_sharp(smooth, text):
         return replace(parse_region(text, height, width), sureness=sureness)
-    try:
-        region = replace(parse_region(_around_markers(frames), height, width), sureness=_OF_MARKERS)
-    except InputError:
-        region = None
-    if region is None or region.outside < _MIN_OUTSIDE:
-        raise InputError("roi", "auto", NONE_FOUND)
-    return region
+    raise InputError("roi", "auto", NONE_FOUND)
+
+
+def region_of(runs: Sequence[Run], roi: str | None = None) -> Region | None:
+    """Return the region of interest of some runs.
+
+    Args:
+        runs: Runs of the same sensor.
+        roi: A value of ``--roi``; ``none`` for no region; None for the regions that are stored with the runs. If all
+            runs have a region, the result is then the intersection of these regions.
+
+    Raises:
+        InputError: The value or a stored region is not allowed, or no region can be found.
+    """
+    if roi == NO_REGION:
+        return None
+    if roi == "auto":
+        region = found_region(runs)
+        if region.sureness < SURE:
+            sure = f"found {region.text}, but the certainty is only {100 * region.sureness:.0f} %"
+            advice = "look at it with tacbench roi RUNS -o DIR, and give the region yourself"
+            raise InputError("roi", "auto", f"{sure}; {advice}")
+        return region
+    if roi is not None:
+        shape = runs[0].info.frame_shape or ()
+        if len(shape) < 2:
+            raise InputError("roi", roi, "is only for sensors whose frames are images")
+        return parse_region(roi, shape[0], shape[1])
+    stored = [stored_region(run.folder) for run in runs]
+    regions = [region for region in stored if region is not None]
+    if len(regions) < len(stored):
+        return None
+    texts = list(dict.fromkeys(region.text for region in regions))
+    if any(region.mask.shape != regions[0].mask.shape for region in regions):
+        raise InputError("roi", ", ".join(texts), "are stored with the runs, but are for frames of different sizes")
+    mask = np.all([region.mask for region in regions], axis=0)
+    text = texts[0] if len(texts) == 1 else f"the intersection of {len(runs)} runs' regions"
+    return Region(text=text, mask=mask, sureness=min(region.sureness for region in regions))
+
+
+def found_region(runs: Sequence[Run]) -> Region:
+    """Find the dome or the gel in the frames of some runs without contact.
+
+    Raises:
+        InputError: The runs have no images, or no region can be found in them.
+    """
+    chosen = [runs[at] for at in np.unique(np.linspace(0, len(runs) - 1, _RUNS).astype(int))]
+    frames = [frame for run in chosen for frame in run.resting_frames(_FRAMES)]
+    if not frames:
+        raise InputError("roi", "auto", f"is only for images, but {runs[0].folder} has no readable image")
+    return find_region(frames)
 
 
 def _is_sharp(smooth: Floats32, text: str) -> bool:
@@ -206,30 +136,6 @@ def _is_sharp(smooth: Floats32, text: str) -> bool:
     known = np.isfinite(steps).all(axis=0)
     near, far = (abs(float(np.median(step[known]))) if known.any() else 0.0 for step in steps)
     return near >= _MIN_SHARP * far > 0.0
-
-
-def _around_markers(frames: Sequence[Frame]) -> str:
-    """Return the circle around the markers, enlarged by a spacing, for domes whose surroundings are equally dark.
-
-    Raises:
-        InputError: There are no markers.
-    """
-    import cv2
-
-    some = frames[:: math.ceil(len(frames) / _MARKER_FRAMES)]
-    finder = MarkerFinder.learn(some)
-    centres = max((finder.find(frame).centres_px for frame in some), key=len)
-    (x, y), radius = cv2.minEnclosingCircle(centres.astype(np.float32))
-    return f"circle:{x:.1f},{y:.1f},{radius + MarkerTracker(reference_px=centres).spacing_px:.1f}"
-
-
-#: The directions of the rays, shape (2, rays); and the number of circles of the reduced image that are refined.
-_RAY = np.stack([f(np.arange(_RAYS) * 2.0 * np.pi / _RAYS) for f in (np.cos, np.sin)])
-_CIRCLES = 4
-#: The certainty of a circle around the markers, if no outline is visible.
-_OF_MARKERS = 0.5
-#: The weakest step of an outline in counts, the fraction of the outline that agrees with it, and the outline as text.
-_Candidate = tuple[float, float, str]
 
 
 def _circle(small: Floats32, smooth: Floats32, scale: float) -> _Candidate:
@@ -359,57 +265,3 @@ def _judged(step: Floats) -> tuple[float, float]:
     usual = float(np.median(known))
     agreeing = np.sum(np.sign(usual) * known >= abs(usual) / 3.0) / step.size
     return max(0.0, float(np.quantile(np.sign(usual) * known, _WEAKEST))), float(agreeing)
-
-
-def store_region(folder: Path, region: Region) -> None:
-    """Store a region with a run, in ``roi.json``, and in ``roi.png`` if it was given as a picture.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    text = region.text
-    if text.lower().endswith(".png"):
-        text = MASK_FILE
-        write_png(folder / MASK_FILE, region.mask.astype(np.uint8) * 255)
-    height, width = region.mask.shape
-    write_json(folder / REGION_FILE, {"roi": text, "width": width, "height": height, "sureness": region.sureness})
-
-
-def remove_region(folder: Path) -> None:
-    """Remove the region that is stored with a run.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    with refusing(folder):
-        for name in (REGION_FILE, MASK_FILE):
-            (folder / name).unlink(missing_ok=True)
-
-
-def stored_region(folder: Path) -> Region | None:
-    """Read the region that is stored with a run; None if there is none.
-
-    Raises:
-        InputError: ``roi.json`` or its picture is damaged.
-    """
-    path = folder / REGION_FILE
-    if not path.exists():
-        return None
-    kept = read_json(path, _Kept, "region of interest", within=folder)
-    door.require_within("width", kept.width * kept.height / 1e6, MAX_MEGAPIXELS, "megapixels", str(path))
-    if kept.roi == MASK_FILE:
-        mask = _mask_of(folder / MASK_FILE, kept.height, kept.width, within=folder)
-        return Region(text=str(folder / MASK_FILE), mask=mask, sureness=kept.sureness)
-    if kept.roi.lower().endswith(".png"):
-        raise InputError(f"{path} roi", kept.roi, f"must be a circle, a rect or {MASK_FILE}")
-    return replace(parse_region(kept.roi, kept.height, kept.width), sureness=kept.sureness)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Kept:
-    """The contents of ``roi.json``."""
-
-    roi: str
-    width: Annotated[int, Bounds(1, 100_000)]
-    height: Annotated[int, Bounds(1, 100_000)]
-    sureness: Annotated[float, Bounds(0.0, 1.0)] = 1.0
