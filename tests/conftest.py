@@ -89,6 +89,15 @@ def own_pdf_fonts(light_pdf_fonts: list[tuple[dict[str, Any], Any]], monkeypatch
 
 
 @pytest.fixture
+def rig_time(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run virtual rigs in this process on a fake clock, and return the clock (:mod:`helpers.rig_here`)."""
+    pytest.importorskip("serial")
+    from helpers.rig_here import fake_time
+
+    return fake_time(monkeypatch)
+
+
+@pytest.fixture
 def no_preview(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write an empty preview in ``make``, for tests of other results."""
     pictures = "tacbench_cad.render.pictures.preview_sheet"

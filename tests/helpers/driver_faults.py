@@ -7,8 +7,8 @@ import random
 from collections.abc import Callable
 from typing import Any
 
+from helpers.rig_here import launch
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import Point

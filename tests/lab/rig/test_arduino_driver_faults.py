@@ -10,9 +10,8 @@ if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from helpers.driver_faults import SPEED, survive
+from helpers.rig_here import launch
 
-from tacbench_cad.extensions.virtual_rig.process import launch
-from tacbench_cad.lab.rig import arduino
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
@@ -23,9 +22,7 @@ CENTER: Point = (50.0, 60.0, -30.0)
 STEPS_PER_MM = (400.0, 400.0, 400.0)
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(arduino, "ATTEMPT_S", 0.2)
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 def opener(port: str) -> ArduinoStage:

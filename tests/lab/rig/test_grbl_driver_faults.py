@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import signal
-import subprocess
 import sys
-import threading
-import time
 
 import pytest
 
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from helpers.alarm import alarm
 from helpers.driver_faults import SPEED, survive
+from helpers.rig_here import FakeTime, launch
 
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import launch
-from tacbench_cad.lab.rig import grbl_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import (
@@ -39,19 +33,15 @@ LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))
 CENTER: Point = (50.0, 60.0, -30.0)
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("RESET_S", 0.4), ("GREETING_S", 2.0), ("ATTEMPT_S", 0.3)):
-        monkeypatch.setattr(grbl_link, name, seconds)
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 def opener(port: str) -> GrblStage:
     return GrblStage(port, clock=Clock(speed=SPEED), timeout_s=0.5, home_timeout_s=5.0)
 
 
-@pytest.mark.parametrize("tcp", [pytest.param(False, marks=pytest.mark.long), True])
-def test_open_stage_homes_moves_and_keeps_its_limits(tcp: bool) -> None:
-    with launch("grbl", speed=SPEED, tcp=tcp) as rig:
+def test_open_stage_homes_moves_and_keeps_its_limits() -> None:
+    with launch("grbl", speed=SPEED) as rig:
         settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=LIMITS, options={"speed": SPEED})
         with open_stage(settings, Clock(speed=SPEED)) as stage:
             assert stage.simulated == "stage (virtual-grbl)"
@@ -82,10 +72,10 @@ def test_a_taught_position_is_the_same_after_a_power_cycle() -> None:
     assert places[0] == pytest.approx(places[1], abs=0.03)
 
 
-def test_a_stop_in_motion_keeps_the_position() -> None:
+def test_a_stop_in_motion_keeps_the_position(rig_time: FakeTime) -> None:
     with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
         stage.home()
-        threading.Timer(0.05, stage.stop).start()
+        rig_time.after(0.05, stage.stop)
         with pytest.raises(NotThereError, match="stopped on request"):
             stage.move((150.0, 150.0, -50.0), 20.0)
         assert stage.position() == pytest.approx(rig.true_position(), abs=0.01)
@@ -114,13 +104,14 @@ def test_limits_that_a_killed_program_left_switched_off_are_refused() -> None:
         pass
 
 
-def test_an_interruption_stops_homing() -> None:
+def test_an_interruption_stops_homing(rig_time: FakeTime) -> None:
     with launch("grbl", speed=10.0, start_mm=(60.0, 45.0, -80.0)) as rig, opener(rig.port) as stage:
-        with alarm(0.2), pytest.raises(KeyboardInterrupt) as caught:
+        rig_time.interrupt(0.2)
+        with pytest.raises(KeyboardInterrupt) as caught:
             stage.home()
         assert caught.value.__notes__ == ["homing was stopped, so the position is unknown"]
         where = rig.true_position()
-        time.sleep(0.2)
+        rig_time.sleep(0.2)
         assert rig.true_position() == where
         assert where[2] < -1.0, "homing had ended before the interruption"
         with pytest.raises(PositionLostError):
@@ -128,11 +119,14 @@ def test_an_interruption_stops_homing() -> None:
 
 
 @pytest.mark.parametrize(("quiet", "message"), [(False, "ALARM:1"), (True, "Check Limits")])
-def test_a_limit_is_an_alarm_even_if_only_the_lines_after_the_banner_report_it(quiet: bool, message: str) -> None:
+def test_a_limit_is_an_alarm_even_if_only_the_lines_after_the_banner_report_it(
+    quiet: bool, message: str, rig_time: FakeTime
+) -> None:
     with launch("grbl", speed=SPEED, quiet_limits=quiet) as rig, opener(rig.port) as stage:
         stage.home()
         stage.move(CENTER, 20.0)
         rig.inject(Fault(kind="switch", axis="x", seconds=20.0))
+        rig_time.sleep(0.05)
         with pytest.raises(AlarmError, match=message):
             stage.move((51.0, 60.0, -30.0), 20.0)
 
@@ -190,46 +184,20 @@ def test_limits_beyond_the_travel_of_the_firmware_are_refused(
             open_stage(settings, Clock(speed=SPEED))
 
 
-def test_a_stage_that_a_killed_program_left_in_motion_is_stopped_and_usable() -> None:
+def test_a_stage_that_a_killed_program_left_in_motion_is_stopped_and_usable(rig_time: FakeTime) -> None:
     with launch("grbl", speed=30.0, resets_on_open=False) as rig:
         with opener(rig.port) as stage:
             stage.home()
             stage._line.write(b"G53G1X100Y100Z-50F200\n")
+            rig_time.sleep(0.05)
         with opener(rig.port) as stage:
             where = rig.true_position()
-            time.sleep(0.1)
+            rig_time.sleep(0.1)
             assert rig.true_position() == where
             with pytest.raises(PositionLostError):
                 stage.position()
             stage.home()
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
-
-
-#: A program that moves for a while, with a timeout that is shorter than its pause.
-MOVING = f"""
-import sys
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.grbl import GrblStage
-
-with GrblStage(sys.argv[1], clock=Clock(speed={SPEED}), timeout_s=0.5) as stage:
-    stage.home()
-    print("homed", flush=True)
-    for i in range(100):
-        stage.move((50.0, 60.0, -30.0 - i % 2), 20.0)
-"""
-
-
-def test_a_pause_of_this_program_is_not_a_silence_of_the_stage() -> None:
-    with launch("grbl", speed=SPEED) as rig:
-        with subprocess.Popen([sys.executable, "-c", MOVING, rig.port], stdout=subprocess.PIPE, text=True) as program:
-            assert program.stdout is not None
-            assert program.stdout.readline() == "homed\n"
-            time.sleep(0.05)
-            program.send_signal(signal.SIGSTOP)
-            time.sleep(1.2)
-            program.send_signal(signal.SIGCONT)
-            assert program.wait(timeout=20.0) == 0
-        assert rig.true_position() == pytest.approx((50.0, 60.0, -31.0), abs=0.01)
 
 
 #: Faults after which a run must be able to go on.
@@ -242,7 +210,9 @@ STOPPING = {
 }
 
 
-def resume_slowly(kind: str, fault: Fault | None, late_s: tuple[float, float], timeout_s: float) -> None:
+def resume_slowly(
+    kind: str, fault: Fault | None, late_s: tuple[float, float], timeout_s: float, rig_time: FakeTime
+) -> None:
     """Move, have a fault, open the port again, and move, while each reply comes late. The times are real ones."""
     with launch(kind, speed=SPEED, late_s=(late_s[0] * SPEED, late_s[1] * SPEED)) as rig:
 
@@ -257,24 +227,17 @@ def resume_slowly(kind: str, fault: Fault | None, late_s: tuple[float, float], t
                 with contextlib.suppress(PositionLostError, DeviceLostError):
                     stage.move((51.0, 60.0, -30.0), 20.0)
         if fault is not None and fault.kind == "unplug":
-            time.sleep(1.0)
+            rig_time.sleep(1.0)
         with slow_stage() as stage:
             stage.home()
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
             assert rig.true_position() == pytest.approx(CENTER, abs=0.01)
 
 
-def test_a_slow_stage_is_used_again_after_a_reset() -> None:
-    resume_slowly("grblhal", STOPPING["reset"], (0.03, 0.1), 2.0)
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("fault", STOPPING)
 @pytest.mark.parametrize("kind", ["grbl", "grblhal"])
-def test_a_very_slow_stage_is_used_again(kind: str, fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("RESET_S", 1.5), ("GREETING_S", 8.0), ("ATTEMPT_S", 1.0)):
-        monkeypatch.setattr(grbl_link, name, seconds)
-    resume_slowly(kind, STOPPING[fault], (0.3, 1.0), 10.0)
+def test_a_very_slow_stage_is_used_again(kind: str, fault: str, rig_time: FakeTime) -> None:
+    resume_slowly(kind, STOPPING[fault], (0.3, 1.0), 10.0, rig_time)
 
 
 #: The seeds drop bytes, double bytes and reset grblHAL. The quick tests of the other drivers cover the other faults,

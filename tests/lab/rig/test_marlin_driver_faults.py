@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import sys
-import threading
-import time
 
 import pytest
 
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from helpers.alarm import alarm
 from helpers.driver_faults import SPEED, survive
+from helpers.rig_here import FakeTime, launch
 
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.rig import marlin_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
@@ -27,25 +24,22 @@ LIMITS = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
 CENTER: Point = (50.0, 60.0, 70.0)
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("GREETING_S", 1.2), ("ATTEMPT_S", 0.3), ("AFTER_STOP_S", 0.3)):
-        monkeypatch.setattr(marlin_link, name, seconds)
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 def opener(port: str) -> MarlinStage:
     return MarlinStage(port, clock=Clock(speed=SPEED), baud=250000, timeout_s=0.3, home_timeout_s=5.0)
 
 
-@pytest.mark.parametrize("emergency_parser", [False, pytest.param(True, marks=pytest.mark.long)])
-def test_open_stage_homes_moves_and_stops(emergency_parser: bool) -> None:
+@pytest.mark.parametrize("emergency_parser", [False, True])
+def test_open_stage_homes_moves_and_stops(emergency_parser: bool, rig_time: FakeTime) -> None:
     with launch("marlin", speed=SPEED, emergency_parser=emergency_parser) as rig:
         settings = StageSettings(driver="virtual-marlin", port=rig.port, limits_mm=LIMITS)
         with open_stage(settings, Clock(speed=SPEED)) as stage:
             assert stage.simulated == "stage (virtual-marlin)"
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
             assert rig.true_position() == pytest.approx(CENTER, abs=0.05)
-            threading.Timer(0.05, stage.stop).start()
+            rig_time.after(0.05, stage.stop)
             with pytest.raises(NotThereError, match="stopped on request"):
                 stage.move((150.0, 150.0, 10.0), 5.0)
             assert stage.position() == pytest.approx(rig.true_position(), abs=0.05)
@@ -65,29 +59,30 @@ def test_every_reply_may_come_late(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("emergency_parser", [False, True])
-def test_an_interruption_stops_homing(emergency_parser: bool) -> None:
+def test_an_interruption_stops_homing(emergency_parser: bool, rig_time: FakeTime) -> None:
     with (
         launch("marlin", speed=5.0, resets_on_open=False, emergency_parser=emergency_parser) as rig,
         opener(rig.port) as stage,
     ):
-        with alarm(0.6), pytest.raises(KeyboardInterrupt) as caught:
+        rig_time.interrupt(0.6)
+        with pytest.raises(KeyboardInterrupt) as caught:
             stage.home()
         assert caught.value.__notes__ == ["homing was stopped and the firmware halted; press its reset button"]
         stopped = rig.true_position()
         assert stopped[2] < 99.0
-        time.sleep(0.2)
+        rig_time.sleep(0.2)
         assert rig.true_position() == stopped
 
 
-def test_homing_that_cannot_be_stopped_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marlin_link, "HOMING_STOP_S", 0.3)
+def test_homing_that_cannot_be_stopped_is_reported(rig_time: FakeTime) -> None:
     with launch("marlin", speed=5.0, resets_on_open=False) as rig, opener(rig.port) as stage:
 
         def cut() -> None:
             rig.inject(Fault(kind="silence", direction="both"))
             raise KeyboardInterrupt
 
-        with alarm(0.6, cut), pytest.raises(KeyboardInterrupt) as caught:
+        rig_time.after(0.6, cut)
+        with pytest.raises(KeyboardInterrupt) as caught:
             stage.home()
         assert "the carriage may still move" in caught.value.__notes__[0]
 

@@ -1,0 +1,217 @@
+"""Virtual rigs in the process of the test, on a fake clock: nothing waits, and the same things happen on every run.
+
+The fixture ``rig_time`` gives the clock. Ports and waits are those of the drivers; only the time, the process and the
+pseudo-terminal are replaced.
+"""
+
+from __future__ import annotations
+
+import errno
+import heapq
+import itertools
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+
+from tacbench_cad.extensions.virtual_rig import process, server
+from tacbench_cad.extensions.virtual_rig.setup import Setup
+from tacbench_cad.lab.rig import line
+from tacbench_cad.lab.rig.errors import DeviceLostError
+from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.errors import InputError
+
+#: The time that one look at the clock takes, in s, so that a loop that only looks at the clock ends.
+TICK_S = 1e-6
+#: The shortest wait for bytes, in s.
+SHORTEST_S = 1e-5
+_PORTS: dict[str, MemoryPort] = {}
+_SERVERS: list[server.Server] = []
+
+
+class FakeTime:
+    """A clock that goes on only while somebody waits. It stands for the module ``time`` in the drivers."""
+
+    def __init__(self) -> None:
+        self._now_s = 1000.0
+        self._order = itertools.count()
+        self._due: list[tuple[float, int, Callable[[], object]]] = []
+
+    def monotonic(self) -> float:
+        self._now_s += TICK_S
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        end_s = self._now_s + seconds
+        while self._due and self._due[0][0] <= end_s:
+            due_s, _, action = heapq.heappop(self._due)
+            self._now_s = max(self._now_s, due_s)
+            action()
+        self._now_s = max(self._now_s, end_s)
+
+    def after(self, seconds: float, action: Callable[[], object]) -> None:
+        """Call a function as soon as somebody waits beyond this time. Its exception is raised in that wait."""
+        heapq.heappush(self._due, (self._now_s + seconds, next(self._order), action))
+
+    def interrupt(self, seconds: float) -> None:
+        """Do what Ctrl-C does, after a time."""
+
+        def ctrl_c() -> None:
+            raise KeyboardInterrupt
+
+        self.after(seconds, ctrl_c)
+
+
+class LineTime:
+    """The time of :mod:`tacbench_cad.lab.rig.line`: like ``select``, a wait ends as soon as bytes arrive."""
+
+    def __init__(self, clock: FakeTime) -> None:
+        self._clock = clock
+
+    def monotonic(self) -> float:
+        return self._clock.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        end_s = self.monotonic() + seconds
+        while (left := end_s - self.monotonic()) > 0.0 and not any(port.sent for port in _PORTS.values()):
+            pauses = (each._pause_s() for each in _SERVERS)
+            self._clock.sleep(min(left, max(SHORTEST_S, min(pauses))) if _SERVERS else left)
+            for each in list(_SERVERS):
+                each._serve()
+
+
+class MemoryPort:
+    """A port of a virtual rig without an operating system. The methods are those of ``transport.Pty``."""
+
+    def __init__(self, link: Path) -> None:
+        self.name = f"memory://{link.parent.name}/{link.name}"
+        self.opened = False
+        self.host: HostPort | None = None
+        self.received, self.sent = bytearray(), bytearray()
+        self.serve: Callable[[], None] = lambda: None
+        self.plug()
+
+    def watched(self) -> int:
+        return 0
+
+    def look(self) -> bool:
+        if self.opened or self.host is None:
+            return False
+        self.opened = True
+        return True
+
+    def read(self, limit: int) -> bytes:
+        data = bytes(self.received[: max(limit, 0)])
+        del self.received[: len(data)]
+        return data
+
+    def write(self, data: bytes) -> None:
+        if self.opened:
+            self.sent += data
+
+    def host_baud(self) -> int | None:
+        return None if self.host is None else self.host.baudrate
+
+    def unplug(self) -> None:
+        self.hang_up()
+        _PORTS.pop(self.name, None)
+
+    def plug(self) -> None:
+        _PORTS[self.name] = self
+
+    def hang_up(self) -> None:
+        self.host, self.opened = None, False
+        self.received.clear()
+        self.sent.clear()
+
+
+class HostPort:
+    """The host's end of a port, with the methods of pyserial that :class:`tacbench_cad.lab.rig.line.Line` calls."""
+
+    def __init__(self, port: MemoryPort, baudrate: int) -> None:
+        self._port, self.baudrate = port, baudrate
+        port.host = self
+        port.serve()
+
+    def read(self, size: int) -> bytes:
+        self._serve()
+        data = bytes(self._port.sent[:size])
+        del self._port.sent[: len(data)]
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._serve()
+        self._port.received += data
+        self._serve()
+
+    def close(self) -> None:
+        if self._port.host is self:
+            self._port.hang_up()
+
+    def _serve(self) -> None:
+        self._port.serve()
+        if self._port.host is not self:
+            raise OSError(errno.EIO, "the port is gone")
+
+
+class RigHere(process.VirtualRig):
+    """A virtual rig in this process."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self._server: server.Server | None = server.Server(setup)
+        for port in (self._server.stage, self._server.gauge):
+            assert isinstance(port, MemoryPort), "use the fixture rig_time"
+            port.serve = self._server._serve
+        _SERVERS.append(self._server)
+        self.port, self.gauge_port = self._server.stage.name, self._server.gauge.name
+
+    def close(self) -> None:
+        if self._server is not None:
+            _SERVERS.remove(self._server)
+            self._server.close()
+            self._server = None
+
+    def _ask(self, order: Mapping[str, Any]) -> dict[str, Any]:
+        if self._server is None:
+            raise DeviceLostError("the virtual rig's process has ended")
+        self._server._serve()
+        answer = json.loads(json.dumps(self._server._order(json.dumps(to_plain(order)))))
+        if "error" in answer:
+            raise InputError("virtual rig", None, answer["error"])
+        return dict(answer)
+
+
+def launch(kind: str, **options: Any) -> RigHere:
+    """Do what :func:`tacbench_cad.extensions.virtual_rig.process.launch` does, in this process."""
+    return RigHere(Setup.of(kind, **options))
+
+
+def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
+    """Replace the time of the drivers and the ports of virtual rigs until the end of the test."""
+    fake, real_port = FakeTime(), serial.serial_for_url
+
+    def opened(name: str, *, baudrate: int, **options: Any) -> Any:
+        for each in _SERVERS:
+            each._serve()
+        if name in _PORTS:
+            return HostPort(_PORTS[name], baudrate)
+        if name.startswith("memory://"):
+            raise serial.SerialException(errno.ENOENT, "No such file or directory")
+        return real_port(name, baudrate=baudrate, **options)
+
+    for name, module in list(sys.modules.items()):
+        ours = name.startswith(("tacbench_cad.lab.rig.", "tacbench_cad.lab.acquire.", "tacbench_cad.extensions."))
+        if ours and getattr(module, "time", None) is time:
+            monkeypatch.setattr(module, "time", fake)
+    monkeypatch.setattr(line, "time", LineTime(fake))
+    monkeypatch.setattr(line, "POLL_S", line.WAIT_S)
+    monkeypatch.setattr(server, "Pty", MemoryPort)
+    monkeypatch.setattr(process, "launch", launch)
+    monkeypatch.setattr(serial, "serial_for_url", opened)
+    return fake
