@@ -45,7 +45,7 @@ ELSEWHERE = {
             "lab.runs.schema:Row.__post_init__",
             "lab.runs.schema:MovingRow.__post_init__",
             "lab.runs.region:stored_region",
-            "spec.scanrecord:read_scan_record.number",
+            "extensions.scan.record:read_scan_record.number",
             "spec.storage:surface_from 2",
             "spec.printermodel:PrinterModel.__post_init__",
             "extensions.virtual_rig.server:Server._order",

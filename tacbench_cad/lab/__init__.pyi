@@ -23,6 +23,12 @@ from .analysis.published import PAPER_FLOORS as PAPER_FLOORS
 from .analysis.published import PAPER_ROW_NAMES as PAPER_ROW_NAMES
 from .analysis.published import PAPER_VARIANCE as PAPER_VARIANCE
 from .analysis.report.page import write_report as write_report
+from .analysis.report.parts import ReportSection as ReportSection
+from .analysis.report.parts import list_part as list_part
+from .analysis.report.parts import long_part as long_part
+from .analysis.report.parts import text_part as text_part
+from .analysis.tables import Column as Column
+from .analysis.tables import Table as Table
 from .analysis.variance.grade import Grade as Grade
 from .analysis.variance.grade import grade as grade
 from .analysis.variance.table import VarianceResult as VarianceResult

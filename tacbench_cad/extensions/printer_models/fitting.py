@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH, ScanFit
+from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_document
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, ReliefRule, TransferPoint
-from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_document
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 

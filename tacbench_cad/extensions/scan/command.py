@@ -11,7 +11,7 @@ from click.exceptions import Exit
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table, write_picture
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.spec.scanrecord import SCAN_FILE
+from tacbench_cad.extensions.scan.record import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import locked, refusing, write_json
 from tacbench_cad.util.text import counted

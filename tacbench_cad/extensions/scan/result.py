@@ -13,9 +13,9 @@ from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.deviations import Summary, TopMap, WallPoints
 from tacbench_cad.extensions.scan.estimates import Estimate, ScanFit, WaveEstimate
 from tacbench_cad.extensions.scan.limits import Limits, Verdict, verdict
+from tacbench_cad.extensions.scan.record import KIND, SCHEMA
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.crests import Extrema
-from tacbench_cad.spec.scanrecord import KIND, SCHEMA
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.text import counted, short
 

@@ -14,8 +14,8 @@ from tacbench_cad import __version__
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.colours import coloured, reach_mm
 from tacbench_cad.extensions.scan.comparison import Views
+from tacbench_cad.extensions.scan.record import SCAN_FILE
 from tacbench_cad.extensions.scan.result import WAVE_COLUMNS, ScanResult, wave_row
-from tacbench_cad.spec.scanrecord import SCAN_FILE
 from tacbench_cad.util.files import refusing, replacing, write_json
 from tacbench_cad.util.types import Bytes, Floats
 

@@ -16,11 +16,11 @@ from tacbench_cad.extensions.scan.colours import coloured, reach_mm
 from tacbench_cad.extensions.scan.comparison import View, Views
 from tacbench_cad.extensions.scan.deviations import top_map, wall_points
 from tacbench_cad.extensions.scan.limits import limits_of
+from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
 from tacbench_cad.extensions.scan.result import Noise, PrintOrigin, ScanResult, wave_table
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, stretch
 from tacbench_cad.extensions.scan.writing import DEVIATION_FILE, POINTS_FILE, WAVES_FILE, write_result, write_simulated
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_record
 from tacbench_cad.util.errors import InputError
 
 BLOCK = Block.of(2, scale=0.5)

@@ -14,11 +14,11 @@ from helpers.studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.scan import Cloud, analysing, fit_scan, read_scan
+from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan
 from tacbench_cad.extensions.scan.writing import write_ply, write_simulated
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import corrected_for
-from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_record
 
 pytest.importorskip("trimesh")
 Capture = pytest.CaptureFixture[str]

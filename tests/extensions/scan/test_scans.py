@@ -11,16 +11,15 @@ from helpers.studies import Frame, write_study
 
 pytest.importorskip("cv2")
 
+from tacbench_cad.extensions.scan.record import KIND, SCAN_FILE, SCHEMA
+from tacbench_cad.extensions.scan.report_section import answer, rank_correlation, report_section, scan_table
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.report.scans import answer, rank_correlation, scan_table
-from tacbench_cad.lab.analysis.report.sections import _scans as scans_section
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.spec.scanrecord import KIND, SCAN_FILE, SCHEMA
 
 
 def rows(groups: int, prints: int, slope: float, noise: float = 0.0) -> list[dict[str, object]]:
@@ -102,9 +101,11 @@ def test_the_report_shows_the_scans(tmp_path: Path) -> None:
     grid = PressGrid(x_mm=(4.0,), y_mm=(20.0,))
     (folder,) = write_study(tmp_path, textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1, grid=grid)
     collection = Collection.open([tmp_path])
-    assert list(scans_section(Results(collection=collection, reports=()))) == []
+    assert not report_section(Results(collection=collection, reports=())).parts
     document = {"kind": KIND, "schema": SCHEMA, "file": "scan.ply", "block": "b", "simulated": False}
     (folder / SCAN_FILE).write_text(json.dumps(document | {"top": {"rms_mm": 0.05}}), encoding="utf-8")
-    parts = list(scans_section(Results(collection=collection, reports=())))
+    section = Results(collection=collection, reports=()).added["scans"]
+    parts = section.parts
+    assert list(section.tables) == ["scans.csv"]
     assert "Too few prints to compare the deviation from the formula" in parts[1]["text"]
     assert parts[-1]["files"] == ["scans.csv"] and "50" in parts[-1]["rows"][0]

@@ -38,7 +38,7 @@ def write_document(results: Results, files: Path) -> dict[str, Any]:
         "data_quality.csv": facts.quality_table(results.reports),
         "findings.csv": facts.findings_table(results.reports),
         TABLE_FILE: results.textures,
-        **({"scans.csv": results.scans[0]} if results.scans[0].rows else {}),
+        **{name: table for section in results.added.values() for name, table in section.tables.items()},
     }
     for name, table in tables.items():
         table.write(files / name, study.simulated)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from tacbench_cad.lab.analysis.tables import Table
@@ -12,6 +12,21 @@ from tacbench_cad.lab.analysis.tables import Table
 _MAX_COLUMNS, MAX_ROWS = 8, 50
 #: A part of a page. Its ``kind`` is ``text``, ``heading``, ``code``, ``list``, ``table`` or ``figure``.
 Part = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportSection:
+    """A section of a page. A section without parts is left out.
+
+    Args:
+        title: The title.
+        parts: The parts, in the order of the page.
+        tables: The tables of the section, by the names of their CSV files.
+    """
+
+    title: str
+    parts: Sequence[Part] = ()
+    tables: Mapping[str, Table] = field(default_factory=dict)
 
 
 def text_part(words: object, kind: str = "text") -> Part:

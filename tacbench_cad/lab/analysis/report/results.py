@@ -14,12 +14,14 @@ from tacbench_cad.lab.analysis.classification.splits import UNITS, quoted_level,
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
-from tacbench_cad.lab.analysis.report.scans import scan_table
+from tacbench_cad.lab.analysis.report.parts import ReportSection, text_part
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, name_of, parts_of, shown_levels
 from tacbench_cad.lab.analysis.variance.grade import Grade
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.util.entries import entries, load
+from tacbench_cad.util.errors import MissingToolError
 from tacbench_cad.util.text import interval, short
 
 #: The hold-out level at which training has not seen the tested prints.
@@ -71,9 +73,18 @@ class Results:
         return record_tables(self.collection)
 
     @cached_property
-    def scans(self) -> tuple[Table, list[str]]:
-        """The table of the scanned prints, and the errors of unreadable records."""
-        return scan_table(self.collection, self.variance)
+    def added(self) -> Mapping[str, ReportSection]:
+        """The sections that extensions and other packages add, by the names of their entry points.
+
+        An entry point of the group ``tacbench.report_sections`` names a function that makes a section from the results.
+        """
+        sections = {}
+        for name, entry in entries("tacbench.report_sections").items():
+            try:
+                sections[name] = load(entry)(self)
+            except MissingToolError as error:
+                sections[name] = ReportSection(title=name, parts=[text_part(f"This section is missing: {error}.")])
+        return sections
 
     @cached_property
     def level(self) -> Level | None:

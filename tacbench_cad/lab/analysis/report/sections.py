@@ -27,7 +27,6 @@ from tacbench_cad.lab.analysis.report.parts import (
 )
 from tacbench_cad.lab.analysis.report.rendering import macro
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.report.scans import SCANNED, answer
 from tacbench_cad.lab.analysis.report.summary import next_steps
 from tacbench_cad.lab.analysis.tables import interval_column
 from tacbench_cad.util.text import counted
@@ -64,7 +63,7 @@ def sections(results: Results, folder: Path) -> list[dict[str, Any]]:
         "published": ("Comparison with the paper's figures", _published(results)),
         "maps": ("Which pixels, positions and textures vary", _maps(results)),
         "classification": ("What the sensor can tell apart", _classification(results, folder)),
-        "scans": ("Scan and touch", _scans(results)),
+        **{name: (section.title, section.parts) for name, section in results.added.items()},
         "methods": ("Methods and citations", _methods(results)),
         "prints": ("The prints' records", _records(results)),
     }
@@ -213,23 +212,6 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     for stem, caption in _CLASSIFICATION_FIGURES.items():
         for path in sorted((folder / name).glob(f"{stem}*.png")):
             yield figure_part(f"{name}/{path.stem}", caption)
-
-
-def _scans(results: Results) -> Iterator[Part]:
-    table, damaged = results.scans
-    if damaged:
-        yield text_part("Scans that cannot be read:")
-        yield list_part(damaged)
-    if not table.rows:
-        return
-    yield text_part(
-        "The deviation is that of a scan of the print from its formula. The difference from other prints is the mean "
-        "square between the frames of the print and those of the other prints of its texture, printer and filament; it "
-        "contains sensor noise."
-    )
-    for name in SCANNED:
-        yield text_part(answer(table.rows, name))
-    yield long_part(table, "scans.csv")
 
 
 def _methods(results: Results) -> Iterator[Part]:

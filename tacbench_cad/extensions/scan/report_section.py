@@ -1,4 +1,6 @@
-"""Scan and touch: does a print that deviates more from its formula also differ more from other prints when pressed?
+"""The section of a report on scan and touch.
+
+Does a print that deviates more from its formula also differ more from other prints when it is pressed?
 
 The deviation is that of ``scan.json`` in the run folder. The difference is the mean square between a print's frames
 and those of the other prints of its texture, printer and filament. Textures differ much in both numbers. Therefore the
@@ -16,15 +18,19 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.parts import ReportSection, list_part, long_part, text_part
+from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.tables import Column, Row, Table
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, parts_of
 from tacbench_cad.lab.analysis.variance.view import VarianceView
-from tacbench_cad.spec.scanrecord import SCAN_FILE, read_scan_record
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, interval, short
 
-#: The columns of ``scans.csv``.
+#: The title of the section, and the name of its table.
+TITLE, TABLE_FILE = "Scan and touch", "scans.csv"
+#: The columns of the table.
 COLUMNS = (
     *(Column("run"), Column("texture"), Column("printer"), Column("filament")),
     Column("top_rms_mm", float, "deviation, rms (µm)", text=lambda mm: short(1000.0 * mm)),
@@ -57,6 +63,28 @@ class RankCorrelation:
     value: float | None = None
     low: float | None = None
     high: float | None = None
+
+
+def report_section(results: Results) -> ReportSection:
+    """Return the section of a report, which is empty if no print was scanned.
+
+    Args:
+        results: The results of the report.
+    """
+    table, damaged = scan_table(results.collection, results.variance)
+    parts = [text_part("Scans that cannot be read:"), list_part(damaged)] if damaged else []
+    if not table.rows:
+        return ReportSection(title=TITLE, parts=parts)
+    parts += [
+        text_part(
+            "The deviation is that of a scan of the print from its formula. The difference from other prints is the "
+            "mean square between the frames of the print and those of the other prints of its texture, printer and "
+            "filament; it contains sensor noise."
+        ),
+        *(text_part(answer(table.rows, name)) for name in SCANNED),
+        long_part(table, TABLE_FILE),
+    ]
+    return ReportSection(title=TITLE, parts=parts, tables={TABLE_FILE: table})
 
 
 def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[Table, list[str]]:

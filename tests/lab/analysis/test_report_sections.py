@@ -1,0 +1,40 @@
+"""Sections of a report that other packages add by an entry point."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from helpers.devices import install_package
+from helpers.sources import ROOT
+from helpers.studies import write_study
+
+pytest.importorskip("cv2")
+
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.report.document import write_document
+from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.util.entries import entries
+
+
+def test_the_section_of_the_manual_is_in_the_document_and_its_table_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+    code = re.search(r"```python write=weather.py\n(.*?)```", page, re.DOTALL)
+    assert code is not None
+    point = "[tacbench.report_sections]\nweather = weather:section\ngone = no_such_package:section\n"
+    install_package(tmp_path / "site", monkeypatch, point, weather=code.group(1))
+    try:
+        (run,) = write_study(tmp_path / "runs", textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1)
+        results = Results(collection=Collection.open([tmp_path / "runs"]), reports=())
+        (tmp_path / "files").mkdir()
+        document = write_document(results, tmp_path / "files")
+    finally:
+        entries.cache_clear()
+    sections = {section["title"]: section for section in document["sections"]}
+    assert sections["Weather"]["anchor"] == "weather"
+    assert sections["Weather"]["parts"][0]["rows"] == [[run.name, "21.5"]]
+    assert (tmp_path / "files" / "weather.csv").read_text(encoding="utf-8").count(run.name) == 1
+    assert "no_such_package, which is not installed" in sections["gone"]["parts"][0]["text"]
