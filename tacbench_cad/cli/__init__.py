@@ -150,7 +150,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return MissingToolError.exit_code
         from tacbench_cad.cli.unexpected import report_unexpected
 
-        return report_unexpected(error, words)
+        report_unexpected(error, words)
+        return 1
 
 
 def _complete(instruction: str) -> int:
