@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 import serial
 
-from tacbench_cad.extensions.virtual_rig import process, server
+from tacbench_cad.extensions.virtual_rig import devices, process, server
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.lab.rig import line
 from tacbench_cad.lab.rig.errors import DeviceLostError
@@ -28,10 +28,12 @@ from tacbench_cad.util.errors import InputError
 
 #: The time that one look at the clock takes, in s, so that a loop that only looks at the clock ends.
 TICK_S = 1e-6
-#: The shortest wait for bytes, in s.
-SHORTEST_S = 1e-5
+#: The shortest wait for bytes, in s: about what a port of the operating system takes.
+SHORTEST_S = 1e-4
 _PORTS: dict[str, MemoryPort] = {}
 _SERVERS: list[server.Server] = []
+#: The bytes that a port keeps until the host reads them, as a pseudo-terminal does. Others are lost.
+KEPT_BYTES = 4096
 
 
 class FakeTime:
@@ -72,17 +74,26 @@ class LineTime:
 
     def __init__(self, clock: FakeTime) -> None:
         self._clock = clock
+        self.reading: MemoryPort | None = None
 
     def monotonic(self) -> float:
         return self._clock.monotonic()
 
     def sleep(self, seconds: float) -> None:
         end_s = self.monotonic() + seconds
-        while (left := end_s - self.monotonic()) > 0.0 and not any(port.sent for port in _PORTS.values()):
-            pauses = (each._pause_s() for each in _SERVERS)
-            self._clock.sleep(min(left, max(SHORTEST_S, min(pauses))) if _SERVERS else left)
+        while (left := end_s - self.monotonic()) > 0.0 and not (self.reading and self.reading.sent):
+            pauses = [self._pause_s(each) for each in _SERVERS]
+            self._clock.sleep(min([left, *(max(SHORTEST_S, pause_s) for pause_s in pauses)]))
             for each in list(_SERVERS):
                 each._serve()
+
+    def _pause_s(self, rig: server.Server) -> float:
+        """Return the time until a rig has something to do. Samples are made when the gauge is read."""
+        opened, rig.gauge.opened = rig.gauge.opened, rig.gauge is self.reading
+        try:
+            return rig._pause_s()
+        finally:
+            rig.gauge.opened = opened
 
 
 class MemoryPort:
@@ -112,7 +123,7 @@ class MemoryPort:
 
     def write(self, data: bytes) -> None:
         if self.opened:
-            self.sent += data
+            self.sent += data[: KEPT_BYTES - len(self.sent)]
 
     def host_baud(self) -> int | None:
         return None if self.host is None else self.host.baudrate
@@ -133,13 +144,14 @@ class MemoryPort:
 class HostPort:
     """The host's end of a port, with the methods of pyserial that :class:`tacbench_cad.lab.rig.line.Line` calls."""
 
-    def __init__(self, port: MemoryPort, baudrate: int) -> None:
-        self._port, self.baudrate = port, baudrate
+    def __init__(self, port: MemoryPort, baudrate: int, time: LineTime) -> None:
+        self._port, self.baudrate, self._time = port, baudrate, time
         port.host = self
         port.serve()
 
     def read(self, size: int) -> bytes:
         self._serve()
+        self._time.reading = self._port
         data = bytes(self._port.sent[:size])
         del self._port.sent[: len(data)]
         return data
@@ -195,12 +207,13 @@ def launch(kind: str, **options: Any) -> RigHere:
 def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     """Replace the time of the drivers and the ports of virtual rigs until the end of the test."""
     fake, real_port = FakeTime(), serial.serial_for_url
+    waiting = LineTime(fake)
 
     def opened(name: str, *, baudrate: int, **options: Any) -> Any:
         for each in _SERVERS:
             each._serve()
         if name in _PORTS:
-            return HostPort(_PORTS[name], baudrate)
+            return HostPort(_PORTS[name], baudrate, waiting)
         if name.startswith("memory://"):
             raise serial.SerialException(errno.ENOENT, "No such file or directory")
         return real_port(name, baudrate=baudrate, **options)
@@ -209,9 +222,10 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
         ours = name.startswith(("tacbench_cad.lab.rig.", "tacbench_cad.lab.acquire.", "tacbench_cad.extensions."))
         if ours and getattr(module, "time", None) is time:
             monkeypatch.setattr(module, "time", fake)
-    monkeypatch.setattr(line, "time", LineTime(fake))
+    monkeypatch.setattr(line, "time", waiting)
     monkeypatch.setattr(line, "POLL_S", line.WAIT_S)
     monkeypatch.setattr(server, "Pty", MemoryPort)
-    monkeypatch.setattr(process, "launch", launch)
+    for module in (process, devices):
+        monkeypatch.setattr(module, "launch", launch)
     monkeypatch.setattr(serial, "serial_for_url", opened)
     return fake

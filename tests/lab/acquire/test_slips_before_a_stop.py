@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import signal
-import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -13,6 +12,7 @@ from typing import Any
 
 import pytest
 from helpers.cases import mostly_long
+from helpers.rig_here import launch
 from helpers.rigs import small_protocol
 
 from tacbench_cad.extensions.virtual_rig import devices
@@ -32,9 +32,7 @@ from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Point, Study
 from tacbench_cad.spec.protocol import PressGrid
 
-pytestmark = pytest.mark.skipif(
-    sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
-)
+pytestmark = pytest.mark.usefixtures("rig_time")
 FIRMWARES = ("grbl", "grblhal", "marlin")
 STOPS = ("ctrl-c", "two ctrl-c", "kill", "power cut", "sensor")
 #: The largest error of a press that a check accepts, in mm: slip_mm and the resolution of the check with Marlin.
@@ -71,11 +69,9 @@ class Trial(Silent):
 
     def launched(self, kind: str, **options: Any) -> VirtualRig:
         if self.rig is None:
-            self.rig = self.launch(self.firmware, **{**options, "resets_on_open": False})
+            self.rig = launch(self.firmware, **{**options, "resets_on_open": False})
             self.close, self.rig.close = self.rig.close, lambda: None  # type: ignore[method-assign]
         return self.rig
-
-    launch: Any = devices.launch
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
         assert self.rig is not None

@@ -124,11 +124,12 @@ def test_wrong_settings_of_marlin_are_named() -> None:
     ]
 
 
+@pytest.mark.usefixtures("rig_time")
 def test_the_virtual_marlin_lists_its_settings() -> None:
-    from tacbench_cad.extensions.virtual_rig import launch
+    from helpers.rig_here import launch
+
     from tacbench_cad.lab.rig.probing import identify
 
-    pytest.importorskip("serial")
     with launch("marlin", speed=20.0) as virtual:
         answer = identify(virtual.port)
     rows = {row.name: row for row in answer.settings}

@@ -423,7 +423,7 @@ def first_good_force(gauge: Gauge, error: type[Exception]) -> float:
     raise AssertionError("the gauge did not recover")
 
 
-@pty_only
+@pytest.mark.usefixtures("rig_time")
 def test_the_virtual_rigs_faults_cause_specific_errors_and_the_gauge_recovers() -> None:
     from tacbench_cad.extensions.virtual_rig.faults import Fault
     from tacbench_cad.extensions.virtual_rig.process import launch

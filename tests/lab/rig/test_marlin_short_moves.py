@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import sys
-import time
 
 import pytest
 
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from helpers.rig_here import FakeTime, launch
 from helpers.scripted_marlin import ScriptedMarlin
 
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
+from tacbench_cad.extensions.virtual_rig.process import VirtualRig
 from tacbench_cad.lab.rig import greeting, marlin
 from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.marlin import MarlinStage
@@ -30,6 +30,7 @@ def opened(rig: VirtualRig) -> MarlinStage:
     return MarlinStage(rig.port, baud=250000)
 
 
+@pytest.mark.usefixtures("rig_time")
 @pytest.mark.parametrize("z_steps_per_mm", [400, 2560])
 def test_every_move_down_to_one_motor_step_is_made(z_steps_per_mm: int) -> None:
     step_mm = 1.0 / z_steps_per_mm
@@ -50,6 +51,7 @@ def test_every_move_down_to_one_motor_step_is_made(z_steps_per_mm: int) -> None:
             assert rig.true_position()[0] == pytest.approx(x, abs=0.013)
 
 
+@pytest.mark.usefixtures("rig_time")
 def test_short_moves_are_made_at_the_upper_ends_of_the_axes() -> None:
     with launch("marlin", speed=SPEED, resets_on_open=False) as rig, opened(rig) as stage:
         stage.home()
@@ -90,25 +92,24 @@ def test_longer_moves_have_three_parts_on_a_straight_line() -> None:
     assert len(moves_of(ScriptedMarlin(), (10.0, 20.0, 50.0), (10.0, 20.0, 49.95))) == 1
 
 
-def test_idle_motors_stay_on() -> None:
+def test_idle_motors_stay_on(rig_time: FakeTime) -> None:
     with launch("marlin", speed=SPEED, resets_on_open=False, idle_s=5.0) as rig, opened(rig) as stage:
         stage.home()
         stage.move((50.0, 60.0, 70.0), 50.0)
-        time.sleep(15.0 / SPEED)
+        rig_time.sleep(15.0 / SPEED)
         assert rig.true_position()[2] == pytest.approx(70.0, abs=0.01)
 
 
-def test_without_m84_the_position_is_lost_when_the_motors_may_be_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marlin, "IDLE_S", 1.0)
+def test_without_m84_the_position_is_lost_when_the_motors_may_be_off(rig_time: FakeTime) -> None:
     with (
         launch("marlin", speed=SPEED, resets_on_open=False, idle_s=50.0, knows_m84=False) as rig,
         opened(rig) as stage,
     ):
         stage.home()
         stage.move((50.0, 60.0, 70.0), 50.0)
-        time.sleep(0.6)
+        rig_time.sleep(0.6 * marlin.IDLE_S)
         stage.position()
-        time.sleep(0.6)
+        rig_time.sleep(0.6 * marlin.IDLE_S)
         with pytest.raises(PositionLostError, match="without M84 may have switched its motors off"):
             stage.move((50.0, 60.0, 60.0), 50.0)
         stage.home()

@@ -454,10 +454,10 @@ def test_align_refuses_invalid_tolerances_and_studies_without_a_rig(tmp_path: Pa
 # --- identify, over real ports ---
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-@pytest.mark.parametrize("kind", [pytest.param("grbl", marks=pytest.mark.long), "marlin"])
+@pytest.mark.usefixtures("rig_time")
+@pytest.mark.parametrize("kind", ["grbl", "marlin"])
 def test_firmware_and_gauge_are_identified(kind: str) -> None:
-    from tacbench_cad.extensions.virtual_rig.process import launch
+    from helpers.rig_here import launch
 
     options = {"settings": {1: 25}} if kind == "grbl" else {}
     with launch(kind, speed=20.0, **options) as virtual:

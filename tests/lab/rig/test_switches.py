@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import suppress
 
 import pytest
+from helpers.rig_here import launch
 
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NotThereError, ProtocolError, SlipError
@@ -34,7 +33,7 @@ def test_the_error_of_the_position_is_measured(error_mm: float, towards: int) ->
     assert max(visited) <= towards * 50.0 + 0.61
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+@pytest.mark.usefixtures("rig_time")
 @pytest.mark.parametrize("origin", ["pull-off", "switch"])
 def test_grbl_measures_a_slip_of_any_axis(origin: str) -> None:
     options = {} if origin == "pull-off" else {"origin": "switch"}
@@ -53,7 +52,7 @@ def test_grbl_measures_a_slip_of_any_axis(origin: str) -> None:
         assert stage._link.settings() == stage.settings, "the firmware's limits are on again"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+@pytest.mark.usefixtures("rig_time")
 @pytest.mark.parametrize("dialect", ["grbl", "grblhal"])
 def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock(speed=100.0)
@@ -86,7 +85,7 @@ def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkey
             GrblStage(virtual.port, clock=clock)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+@pytest.mark.usefixtures("rig_time")
 def test_options_of_grblhal_in_the_limits_survive_a_check_of_the_end_stops() -> None:
     """In ``$21=3`` of grblHAL, bit 0 switches the end stops on, and bit 1 is its strict mode."""
     with launch("grblhal", speed=100.0, resets_on_open=False, settings={21: 3, 22: 33}) as virtual:
@@ -97,7 +96,7 @@ def test_options_of_grblhal_in_the_limits_survive_a_check_of_the_end_stops() -> 
     assert [(rows[name].value, rows[name].change) for name in ("$21", "$22")] == [("3", ""), ("33", "")]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals do not exist on Windows")
+@pytest.mark.usefixtures("rig_time")
 def test_marlin_measures_a_slip_of_any_axis() -> None:
     with launch("marlin", speed=100.0) as virtual, MarlinStage(virtual.port) as stage:
         stage.home()
@@ -129,7 +128,7 @@ def test_a_wrong_first_homing_is_not_taken_for_a_missing_switch() -> None:
     assert check.compare(lambda: next(offsets), lambda: None) == (0.0, 0.0, -0.6)
 
 
-@pytest.mark.long
+@pytest.mark.usefixtures("rig_time")
 def test_an_end_stop_of_grbl_that_closes_for_an_instant_is_noticed() -> None:
     wrong = 0
     for delay_s in (2.4, 2.5, 2.6, 2.7, 2.8):
