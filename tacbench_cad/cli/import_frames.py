@@ -11,6 +11,7 @@ from click.exceptions import Exit
 from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table
 from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.text import counted
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 
 #: Things that were left out that are named before the rest is only counted; all of them are in --json.
 MAX_SHOWN = 100
-#: The words of ``--kind``; a test compares them with what the lab can import.
-KINDS = ("images", "folders", "tactip", "arrays", "videos", "huggingface", "authors")
+#: The formats that are always there; a test compares these words with those of the import.
+KINDS = ("images", "folders", "arrays")
 #: What a column of a table can be; a test compares these words with those that the import knows.
 COLUMNS = (
     *("label", "print", "printer", "filament", "position", "force", "repeat", "session"),
@@ -39,11 +40,6 @@ def _pairs_of(option: str, text: str) -> dict[str, str]:
             raise InputError(option, text, f"has {name} twice")
         pairs[name] = value
     return pairs
-
-
-def _levels_of(option: str, text: str) -> dict[str, int]:
-    pairs = _pairs_of(option, text.upper())
-    return {name: options.whole_of(option, number) for name, number in pairs.items()}
 
 
 @options.command("import-frames", "Press")
@@ -64,8 +60,8 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
 )
 @options.option(
     "--kind",
-    options.choice(*KINDS),
-    f"Kind of data: {', '.join(KINDS[:-1])} or {KINDS[-1]}. Default: found from the files.",
+    options.choice(*KINDS, *entries("tacbench.formats")),
+    "Kind of data. Default: found from the files.",
     options.INPUT,
 )
 @options.option(
@@ -78,28 +74,12 @@ def _levels_of(option: str, text: str) -> dict[str, int]:
 @options.out("DIR", "Folder of the runs.", required=True)
 @options.json
 @options.option(
-    "--force-levels",
-    options.Value("P30=1,...", _levels_of),
-    "Authors' arrays: force level for each word such as P30 in the file names.",
+    "--format-options",
+    options.Value("NAME=VALUE,...", _pairs_of),
+    "Options of the chosen --kind. The kind authors has first-axis (x or y: axis of the block along the first index of "
+    "the 5 x 5 positions), preset, spacing (even or 1mm: positions along y), and the force level of each word such as "
+    "P30 in the file names: P20=1,P30=2.",
     options.ADVANCED,
-    default="P30=1,P40=2,P50=3",
-)
-@options.option(
-    "--first-axis",
-    options.choice("x", "y"),
-    "Authors' arrays: axis of the block along the first index of the 5 x 5 positions.",
-    options.ADVANCED,
-    default="y",
-)
-@options.option(
-    "--preset", options.PRESET, "Authors' arrays: preset of the blocks.", options.ADVANCED, default="released"
-)
-@options.option(
-    "--spacing",
-    options.choice("even", "1mm"),
-    "Authors' arrays: spacing of the positions along y.",
-    options.ADVANCED,
-    default="even",
 )
 def command(
     paths: tuple[Path, ...],
@@ -109,18 +89,21 @@ def command(
     kind: str | None,
     channels: Channels,
     json: bool,
-    **authors: Any,
+    format_options: dict[str, str] | None,
 ) -> None:
     """Make run folders from frames that you already have.
 
     All analyses can read these run folders. The command imports:
-    - images with a table (CSV)
-    - images in one folder for each class
-    - one or several folders of a TacTip toolchain
-    - arrays (.npy, .npz or HDF5) with a table, or with an array of labels
-    - videos with a table of times
-    - a Hugging Face data set that was saved to disk
-    - the arrays of the paper's authors
+    - images: images with a table (CSV)
+    - folders: images in one folder for each class
+    - arrays: .npy or .npz files with a table, or with an array of labels
+    - hdf5: the same in HDF5 files
+    - tactip: one or several folders of a TacTip toolchain
+    - videos: videos with a table of times
+    - huggingface: a Hugging Face data set that was saved to disk
+    - authors: the arrays of the paper's authors
+
+    Other packages can add formats.
 
     Each print becomes one run. If the prints are unknown, each label becomes one run. Values that are not in your data
     stay empty. An analysis that needs such a value says so. All columns of your tables, and the names of your files,
@@ -138,12 +121,11 @@ def command(
       tacbench import-frames press.mp4 times.csv -o runs
       tacbench import-frames arrays/*.npy --names printers.toml -o runs
     """
-    from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
+    from tacbench_cad.lab.runs.importing.import_options import ImportOptions
     from tacbench_cad.lab.runs.importing.importer import import_samples
-    from tacbench_cad.lab.runs.importing.kinds import ImportOptions
 
     how = ImportOptions(
-        kind=kind, columns=columns or {}, names=names, channels=channels, authors=AuthorsOptions(**authors)
+        kind=kind, columns=columns or {}, names=names, channels=channels, of_format=format_options or {}
     )
     with ProgressLine() as progress:
         report = import_samples(paths, out, how, progress.show)

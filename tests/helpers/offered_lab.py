@@ -18,6 +18,7 @@ from helpers.wrong_drivers import GoodSensor
 from tacbench_cad.extensions.devices.klipper import KlipperStage
 from tacbench_cad.extensions.exchange.exporting.formats import export_runs as export_runs_to
 from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing
+from tacbench_cad.extensions.exchange.importing.authors import _options_of as authors_options
 from tacbench_cad.extensions.exchange.publishing.publication import Author, Publication
 from tacbench_cad.extensions.markers.markers import MarkerSettings
 from tacbench_cad.extensions.virtual_rig import devices
@@ -41,10 +42,10 @@ from tacbench_cad.lab.rig.ports import resolve
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.rig.samples import require_stuck_samples
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.importing.arrays import _chosen as array_chosen
-from tacbench_cad.lab.runs.importing.authors import AuthorsOptions
-from tacbench_cad.lab.runs.importing.kinds import ImportOptions
-from tacbench_cad.lab.runs.importing.samples import columns_of, field_of
+from tacbench_cad.lab.runs.importing.array_files import array_name
+from tacbench_cad.lab.runs.importing.import_formats import _Formats
+from tacbench_cad.lab.runs.importing.import_options import ImportOptions
+from tacbench_cad.lab.runs.importing.sources import columns_of_fields, field_of
 from tacbench_cad.lab.runs.pictures import write_png
 from tacbench_cad.lab.runs.region import parse_region
 from tacbench_cad.lab.simulate.looks import LOOKS, look_named
@@ -249,22 +250,24 @@ ROWS: Rows = {
             things={"1x1": (1, 1), "10000x10000": (10_000, 10_000)},
         )
     ],
-    "lab.runs.importing.arrays:_chosen": lambda _: [
-        Offer(attempt=lambda name: array_chosen(Path("a.npz"), {"one": (3, 4), "two": (2, 2)}, name), wrong="xyz")
+    "lab.runs.importing.array_files:array_name": lambda _: [
+        Offer(attempt=lambda name: array_name(Path("a.npz"), {"one": (3, 4), "two": (2, 2)}, name), wrong="xyz")
     ],
-    "lab.runs.importing.authors:AuthorsOptions.__post_init__ 3": lambda _: [
-        Offer(attempt=lambda axis: AuthorsOptions(first_axis=axis), wrong="z"),
-        Offer(attempt=lambda word: AuthorsOptions(force_levels={word: 1}), wrong="30", things=["P30"]),
-        Offer(attempt=lambda level: AuthorsOptions(force_levels={"P30": level}), wrong=0),
+    "extensions.exchange.importing.authors:_options_of 3": lambda _: [
+        Offer(attempt=lambda axis: authors_options({"first-axis": axis}), wrong="z"),
+        Offer(attempt=lambda word: authors_options({word: "1"}), wrong="30", things=["P30"]),
+        Offer(attempt=lambda level: authors_options({"P30": str(level)}), wrong=0),
     ],
-    "lab.runs.importing.kinds:ImportOptions.__post_init__ 2": lambda _: [
-        Offer(attempt=lambda word: ImportOptions(kind=word), wrong="xyz"),
+    "lab.runs.importing.import_formats:_Formats.__init__": lambda _: [
+        Offer(attempt=lambda word: _Formats(word), wrong="xyz"),
+    ],
+    "lab.runs.importing.import_options:ImportOptions.__post_init__": lambda _: [
         Offer(attempt=lambda word: ImportOptions(channels=word), wrong="xyz"),
     ],
-    "lab.runs.importing.samples:columns_of": lambda _: [
-        Offer(attempt=lambda column: columns_of("table.csv", ["one", "two"], {"label": column}), wrong="xyz")
+    "lab.runs.importing.sources:columns_of_fields": lambda _: [
+        Offer(attempt=lambda column: columns_of_fields("table.csv", ["one", "two"], {"label": column}), wrong="xyz")
     ],
-    "lab.runs.importing.samples:field_of": lambda _: [Offer(attempt=field_of, wrong="xyzxyz")],
+    "lab.runs.importing.sources:field_of": lambda _: [Offer(attempt=field_of, wrong="xyzxyz")],
     "lab.runs.schema:_parser": lambda _: [_literal(kind) for kind in (schema.When, schema.PoseFrom, schema.Reason)],
     "lab.runs.schema:_flag": lambda _: [
         Offer(

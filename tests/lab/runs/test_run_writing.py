@@ -437,7 +437,7 @@ def test_reordered_rows_are_accepted(run_folder: Path, make_info: Any) -> None:
 _PRESSER = """
 import sys
 sys.path[:0] = {path!r}
-from conftest import press_all
+from helpers.run_fixtures import press_all
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.writing import RunWriter
 import json, pathlib
@@ -452,7 +452,7 @@ with RunWriter.open(pathlib.Path({folder!r}), info) as writer:
 def test_kills_at_any_time_lose_nothing(kills: int, tmp_path: Path, make_info: Any) -> None:
     folder, seeded = tmp_path / "run", random.Random(4)
     (tmp_path / "info.json").write_text(json.dumps(make_info().as_dict()))
-    here = [str(Path(__file__).parent), str(Path(__file__).parents[3])]
+    here = [str(Path(__file__).parents[2]), str(Path(__file__).parents[3])]
     script = _PRESSER.format(path=here, info=str(tmp_path / "info.json"), folder=str(folder))
     for _ in range(kills):
         with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as process:

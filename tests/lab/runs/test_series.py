@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.run_fixtures import START, picture
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.exchange.publishing.crate import _copy_run
@@ -23,8 +24,6 @@ from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import CheckFailedError, InputError
-
-from .conftest import START, picture
 
 FRAMES = 3
 

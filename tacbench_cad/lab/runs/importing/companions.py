@@ -38,7 +38,7 @@ def subject(name: str) -> frozenset[str]:
     return words_of(name) - LABELS - FRAMES - NUMBERS
 
 
-def describes(name: str, shape: tuple[int, ...], frames: tuple[int, ...]) -> bool:
+def describes_frames(name: str, shape: tuple[int, ...], frames: tuple[int, ...]) -> bool:
     """Return whether an array can have one or several values for each frame of another.
 
     Args:
@@ -60,7 +60,7 @@ def pairs(paths: Sequence[Path]) -> dict[Path, list[Path]]:
     """
     shapes = {path: shape for path in paths if (shape := _shape(path))}
     describing = {
-        path: [other for other, of in shapes.items() if other != path and describes(path.stem, shape, of)]
+        path: [other for other, of in shapes.items() if other != path and describes_frames(path.stem, shape, of)]
         for path, shape in shapes.items()
     }
     result: dict[Path, list[Path]] = {path: [] for path in paths}
@@ -73,7 +73,7 @@ def pairs(paths: Sequence[Path]) -> dict[Path, list[Path]]:
     return result
 
 
-def columns_of(name: str, array: NDArray[Any]) -> dict[str, list[str]]:
+def columns_of_array(name: str, array: NDArray[Any]) -> dict[str, list[str]]:
     """Return an array with one or several values for each frame as columns of texts."""
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.runs.importing.samples import MEASURED, LeftOut, Sample, Source
+from tacbench_cad.lab.runs.importing.sources import MEASURED, LeftOut, Sample, Source
 from tacbench_cad.lab.runs.origins import FILE, INDEX, column_of
 from tacbench_cad.lab.study.spec import Specimen
 from tacbench_cad.spec.protocol import FORCES_N

@@ -1,4 +1,4 @@
-"""Import of folders of images: with a table, with a folder for each class, or written by a TacTip toolchain."""
+"""Import of folders of images: with a table, or with a folder for each class."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source
+from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
+from tacbench_cad.lab.runs.importing.sources import LeftOut, Loaded, Rows, Sample, Source
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, natural
@@ -20,9 +21,8 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MAX_KINDS = 8
 #: The names of folders that are parts of a split, not classes.
 SPLITS = ("train", "training", "val", "valid", "validation", "dev", "test")
-#: The tables of TacTip toolchains, of which the first that exists is used, and the usual names of folders of images.
-TACTIP_TABLES = ("targets_images.csv", "targets.csv")
-TACTIP_FOLDERS = ("processed_images", "sensor_images", "images", "frames_bw")
+#: The usual names of folders of images beside a table.
+IMAGE_FOLDERS = ("processed_images", "sensor_images", "images", "frames_bw")
 #: The number of names of images by which the folder of the images is found.
 MAX_PROBES = 100
 
@@ -42,7 +42,19 @@ def natural_path(path: Path) -> tuple[object, ...]:
     return tuple(natural(part) for part in path.parts)
 
 
-def with_table(table: Path, folder: Path, columns: Mapping[str, str], kind: str = "images with a table") -> Source:
+def of_images(path: Path, paths: Paths, options: ImportOptions) -> Source:
+    """Read the images of a folder or of a table.
+
+    Raises:
+        InputError: There is no table, or same as for :func:`table_source`.
+    """
+    table = paths.table(path)
+    if table is None:
+        raise InputError("images", str(path), "has no table (CSV) of the images; add one, or use --kind folders")
+    return table_source(table, path if path.is_dir() else table.parent, options.columns)
+
+
+def table_source(table: Path, folder: Path, columns: Mapping[str, str], kind: str = "images with a table") -> Source:
     """Read images that a table lists by their paths, relative to a folder or to one of the folders in it.
 
     Raises:
@@ -81,13 +93,13 @@ def _folder_of(names: Sequence[str], folder: Path) -> tuple[Path, tuple[str, ...
     """Return the folder that the names of images are relative to, and a note if it could be another.
 
     It is the folder itself if it has one of the images, else the folder in it that has the most of them. Of several, it
-    is the first of :data:`TACTIP_FOLDERS`, or else the first by name.
+    is the first of :data:`IMAGE_FOLDERS`, or else the first by name.
     """
     good = [name for name in dict.fromkeys(names) if not name_fault(name, "image")]
     probes = good[:: max(1, len(good) // MAX_PROBES)]
     if any(_is_file(folder / name) for name in probes):
         return folder, ()
-    order = {name: number for number, name in enumerate(TACTIP_FOLDERS)}
+    order = {name: number for number, name in enumerate(IMAGE_FOLDERS)}
     below = [path for path in _listed(folder) if path.is_dir()]
     below.sort(key=lambda path: (order.get(path.name, len(order)), natural(path.name)))
     counts = {path: sum(_is_file(path / name) for name in probes) for path in below}
@@ -102,42 +114,6 @@ def _is_file(path: Path) -> bool:
     with suppress(OSError):  # a name can be too long
         return path.is_file()
     return False
-
-
-def toolchain_table(folder: Path) -> Path | None:
-    """Return the table of a TacTip toolchain in a folder; None if there is none."""
-    return next((folder / name for name in TACTIP_TABLES if (folder / name).is_file()), None)
-
-
-def toolchain_folders(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Find the folders of TacTip toolchains below a folder, at any depth.
-
-    Returns:
-        The folders, and the images in no such folder.
-
-    Raises:
-        InputError: A folder cannot be listed.
-    """
-    files = sorted(files_below(folder), key=natural_path)
-    folders = list(dict.fromkeys(path.parent for path in files if path.name in TACTIP_TABLES))
-    images = filter(is_image_file, files if folders else ())
-    return folders, [path for path in images if not any(path.is_relative_to(each) for each in folders)]
-
-
-def of_toolchain(path: Path, columns: Mapping[str, str]) -> Source:
-    """Read a folder of a TacTip toolchain, which contains a table of targets and images, mostly in a folder.
-
-    Args:
-        path: The folder, or its table.
-        columns: The columns, by field.
-
-    Raises:
-        InputError: There is no table, or it cannot be read.
-    """
-    table = toolchain_table(path) if path.is_dir() else path
-    if table is None:
-        raise InputError("folder", str(path), f"has no {' or '.join(TACTIP_TABLES)}")
-    return with_table(table, table.parent, columns, "a TacTip toolchain's folder")
 
 
 def of_classes(folder: Path) -> Source:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -12,10 +12,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tacbench_cad.lab.runs.importing.frames import Prepared, prepared
+from tacbench_cad.lab.runs.importing.frame_files import Prepared, prepared
 from tacbench_cad.lab.runs.importing.grouping import Group, Names, grouped
-from tacbench_cad.lab.runs.importing.kinds import ImportOptions, sources_of
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Sample, Source
+from tacbench_cad.lab.runs.importing.import_formats import sources_of
+from tacbench_cad.lab.runs.importing.import_options import ImportOptions
+from tacbench_cad.lab.runs.importing.sources import LeftOut, Sample, Source
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.origins import IMAGE, write_origins
 from tacbench_cad.lab.runs.reading import Run
@@ -87,13 +88,7 @@ def import_samples(
 ) -> ImportReport:
     """Import frames as run folders. Samples that an earlier import has written are skipped.
 
-    These kinds of sources are recognised:
-
-    - folders of images with a table, with a folder for each class, or written by a TacTip toolchain
-    - files of arrays, and videos, with a table
-    - Hugging Face data sets
-    - the arrays of the paper's authors
-
+    Folders of images, files of arrays, and the formats of the entry-point group ``tacbench.formats`` are recognised.
     There is one run for each print if the data tell the prints apart, otherwise one for each label. Unknown values
     stay unknown. The report lists everything that cannot be imported; the rest is imported. Only a few frames are in
     memory at a time.
@@ -122,7 +117,9 @@ def import_samples(
         else:
             left_out.append(item)
     groups, faults = grouped(sources, names)
-    work = _Work(out=out, progress=progress, total=sum(len(group.samples) for group in groups))
+    total = sum(len(group.samples) for group in groups)
+    whole_kinds = {source.kind for source in sources if source.whole}
+    work = _Work(out=out, progress=progress, total=total, whole_kinds=whole_kinds)
     work.left_out += [*left_out, *faults]
     with ThreadPoolExecutor(min(MAX_THREADS, cpu_count())) as pool:
         runs = [run for group in groups if (run := work.run(group, pool)) is not None]
@@ -136,7 +133,7 @@ def import_samples(
 class _Work:
     """The state of an import."""
 
-    def __init__(self, out: Path, progress: Progress, total: int) -> None:
+    def __init__(self, out: Path, progress: Progress, total: int, whole_kinds: Collection[str]) -> None:
         self.out, self.progress, self.total = out, progress, total
         self.left_out: list[LeftOut] = []
         self._done = 0
@@ -144,7 +141,7 @@ class _Work:
         #: The frames of the run that were loaded to determine the shape, by the identity of their samples.
         self._probed: dict[int, Outcome] = {}
         #: The run folder of each file that has only frames of a single print, by the checksum of the file.
-        self._whole = dict(_imported_files(out))
+        self._whole = dict(_imported_files(out, whole_kinds))
 
     def run(self, group: Group, pool: Executor) -> ImportedRun | None:
         """Write a group's run folder. The result is None if none of its samples can be imported."""
@@ -309,14 +306,19 @@ def _summarised(left_out: Sequence[LeftOut]) -> Iterator[LeftOut]:
             yield LeftOut(where=where, reason=reason, count=sum(each.count for each in members))
 
 
-def _imported_files(out: Path) -> Iterator[tuple[str, Path]]:
-    """Yield the checksums of files that were imported into a folder as a single print, with their run folders."""
+def _imported_files(out: Path, whole_kinds: Collection[str]) -> Iterator[tuple[str, Path]]:
+    """Yield the checksums of files that were imported into a folder as a single print, with their run folders.
+
+    Args:
+        out: The folder.
+        whole_kinds: The kinds of sources whose files have frames of a single print.
+    """
     for path in sorted(out.glob(f"*/{RUN_FILE}")):
         try:
             source = Run.open(path.parent).info.source
         except InputError:  # `tacbench check-runs` reports the fault
             continue
-        files = source.get("files") if "authors" in str(source.get("kind")) else ()
+        files = source.get("files") if any(kind in str(source.get("kind")) for kind in whole_kinds) else ()
         for entry in files if isinstance(files, list) else ():
             if isinstance(entry, dict) and isinstance(entry.get("sha256"), str):
                 yield entry["sha256"], path.parent

@@ -1,46 +1,16 @@
-"""Test the import of arrays, videos and Hugging Face data sets with the labels of their frames."""
+"""Test the import of arrays with the labels of their frames."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from helpers.array_frames import frames, require_equal, stored, write_hdf5
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab import ImportOptions, Run, import_samples
-from tacbench_cad.lab.runs.importing import arrays
-from tacbench_cad.util.errors import InputError
-
-
-def frames(count: int = 12) -> np.ndarray:
-    return np.random.default_rng(0).integers(0, 256, (count, 16, 24, 3), dtype=np.uint8)
-
-
-def require_equal(out: Path, array: Any) -> None:
-    """Check that the frames of label a are the even ones and those of label b the odd ones."""
-    for first, name in enumerate(("a", "b")):
-        run = Run.open(out / name)
-        assert len(run.rows) == len(array) // 2
-        for row in run.rows:
-            assert np.array_equal(stored(run, row), array[first + 2 * (row.number - 1)])
-
-
-def stored(run: Run, row: Any) -> np.ndarray:
-    """Read the file of a frame with Pillow or NumPy."""
-    path = run.folder / row.path
-    return np.load(path) if path.suffix == ".npy" else np.asarray(Image.open(path))
-
-
-def write_hdf5(path: Path, **arrays: Any) -> None:
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
-        for name, array in arrays.items():
-            file.create_dataset(f"data/{name}", data=array)
-        file.create_dataset(b"\xff", data=np.zeros(12))  # a name that is not UTF-8 is left out
 
 
 def test_grey_images_with_a_last_axis_of_one_are_images(table: Any, tmp_path: Path) -> None:
@@ -134,86 +104,3 @@ def test_damaged_arrays_are_left_out(table: Any, tmp_path: Path) -> None:
     (left_out,) = import_samples([tmp_path / "f.h5"], tmp_path / "out").left_out
     assert "not a complete HDF5 file" in left_out.reason
     assert not (tmp_path / "out").exists()
-
-
-def test_hdf5_with_external_links_is_left_out(tmp_path: Path) -> None:
-    h5py = pytest.importorskip("h5py")
-    (tmp_path / "secret").write_bytes(bytes(12 * 16 * 24))
-    with h5py.File(tmp_path / "X.h5", "w") as file:
-        where = [(str(tmp_path / "secret"), 0, h5py.h5f.UNLIMITED)]
-        file.create_dataset("X", (12, 16, 24), dtype=np.uint8, external=where)
-        file["other"] = h5py.ExternalLink("other.h5", "/X")
-    (left_out,) = import_samples([tmp_path / "X.h5"], tmp_path / "out").left_out
-    assert "is stored in other files" in left_out.reason
-
-
-def test_an_hdf5_file_that_takes_too_long_is_read_no_further(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_hdf5(tmp_path / "X.h5", X=frames())
-    source = arrays.opened(tmp_path / "X.h5")
-    assert np.array_equal(source.frame(3), frames()[3])
-    with monkeypatch.context() as patch:
-        patch.setattr(arrays, "HDF5_LIMITS_S", (0.0, 0.0))
-        for read in (lambda: source.frame(4), lambda: arrays.opened(tmp_path / "X.h5")):
-            with pytest.raises(InputError, match=r"X\.h5.*takes the HDF5 library longer than 0 s; .*TACBENCH_LIMITS=2"):
-                read()
-    with pytest.raises(InputError, match="takes the HDF5 library longer"):
-        source.frame(3)
-
-
-@pytest.fixture
-def video(tmp_path: Path) -> Path:
-    """Write a video of two seconds with 10 frames per second, each of a single grey level."""
-    path = tmp_path / "press.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (32, 24))
-    if not writer.isOpened():
-        pytest.skip("this build of OpenCV writes no videos")
-    for number in range(20):
-        writer.write(np.full((24, 32, 3), 10 * number, np.uint8))
-    writer.release()
-    return path
-
-
-def test_frames_of_a_video_at_the_times_of_a_table(video: Path, table: Any, tmp_path: Path) -> None:
-    rows = [("0", "a"), ("0.55", "a"), ("0.6", "b"), ("1.9", "a"), ("0.1", "a"), ("2.5", "a"), ("-1", "a"), ("x", "b")]
-    times = table(tmp_path / "times.csv", ("time", "label"), rows)
-    report = import_samples([video, times], tmp_path / "out")
-    run = Run.open(tmp_path / "out" / "a")
-    levels = [round(float(run.frame(row).mean()) / 10) for row in run.rows]
-    assert levels == [0, 5, 19, 1]
-    assert [sample.where.partition(" (")[0] for sample in report.left_out] == [
-        "times.csv line 7",
-        "times.csv line 8",
-        "times.csv line 9",
-    ]
-    assert "has no frame at 2.5 s; its last frame is at 1.9 s" in report.left_out[0].reason
-
-
-def test_a_table_names_several_videos(video: Path, table: Any, tmp_path: Path) -> None:
-    (tmp_path / "torn.avi").write_bytes(b"RIFF")
-    rows = [("press.avi", 1, "a"), ("torn.avi", 1, "a"), ("nowhere.avi", 1, "a"), ("../press.avi", 1, "a")]
-    times = table(tmp_path / "times.csv", ("video", "time", "session"), rows)
-    report = import_samples([times], tmp_path / "out")
-    assert [run.imported for run in report.runs] == [1] and len(report.left_out) == 3
-    assert Run.open(report.runs[0].folder).info.printed.session == "a"  # type: ignore[attr-defined]
-    (left_out,) = import_samples([video], tmp_path / "other").left_out
-    assert "needs a table of times" in left_out.reason
-
-
-def test_a_hugging_face_data_set(tmp_path: Path, noise: Any) -> None:
-    datasets = pytest.importorskip("datasets")
-    files = []
-    for number in range(6):
-        files.append(str(tmp_path / f"{number}.png"))
-        cv2.imwrite(files[-1], noise(number))
-    features = datasets.Features(
-        picture=datasets.Image(), label=datasets.ClassLabel(names=["cork", "felt"]), print=datasets.Value("int32")
-    )
-    columns = {"picture": files, "label": [0, 1] * 3, "print": [1, 1, 2, 2, 3, None]}
-    datasets.DatasetDict(train=datasets.Dataset.from_dict(columns, features=features)).save_to_disk(tmp_path / "set")
-    report = import_samples([tmp_path / "set"], tmp_path / "out")
-    assert report.ok and sorted(run.folder.name for run in report.runs) == [
-        *(f"cork_copy0{copy}" for copy in (1, 2, 3)),
-        *("felt", "felt_copy01", "felt_copy02"),
-    ]
-    run = Run.open(tmp_path / "out" / "cork_copy02")
-    assert np.array_equal(run.frame(run.rows[0]), noise(2))

@@ -24,7 +24,7 @@ from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED
 from tacbench_cad.extensions.exchange.exporting.tactile_data import export_tactile_data
 from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
 from tacbench_cad.lab.runs import writing
-from tacbench_cad.lab.runs.importing.kinds import KINDS
+from tacbench_cad.lab.runs.importing.import_formats import CORE
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
@@ -384,7 +384,7 @@ def test_unknown_words_are_refused(words: list[str], message: str, tmp_path: Pat
 
 
 def test_the_command_accepts_every_kind() -> None:
-    assert tuple(KINDS) == import_frames.KINDS
+    assert tuple(CORE) == import_frames.KINDS
 
 
 def test_a_run_keeps_the_checksum_of_the_file_that_was_imported(images: Any, tmp_path: Path) -> None:

@@ -287,23 +287,3 @@ def test_a_wrong_number_in_a_pose_leaves_the_frame_out(images: Any, table: Any, 
     )
     report = import_samples([images(2), labels], tmp_path / "out", ImportOptions(columns={"rx": "pose_4"}))
     assert [each.reason for each in report.left_out] == ["Rx = 'left' is not a number"]
-
-
-def test_lists_and_file_names_of_a_hugging_face_data_set_are_kept(tmp_path: Path) -> None:
-    datasets = pytest.importorskip("datasets")
-    datasets.disable_progress_bars()
-    for number in range(2):
-        save(tmp_path / f"tap {number}.png", number, 16, 16)
-    columns = {
-        "image": [str(tmp_path / f"tap {number}.png") for number in range(2)],
-        "label": ["a", "a"],
-        "pose": [[0.5, 1.0, 2.0], [1.5, 1.0, 2.0]],
-    }
-    data = datasets.Dataset.from_dict(columns).cast_column("image", datasets.Image())
-    data.save_to_disk(tmp_path / "set")
-    assert import_samples([tmp_path / "set"], tmp_path / "out").ok
-    run = Run.open(tmp_path / "out" / "a")
-    said = [run.origins[row.sensor_image] for row in run.rows]
-    assert [origin["pose"] for origin in said] == ["[0.5, 1.0, 2.0]", "[1.5, 1.0, 2.0]"]
-    assert [origin["image"] for origin in said] == ["tap 0.png", "tap 1.png"]
-    assert [(origin["source_file"], origin["source_frame"]) for origin in said] == [("set", "0"), ("set", "1")]

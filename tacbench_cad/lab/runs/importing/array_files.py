@@ -1,4 +1,4 @@
-"""Import of arrays of frames: ``.npy``, ``.npz`` and HDF5 files, with a row of a table for each frame."""
+"""Import of arrays of frames, such as ``.npy`` and ``.npz`` files, with a row of a table for each frame."""
 
 from __future__ import annotations
 
@@ -14,21 +14,17 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.colours import OUTSIDE, Channels
 from tacbench_cad.lab.runs.importing import companions
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source, columns_of
+from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
+from tacbench_cad.lab.runs.importing.sources import LeftOut, Loaded, Rows, Sample, Source, columns_of_fields
 from tacbench_cad.lab.runs.npyfile import array_head, mapped
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
-from tacbench_cad.util.packages import require
-from tacbench_cad.util.processes import read_isolated
 
 #: The suffixes of files with arrays.
-SUFFIXES = (".npy", ".npz", ".h5", ".hdf5")
+SUFFIXES = (".npy", ".npz")
 #: The largest allowed size of a frame, in MB; the same as for the file of an image.
 MAX_FRAME_MB = door.MAX_MB["image"]
-#: The time limit in s for reading from an HDF5 file, and the additional time for each MB of the file.
-HDF5_LIMITS_S = (12.0, 0.01)
 #: What the reading of a damaged zip file raises.
 _ZIP_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
@@ -48,38 +44,41 @@ class Frames:
     columns: Mapping[str, Sequence[str]]
 
 
-def of_array(
-    path: Path,
-    table: Path | None,
-    columns: Mapping[str, str],
-    beside: Sequence[Path] = (),
-    channels: Channels = OUTSIDE,
-    alone: bool = True,
-) -> Source:
-    """Read a file of frames. Its table has a row for each frame, or a column ``index`` with the frame's number from 0.
+def of_arrays(path: Path, paths: Paths, options: ImportOptions) -> Source:
+    """Read the frames of a ``.npy`` or ``.npz`` file.
+
+    Raises:
+        InputError: The file cannot be read, or same as for :func:`array_source`.
+    """
+    return array_source(path, opened(path, options.columns.get("array", "")), paths, options)
+
+
+def array_source(path: Path, frames: Frames, paths: Paths, options: ImportOptions, kind: str = "arrays") -> Source:
+    """Return the source with the frames of a file of arrays.
+
+    The table of the file has a row for each frame, or a column ``index`` with the frame's number from 0. Without a
+    table, columns in the file and other ``.npy`` files describe the frames.
 
     Args:
         path: The file.
-        table: The table, if there is one.
-        columns: The columns, by field.
-        beside: Other ``.npy`` files that describe the frames. They are not used if there is a table.
-        channels: The order of the colours of frames with three channels.
-        alone: Whether frames without any description are imported.
+        frames: The frames in the file.
+        paths: The paths that the user gave.
+        options: The options. Frames without any description are imported only if they name a kind.
+        kind: The name of the format, for messages.
 
     Raises:
-        InputError: The file cannot be read, has no array of frames, or does not match its table; or nothing describes
-            the frames.
+        InputError: The frames do not match the table, or nothing describes them.
     """
-    frames = opened(path, columns.get("array", ""))
+    table, columns, beside, channels = paths.table(path), options.columns, paths.describing(path), options.channels
     described = dict(frames.columns)
     for other in beside:
-        described |= companions.columns_of(other.stem, np.array(mapped(other, texts=True)))
+        described |= companions.columns_of_array(other.stem, np.array(mapped(other, texts=True)))
     count = frames.shape[0]
     size = np.prod(frames.shape[1:], dtype=float) * 8 / 1e6
     door.require_within("frame", size, MAX_FRAME_MB, "MB", str(path))
     if table is not None:
         rows = Rows.read(table, columns)
-    elif described or alone:
+    elif described or options.kind:
         texts = list(zip(*described.values(), strict=True)) if described else [()] * count
         rows = Rows.of(path.name, list(described), texts, _with_label(path.name, columns, described), line=0)
     else:
@@ -87,7 +86,7 @@ def of_array(
             "array",
             str(path),
             f"has {count:,} frames without labels; also give a table (CSV) with a row for each frame or an array of "
-            "labels (.npy), or import them without labels with --kind arrays",
+            f"labels (.npy), or import them without labels with --kind {kind}",
         )
     if "index" not in rows.columns and len(rows.rows) != count:
         raise InputError("table", rows.name, f"has {len(rows.rows):,} rows, but {path.name} has {count:,} frames")
@@ -132,7 +131,7 @@ def of_array(
 def _with_label(name: str, columns: Mapping[str, str], described: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Return the chosen columns, with the column of labels if a name such as ``y`` gives it away."""
     label = companions.label_column(described)
-    if label is None or "label" in columns_of(name, list(described), columns) or label in columns.values():
+    if label is None or "label" in columns_of_fields(name, list(described), columns) or label in columns.values():
         return dict(columns)
     return {**columns, "label": label}
 
@@ -142,26 +141,34 @@ def opened(path: Path, name: str = "") -> Frames:
 
     Args:
         path: The file.
-        name: The name of the array in a ``.npz`` or HDF5 file; empty for the only array that can have frames.
+        name: The name of the array in a ``.npz`` file; empty for the only array that can have frames.
 
     Raises:
         InputError: The file cannot be read, or has no array of frames, or several.
-        MissingToolError: h5py is not installed.
     """
-    if path.suffix.lower() == ".npy":
-        array = mapped(path)
-        _require_frames(path, array.shape)
-        return Frames(shape=array.shape, frame=lambda index: np.array(array[index]), columns={})
-    return _of_zip(path, name) if path.suffix.lower() == ".npz" else _of_hdf5(path, name)
+    if path.suffix.lower() == ".npz":
+        return _of_zip(path, name)
+    array = mapped(path)
+    require_frames(path, array.shape)
+    return Frames(shape=array.shape, frame=lambda index: np.array(array[index]), columns={})
 
 
-def _require_frames(path: Path, shape: tuple[int, ...]) -> None:
+def require_frames(path: Path, shape: tuple[int, ...]) -> None:
+    """Check that the first axis of an array counts frames.
+
+    Raises:
+        InputError: It does not.
+    """
     if len(shape) < 2 or 0 in shape:
         raise InputError("array", str(path), f"has shape {shape}; the first axis must count frames")
 
 
-def _chosen(path: Path, shapes: Mapping[str, tuple[int, ...]], name: str) -> str:
-    """Return the name of the array of frames: the given name, or else the only array with the most axes."""
+def array_name(path: Path, shapes: Mapping[str, tuple[int, ...]], name: str) -> str:
+    """Return the name of the array of frames in a file: the given name, or else the only array with the most axes.
+
+    Raises:
+        InputError: There is no array with this name, or no single array of frames.
+    """
     if name:
         return one_of("columns array", name, shapes)
     most = max((len(shape) for shape in shapes.values()), default=0)
@@ -225,81 +232,17 @@ def _of_zip(path: Path, name: str) -> Frames:
     except _ZIP_ERRORS as error:
         raise InputError("file", str(path), f"is not a complete .npz file: {error}") from None
     numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
-    chosen = members[_chosen(path, numbers, name)]
+    chosen = members[array_name(path, numbers, name)]
     columns: dict[str, list[str]] = {}
     for word, member in members.items():
-        if member.dtype.kind in "biufUS" and companions.describes(word, member.shape, chosen.shape):
+        if member.dtype.kind in "biufUS" and companions.describes_frames(word, member.shape, chosen.shape):
             size = float(np.prod(member.shape, dtype=float)) * member.dtype.itemsize / 1e6
             door.require_within(word, size, door.MAX_MB["table"], "MB", str(path))
             with suppress(CheckFailedError):
-                columns |= companions.columns_of(word, _whole(member))
-    _require_frames(path, chosen.shape)
+                columns |= companions.columns_of_array(word, _whole(member))
+    require_frames(path, chosen.shape)
     return Frames(shape=chosen.shape, frame=chosen.frame, columns=columns)
 
 
 def _whole(member: _Member) -> NDArray[Any]:
     return np.stack([member.frame(index) for index in range(member.shape[0])])
-
-
-def _of_hdf5(path: Path, name: str) -> Frames:
-    require("the import of HDF5 files", "h5py")
-    door.open_input(path, kind="array").close()
-    chosen, shape, columns = _with_hdf5(path, _hdf5_content, path, name)
-    _require_frames(path, shape)
-    failed: list[InputError] = []  # a damaged file is read no further, because each frame could take the time limit
-
-    def frame(index: int) -> NDArray[Any]:
-        if failed:
-            raise failed[0]
-        try:
-            return np.asarray(_with_hdf5(path, _hdf5_frame, path, chosen, index))
-        except InputError as error:
-            failed.append(error)
-            raise
-
-    return Frames(shape=shape, frame=frame, columns=columns)
-
-
-def _with_hdf5(path: Path, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Read in a child process, because a damaged file can block the library while it holds Python's global lock."""
-    return read_isolated(path, "the HDF5 library", HDF5_LIMITS_S, function, *arguments)
-
-
-def _hdf5_content(path: Path, name: str) -> tuple[str, tuple[int, ...], dict[str, list[str]]]:
-    """Return the name and the shape of the array of frames, and the columns beside it."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            items: dict[str | bytes, Any] = {}  # a name is bytes if it is not UTF-8
-            file.visititems(lambda word, item: items.update({word: item}))  # it does not follow links out of the file
-            sets = {
-                word: item for word, item in items.items() if isinstance(word, str) and isinstance(item, h5py.Dataset)
-            }
-            for word, item in sets.items():
-                if item.external or item.is_virtual:
-                    raise InputError("array", str(path), f"{word} is stored in other files; copy it into this file")
-            shapes = {word: item.shape for word, item in sets.items() if item.shape and item.dtype.kind in "biuf"}
-            if not shapes and any(item.dtype.hasobject for item in sets.values()):
-                raise InputError("array", str(path), "has objects or texts, but no array of numbers")
-            chosen = _chosen(path, shapes, name.strip("/"))
-            columns: dict[str, list[str]] = {}
-            for word, item in sets.items():
-                is_text = bool(h5py.check_string_dtype(item.dtype))
-                if (is_text or item.dtype.kind in "biuf") and companions.describes(word, item.shape, shapes[chosen]):
-                    columns |= companions.columns_of(word, item.asstr()[:] if is_text else item[:])
-    except InputError:
-        raise
-    except Exception as error:  # h5py can raise almost any exception for a damaged file
-        raise InputError("file", str(path), f"is not a complete HDF5 file: {str(error)[:120]}") from None
-    return chosen, shapes[chosen], columns
-
-
-def _hdf5_frame(path: Path, name: str, index: int) -> NDArray[Any]:
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return np.asarray(file[name][index])
-    except Exception as error:
-        raise CheckFailedError(f"cannot be read: {str(error)[:120]}") from None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.colours import INSIDE, Channels, from_outside
 from tacbench_cad.lab.rig.sensor import is_image
-from tacbench_cad.lab.runs.importing.samples import Loaded
+from tacbench_cad.lab.runs.importing.sources import Loaded
 from tacbench_cad.lab.runs.pictures import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
 from tacbench_cad.util.errors import CheckFailedError
 

@@ -175,7 +175,7 @@ class Rows:
         Raises:
             InputError: A field or a column is unknown, or a column occurs twice.
         """
-        columns = columns_of(name, header, chosen)
+        columns = columns_of_fields(name, header, chosen)
         places = {field: header.index(column) for field, column in columns.items()}
         mapped = tuple(
             Line(
@@ -206,7 +206,7 @@ class Rows:
         return one_line(f"{self.name}: {used or 'no column'}{rest}", MAX_LINE)
 
 
-def columns_of(name: str, header: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+def columns_of_fields(name: str, header: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
     """Return the column of each field: the user's choice, or else a column with a usual name.
 
     Raises:

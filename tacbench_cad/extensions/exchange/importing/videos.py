@@ -17,8 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.runs.importing.images import name_fault
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Loaded, Rows, Sample, Source
+from tacbench_cad.lab.runs import (
+    ImportFormat,
+    ImportOptions,
+    LeftOut,
+    Loaded,
+    Paths,
+    Rows,
+    Sample,
+    Source,
+    name_fault,
+)
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.packages import require
@@ -201,3 +210,22 @@ def _seconds(text: str) -> float:
     if not 0.0 <= seconds < 1e7:
         raise InputError("time", text, "must be a number of seconds from the beginning of the video")
     return seconds
+
+
+def _read(path: Path, paths: Paths, options: ImportOptions) -> Source:
+    named = paths.with_suffix(*SUFFIXES) if path.suffix.lower() in (".csv", *SUFFIXES) else ()
+    if path.is_dir():
+        named = tuple(sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES))
+    return of_videos(named, paths.table(path), options.columns)
+
+
+def _recognises(path: Path, paths: Paths, options: ImportOptions) -> bool:
+    """Return whether a path is a video, or belongs to a table of times that has no images."""
+    if path.is_dir() or path.suffix.lower() == ".csv":
+        table = paths.table(path)
+        columns = {} if table is None else Rows.read(table, options.columns).columns
+        return "time" in columns and "image" not in columns
+    return path.suffix.lower() in SUFFIXES
+
+
+FORMAT = ImportFormat(recognises=_recognises, read=_read, suffixes=SUFFIXES, together=True)

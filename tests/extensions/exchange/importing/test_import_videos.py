@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from tacbench_cad.extensions.exchange.importing.videos import Video
 from tacbench_cad.lab import Run, import_samples
-from tacbench_cad.lab.runs.importing.videos import Video
 
 FRAMES = 90
 
@@ -105,3 +105,42 @@ def test_dropped_frames_do_not_shift_the_others(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(cv2, "VideoCapture", Capture)
     video = Video(tmp_path / "a.avi")
     assert [video.nearest(time)[0] for time in (0.2, 0.3, 0.44, 0.5, 0.6)] == [2, 2, 3, 3, 4]
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Write a video of two seconds with 10 frames per second, each of a single grey level."""
+    path = tmp_path / "press.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (32, 24))
+    if not writer.isOpened():
+        pytest.skip("this build of OpenCV writes no videos")
+    for number in range(20):
+        writer.write(np.full((24, 32, 3), 10 * number, np.uint8))
+    writer.release()
+    return path
+
+
+def test_frames_of_a_video_at_the_times_of_a_table(video: Path, table: Any, tmp_path: Path) -> None:
+    rows = [("0", "a"), ("0.55", "a"), ("0.6", "b"), ("1.9", "a"), ("0.1", "a"), ("2.5", "a"), ("-1", "a"), ("x", "b")]
+    times = table(tmp_path / "times.csv", ("time", "label"), rows)
+    report = import_samples([video, times], tmp_path / "out")
+    run = Run.open(tmp_path / "out" / "a")
+    levels = [round(float(run.frame(row).mean()) / 10) for row in run.rows]
+    assert levels == [0, 5, 19, 1]
+    assert [sample.where.partition(" (")[0] for sample in report.left_out] == [
+        "times.csv line 7",
+        "times.csv line 8",
+        "times.csv line 9",
+    ]
+    assert "has no frame at 2.5 s; its last frame is at 1.9 s" in report.left_out[0].reason
+
+
+def test_a_table_names_several_videos(video: Path, table: Any, tmp_path: Path) -> None:
+    (tmp_path / "torn.avi").write_bytes(b"RIFF")
+    rows = [("press.avi", 1, "a"), ("torn.avi", 1, "a"), ("nowhere.avi", 1, "a"), ("../press.avi", 1, "a")]
+    times = table(tmp_path / "times.csv", ("video", "time", "session"), rows)
+    report = import_samples([times], tmp_path / "out")
+    assert [run.imported for run in report.runs] == [1] and len(report.left_out) == 3
+    assert Run.open(report.runs[0].folder).info.printed.session == "a"  # type: ignore[attr-defined]
+    (left_out,) = import_samples([video], tmp_path / "other").left_out
+    assert "needs a table of times" in left_out.reason

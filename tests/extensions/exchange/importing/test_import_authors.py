@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab import AuthorsOptions, ImportOptions, Run, check_run, find_runs, import_samples
+from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
 from tacbench_cad.lab.runs.importing.grouping import Names, grouped
-from tacbench_cad.lab.runs.importing.kinds import sources_of
-from tacbench_cad.lab.runs.importing.samples import LeftOut, Source
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.lab.runs.importing.import_formats import sources_of
+from tacbench_cad.lab.runs.importing.sources import LeftOut, Source
 
 Capture = pytest.CaptureFixture[str]
 NAMES = (Path(__file__).parent / "authors_names.txt").read_text().split()
@@ -46,7 +45,7 @@ def test_all_published_names_are_recognised(arrays: Path) -> None:
     left_out = [item for item in items if isinstance(item, LeftOut)]
     assert [Path(sample.where).name for sample in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
     assert "a table (CSV) with a row for each" in left_out[0].reason
-    assert "P35 is not a force level; --force-levels has" in left_out[1].reason
+    assert "P35 is not a force level; known are P30=1, P40=2, P50=3, and --format-options" in left_out[1].reason
     groups, faults = grouped([item for item in items if isinstance(item, Source)], Names())
     assert not faults and sum(len(group.samples) for group in groups) == len(NAMES) * 25 == 210 * 25
     printed = [group.specimen for group in groups]
@@ -84,7 +83,7 @@ def test_all_published_names_are_imported_together(arrays: Path, capsys: Capture
 def test_every_frame_gets_its_position(shape: tuple[int, ...], first_axis: Any, tmp_path: Path) -> None:
     array = images(1, *shape)
     path = save(tmp_path, "PLAminus_z3.2_P40_Bambu.npy", array)
-    options = ImportOptions(authors=AuthorsOptions(first_axis=first_axis))
+    options = ImportOptions(kind="authors", of_format={"first-axis": first_axis})
     report = import_samples([path], tmp_path / "out", options)
     assert report.ok
     run = Run.open(report.runs[0].folder)
@@ -215,28 +214,28 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "message"),
     [
-        (["--first-axis", "z"], "first axis = 'z': allowed: x, y"),
-        (["--force-levels", "P30"], "must be NAME=VALUE"),
-        (["--force-levels", "P30=1,P40=1"], "must have each number only once"),
-        (["--force-levels", "P30=4"], "must be from 1 to 3"),
-        (["--force-levels", "P30=1,P30=2"], "has P30 twice"),
-        (["--force-levels", "30=1"], "must be P and a number"),
-        (["--preset", "papers"], 'did you mean "paper"'),
+        ("first-axis=z", "first-axis = 'z': allowed: y, x"),
+        ("P30", "must be NAME=VALUE"),
+        ("P30=1,P40=1", "must have each number only once"),
+        ("P30=4", "must be from 1 to 3"),
+        ("P30=1,P30=2", "has P30 twice"),
+        ("30=1", "format options = '30'"),
+        ("spacing=2mm", "spacing = '2mm'"),
+        ("preset=papers", 'did you mean "paper"'),
     ],
 )
-def test_invalid_options_are_refused(words: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
+def test_invalid_options_are_refused(options: str, message: str, tmp_path: Path, capsys: Capture) -> None:
     path = save(tmp_path, "PLAminus_z0_P30_Bambu.npy", images(1))
-    assert main(["import-frames", str(path), "--out", str(tmp_path / "out"), *words]) == 2
+    words = ["import-frames", str(path), "--kind", "authors", "--format-options", options]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
 def test_force_levels_are_named_as_in_the_file_names(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="allowed: x, y"):
-        AuthorsOptions(first_axis="z")  # type: ignore[arg-type]
     path = save(tmp_path, "PLAminus_z0_p20_Bambu.npy", images(1))
-    options = ImportOptions(authors=AuthorsOptions(force_levels={"P20": 2}))
+    options = ImportOptions(kind="authors", of_format={"P20": "2"})
     run = Run.open(import_samples([path], tmp_path / "out", options).runs[0].folder)
     assert (run.rows[0].force_level, run.rows[0].target_force_n) == (2, 1.91295)

@@ -19,23 +19,28 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.colours import Channels
-from tacbench_cad.lab.runs.importing.samples import Loaded, Sample, Source
-from tacbench_cad.lab.runs.npyfile import mapped
+from tacbench_cad.lab.runs import ImportFormat, ImportOptions, Loaded, Paths, Sample, Source, mapped
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.errors import InputError, one_of
 
-FirstAxis = Literal["x", "y"]
-#: The force levels, by their names in the authors' file names.
+#: The options, each with its values; the first is the default. The authors printed the files that they ``released``.
+#: Any force level by its name in the file names, such as ``P30``, is also an option.
+OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "first-axis": ("y", "x"),
+    "preset": ("released", *(name for name in PRESETS if name != "released")),
+    "spacing": get_args(Spacing),
+}
+#: The usual force levels, by their names in the authors' file names.
 LEVELS: Mapping[str, int] = {"P30": 1, "P40": 2, "P50": 3}
 #: The number of press positions of a block.
 POSITIONS = PER_SIDE * PER_SIDE
@@ -48,41 +53,42 @@ _NAME = re.compile(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class AuthorsOptions:
-    """Options for the files of the paper's authors.
+class _Options(NamedTuple):
+    """The options: the force levels by name, the axis of the first index, the preset, and the spacing along y."""
 
-    Args:
-        force_levels: The number of each force level (from 1), by its name in the file names.
-        first_axis: The axis of the block along which the first index of the 5 x 5 positions counts.
-        preset: The geometry of textures 1 to 6. The authors printed the files that they ``released``.
-        spacing: The interpretation of the press grid along y.
+    levels: Mapping[str, int]
+    first_axis: str
+    preset: str
+    spacing: Spacing
+
+
+def _options_of(words: Mapping[str, str]) -> _Options:
+    """Return the options for the words of the user, such as ``{"first-axis": "x", "P30": "1"}``.
+
+    Raises:
+        InputError: An option is unknown, or its value is not allowed.
     """
-
-    force_levels: Mapping[str, int] = field(default_factory=lambda: dict(LEVELS))
-    first_axis: FirstAxis = "y"
-    preset: str = "released"
-    spacing: Spacing = "even"
-
-    def __post_init__(self) -> None:
-        if self.first_axis not in ("x", "y"):
-            raise InputError("first-axis", self.first_axis, "allowed: x, y")
-        numbers = list(self.force_levels.values())
-        if not numbers or len(set(numbers)) < len(numbers):
-            raise InputError("force-levels", dict(self.force_levels), "must have each number only once")
-        for word, number in self.force_levels.items():
-            if not re.fullmatch(r"P\d+", word):
-                raise InputError("force-levels", word, "must be P and a number, for example P30")
-            if not 1 <= number <= len(FORCES_N):
-                raise InputError("force-levels", number, f"must be from 1 to {len(FORCES_N)}, as the paper's forces")
-
-
-def is_authors_file(path: Path) -> bool:
-    """Return whether a file has a name of the form that the authors use."""
-    return _NAME.fullmatch(path.name) is not None
+    levels = {word.upper(): number for word, number in words.items() if re.fullmatch(r"[Pp]\d+", word)}
+    numbers = [str(level) for level in range(1, len(FORCES_N) + 1)]
+    for word, number in levels.items():
+        if number not in numbers:
+            raise InputError(word, number, f"must be from 1 to {len(FORCES_N)}, as the paper's forces")
+    if len(set(levels.values())) < len(levels):
+        raise InputError("force levels", levels, "must have each number only once")
+    chosen = {name: allowed[0] for name, allowed in OPTIONS.items()}
+    for name, value in words.items():
+        if name.upper() not in levels:
+            one_of("format options", name, (*OPTIONS, *LEVELS))
+            chosen[name] = one_of(name, value, OPTIONS[name])
+    return _Options(
+        levels={word: int(number) for word, number in levels.items()} or LEVELS,
+        first_axis=chosen["first-axis"],
+        preset=chosen["preset"],
+        spacing=cast("Spacing", chosen["spacing"]),
+    )
 
 
-def of_authors(path: Path, options: AuthorsOptions) -> Source:
+def _read(path: Path, paths: Paths, options: ImportOptions) -> Source:
     """Open a file of the authors. Its images are not read yet.
 
     Raises:
@@ -91,19 +97,21 @@ def of_authors(path: Path, options: AuthorsOptions) -> Source:
     name = _NAME.fullmatch(path.name)
     if name is None:
         raise InputError("file", str(path), "must be named <filament>_z<number>[.<copy>]_P<level>_<printer>.npy")
-    level = options.force_levels.get(name["level"].upper())
+    chosen = _options_of(options.of_format)
+    level = chosen.levels.get(name["level"].upper())
     if level is None:
-        known = ", ".join(f"{word}={number}" for word, number in options.force_levels.items())
-        raise InputError("file", str(path), f"{name['level']} is not a force level; --force-levels has {known}")
+        known = ", ".join(f"{word}={number}" for word, number in chosen.levels.items())
+        what = f"is not a force level; known are {known}, and --format-options can name others"
+        raise InputError("file", str(path), f"{name['level']} {what}")
     number = int(name["texture"][1:]) + 1 if name["texture"] != "flat" else 0
-    block = _block(number, options.preset) if 1 <= number <= 6 else None
+    block = _block(number, chosen.preset) if 1 <= number <= 6 else None
     shape = _frames_shape(path)
-    places = PressGrid.paper(spacing=options.spacing).positions_mm.tolist()
+    places = PressGrid.paper(spacing=chosen.spacing).positions_mm.tolist()
     samples = []
     for index in range(shape[0] * POSITIONS):
         repeat, place = divmod(index, POSITIONS)
         i, j = divmod(place, PER_SIDE)
-        position = place + 1 if options.first_axis == "y" else j * PER_SIDE + i + 1
+        position = place + 1 if chosen.first_axis == "y" else j * PER_SIDE + i + 1
         x_mm, y_mm = places[position - 1]
         load: Callable[[], Loaded] = partial(_frame, path, shape, (repeat, i, j))
         fields = {
@@ -122,12 +130,12 @@ def of_authors(path: Path, options: AuthorsOptions) -> Source:
             Sample(name=where, fields=fields, load=load, file=path, index=index, channels=CHANNELS, block=block)
         )
     facts = {
-        "first_axis": options.first_axis,
+        "first_axis": chosen.first_axis,
         "forces": "the paper's, nominal, not measured",
-        "positions": f"the paper's, {options.spacing} along y, nominal, not measured",
+        "positions": f"the paper's, {chosen.spacing} along y, nominal, not measured",
     }
     if block is not None:
-        facts["geometry"] = f"the files that the authors published (preset {options.preset})"
+        facts["geometry"] = f"the files that the authors published (preset {chosen.preset})"
     return Source(
         kind="the authors' NumPy files",
         path=path,
@@ -160,3 +168,11 @@ def _frames_shape(path: Path) -> tuple[int, ...]:
 
 def _frame(path: Path, shape: tuple[int, ...], at: tuple[int, int, int]) -> NDArray[Any]:
     return np.array(mapped(path).reshape(shape)[at])
+
+
+FORMAT = ImportFormat(
+    recognises=lambda path, *_: _NAME.fullmatch(path.name) is not None,
+    read=_read,
+    suffixes=(".npy",),
+    check_options=_options_of,
+)

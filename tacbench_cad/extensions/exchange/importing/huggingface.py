@@ -10,21 +10,29 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.lab.rig.colours import Channels
-from tacbench_cad.lab.runs.importing.samples import Loaded, Rows, Sample, Source, columns_of
+from tacbench_cad.lab.runs import (
+    ImportFormat,
+    ImportOptions,
+    Loaded,
+    Paths,
+    Rows,
+    Sample,
+    Source,
+    columns_of_fields,
+)
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.packages import require
 
 #: The files that identify such a folder: with a single split, and with several splits.
-SPLIT_FILE, SPLITS_FILE = "dataset_info.json", "dataset_dict.json"
+FILES = ("dataset_info.json", "dataset_dict.json")
 #: The types of numbers of a data set.
 NUMBER_TYPES = ("bool", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)), "float32", "float64")
 #: The largest number of values of a list that is kept with a frame.
 MAX_NUMBERS = 64
 
 
-def of_dataset(folder: Path, columns: Mapping[str, str], channels: Channels) -> Source:
+def _read(folder: Path, paths: Paths, options: ImportOptions) -> Source:
     """Read the samples of all splits.
 
     Raises:
@@ -34,6 +42,7 @@ def of_dataset(folder: Path, columns: Mapping[str, str], channels: Channels) -> 
     require("the import of a Hugging Face data set", "datasets")
     import datasets
 
+    columns, channels = options.columns, options.channels
     try:
         loaded = datasets.load_from_disk(str(folder))
         splits = dict(loaded) if isinstance(loaded, datasets.DatasetDict) else {"": loaded}
@@ -79,7 +88,7 @@ def of_dataset(folder: Path, columns: Mapping[str, str], channels: Channels) -> 
 def _image_column(folder: Path, split: Any, columns: Mapping[str, str]) -> str:
     import datasets
 
-    chosen = columns_of(folder.name, list(split.column_names), columns).get("image")
+    chosen = columns_of_fields(folder.name, list(split.column_names), columns).get("image")
     images = [name for name in split.column_names if isinstance(split.features[name], datasets.Image)]
     name = chosen if chosen in images or "image" in columns else next(iter(images), chosen)
     if name is None:
@@ -145,3 +154,8 @@ def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
     if not value.get("path"):
         raise CheckFailedError("has no image")
     return door.read_bytes(folder / value["path"], "image", "image", within=folder)
+
+
+FORMAT = ImportFormat(
+    recognises=lambda path, *_: path.is_dir() and any((path / name).is_file() for name in FILES), read=_read
+)

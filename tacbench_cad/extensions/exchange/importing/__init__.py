@@ -1,0 +1,1 @@
+"""Formats that ``tacbench import-frames`` reads beside images and arrays. There is one module for each."""
