@@ -34,7 +34,6 @@ def verify_mesh_assembly(part: Part, path: Path) -> Report:
 def verify_solid_assembly(part: Part, path: Path) -> Report:
     """Transform each solid back to its own frame, and check its validity, its volume and its bounding box."""
     from tacbench_cad.checks import solidcheck
-    from tacbench_cad.checks.survey import survey
     from tacbench_cad.formats import step
 
     solids = list(kernel.each(step.read_step(path), "SOLID"))
@@ -45,8 +44,7 @@ def verify_solid_assembly(part: Part, path: Path) -> Report:
     for solid, (placed, matrix) in zip(solids, part.placed, strict=False):
         expected, name = placed.solid[1], placed.name_in("solid")
         back = solid.Moved(kernel.location(matrix).Inverted())
-        outlined = placed.block is not None and placed.block.outline is not None
-        measured = survey(back, outlined).measured
+        measured = solidcheck.measure(back)
         total += measured.volume_mm3
         rows = [*solidcheck.solid_checks(back), genus_check(kernel.genus(back), placed.genus)]
         checks += [replace(check, name=f"{name}: {check.name}") for check in rows]

