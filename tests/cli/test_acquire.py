@@ -73,7 +73,7 @@ def test_init_writes_a_file_and_never_overwrites(tmp_path: Path, capsys: Capture
     assert path.read_text() == "mine"
 
 
-@needs_pty
+@pytest.mark.usefixtures("rig_time")
 def test_a_virtual_rig_records_a_run_and_resumes_it(tmp_path: Path, capsys: Capture) -> None:
     path = virtual_file(tmp_path)
     assert main(["acquire", str(path)]) == 0

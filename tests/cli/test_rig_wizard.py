@@ -46,6 +46,7 @@ def no_alignment(path: Path) -> None:
     raise AssertionError("the block is already aligned")
 
 
+@pytest.mark.usefixtures("rig_time")
 def test_from_nothing_to_the_first_press_on_the_virtual_rig(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,16 +89,16 @@ def test_five_wrong_answers_end_it_with_exit_code_2(
     assert message.splitlines()[-1].startswith("error: answer: is missing: which is the stage?")
 
 
+@pytest.mark.usefixtures("rig_time")
 @pytest.mark.parametrize(
     ("machine", "firmware", "limits", "top_mm"),
     [
         ("ender-3", {"kind": "marlin", "start_mm": (80.0, 80.0, 60.0)}, "0 200, 0 200, 0 100", 40.0),
-        pytest.param(
+        (
             "cnc-3018",
             {"kind": "grbl", "origin": "switch", "start_mm": (-100.0, -100.0, -40.0), "settings": {1: 255.0}},
             "-199 -1, -199 -1, -99 -1",
             -60.0,
-            marks=pytest.mark.long,
         ),
     ],
 )
@@ -110,7 +111,7 @@ def test_the_files_of_two_machines_are_set_up_at_ports_of_virtual_firmware(
     top_mm: float,
 ) -> None:
     """The stage is identified at its port, the load cell is calibrated, and the press reaches its force."""
-    from tacbench_cad.extensions.virtual_rig import launch
+    from helpers.rig_here import launch
 
     path, stiffness = tmp_path / "rig.toml", 0.4
     middle = 80.0 if top_mm > 0.0 else -120.0

@@ -31,7 +31,7 @@ TICK_S = 1e-6
 #: The shortest wait for bytes, in s: about what a port of the operating system takes.
 SHORTEST_S = 1e-4
 _PORTS: dict[str, MemoryPort] = {}
-_SERVERS: list[server.Server] = []
+_RIGS: list[RigHere] = []
 #: The bytes that a port keeps until the host reads them, as a pseudo-terminal does. Others are lost.
 KEPT_BYTES = 4096
 
@@ -82,18 +82,9 @@ class LineTime:
     def sleep(self, seconds: float) -> None:
         end_s = self.monotonic() + seconds
         while (left := end_s - self.monotonic()) > 0.0 and not (self.reading and self.reading.sent):
-            pauses = [self._pause_s(each) for each in _SERVERS]
-            self._clock.sleep(min([left, *(max(SHORTEST_S, pause_s) for pause_s in pauses)]))
-            for each in list(_SERVERS):
-                each._serve()
-
-    def _pause_s(self, rig: server.Server) -> float:
-        """Return the time until a rig has something to do. Samples are made when the gauge is read."""
-        opened, rig.gauge.opened = rig.gauge.opened, rig.gauge is self.reading
-        try:
-            return rig._pause_s()
-        finally:
-            rig.gauge.opened = opened
+            self._clock.sleep(min([left, *(max(SHORTEST_S, rig.pause_s(self.reading)) for rig in _RIGS)]))
+            for rig in list(_RIGS):
+                rig.serve()
 
 
 class MemoryPort:
@@ -179,20 +170,40 @@ class RigHere(process.VirtualRig):
         self._server: server.Server | None = server.Server(setup)
         for port in (self._server.stage, self._server.gauge):
             assert isinstance(port, MemoryPort), "use the fixture rig_time"
-            port.serve = self._server._serve
-        _SERVERS.append(self._server)
+            port.serve = self.serve
+        self._still_until_s = 0.0
+        _RIGS.append(self)
         self.port, self.gauge_port = self._server.stage.name, self._server.gauge.name
 
     def close(self) -> None:
         if self._server is not None:
-            _SERVERS.remove(self._server)
+            _RIGS.remove(self)
             self._server.close()
             self._server = None
+
+    def stand_still(self, seconds: float) -> None:
+        """Let the firmware do nothing for a time, as if its processor stood still."""
+        self._still_until_s = server.time.monotonic() + seconds
+
+    def serve(self) -> None:
+        """Transmit bytes in both directions."""
+        if self._server is not None and server.time.monotonic() >= self._still_until_s:
+            self._server._serve()
+
+    def pause_s(self, reading: MemoryPort | None) -> float:
+        """Return the time until the rig has something to do. Samples are made when the gauge is read."""
+        assert self._server is not None
+        gauge = self._server.gauge
+        opened, gauge.opened = gauge.opened, gauge is reading
+        try:
+            return max(self._server._pause_s(), self._still_until_s - server.time.monotonic())
+        finally:
+            gauge.opened = opened
 
     def _ask(self, order: Mapping[str, Any]) -> dict[str, Any]:
         if self._server is None:
             raise DeviceLostError("the virtual rig's process has ended")
-        self._server._serve()
+        self.serve()
         answer = json.loads(json.dumps(self._server._order(json.dumps(to_plain(order)))))
         if "error" in answer:
             raise InputError("virtual rig", None, answer["error"])
@@ -210,8 +221,8 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     waiting = LineTime(fake)
 
     def opened(name: str, *, baudrate: int, **options: Any) -> Any:
-        for each in _SERVERS:
-            each._serve()
+        for rig in _RIGS:
+            rig.serve()
         if name in _PORTS:
             return HostPort(_PORTS[name], baudrate, waiting)
         if name.startswith("memory://"):

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import random
-import signal
-import sys
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.cases import mostly_long
+from helpers.rig_here import RigHere
 from helpers.rigs import small_protocol
 
 from tacbench_cad.extensions.virtual_rig import devices
 from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig
-from tacbench_cad.lab.acquire import safety
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig import grbl_link, marlin_link
 from tacbench_cad.lab.rig.errors import ContactError, RigError, SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
@@ -31,13 +25,11 @@ from tacbench_cad.lab.study.file import StudyFile, virtual_study
 from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.spec.protocol import PressGrid
 
-pytestmark = pytest.mark.skipif(
-    sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
-)
+pytestmark = pytest.mark.usefixtures("rig_time")
 #: The travel height over the virtual rigs' blocks, in the work frame, in mm.
 CLEARANCE_MM = 1.5
 #: The time for which a firmware stands still, in s: several attempts to lift the sensor fail meanwhile.
-STANDS_S = 6.0
+STANDS_S = 15.0
 
 
 class Trial(Silent):
@@ -51,7 +43,7 @@ class Trial(Silent):
 
     def __init__(self, file: StudyFile, fault: Fault | None, delay_s: float) -> None:
         self.file, self.fault, self.delay_s = file, fault, delay_s
-        self.rig: VirtualRig | None = None
+        self.rig: RigHere | None = None
         self.lowest_mm = self.left_at_mm = 1e9
         self.messages: list[str] = []
         self.count = 0
@@ -68,7 +60,7 @@ class Trial(Silent):
         """Start or resume the run, and store the true height of the carriage when the devices are closed."""
         start = devices.launch
 
-        def launched(*values: Any, **named: Any) -> VirtualRig:
+        def launched(*values: Any, **named: Any) -> RigHere:
             rig = start(*values, **named)
             self.rig = rig
             close = rig.close
@@ -87,7 +79,7 @@ class Trial(Silent):
                 opener=open_rig,
             )
 
-    def _look(self, rig: VirtualRig) -> None:
+    def _look(self, rig: RigHere) -> None:
         origin = self.file.required_rig.stage.origin_mm[2]
         self.left_at_mm = rig.true_position()[2] - origin
 
@@ -204,9 +196,7 @@ class StandsStill(Trial):
     def felt(self, z_mm: float, force_n: float) -> None:
         if self.count == 2 and force_n > 0.3 and self.rig is not None and not self.stopped:
             self.stopped = True
-            process = self.rig.process_id
-            os.kill(process, signal.SIGSTOP)
-            threading.Timer(STANDS_S, os.kill, (process, signal.SIGCONT)).start()
+            self.rig.stand_still(STANDS_S)
 
     stopped = False
 
@@ -215,8 +205,6 @@ class StandsStill(Trial):
 def test_a_firmware_that_stands_still_in_contact_lifts_when_it_answers_again(
     driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module, name in ((grbl_link, "RESET_S"), (safety, "RETRY_PAUSE_S"), (marlin_link, "QUIET_S")):
-        monkeypatch.setattr(module, name, 0.2)
     trial = StandsStill(short_file(driver), None, 0.0)
     with pytest.raises(RigError) as caught:
         trial.run(tmp_path, monkeypatch)

@@ -12,9 +12,7 @@ import pytest
 from tacbench_cad.cli import main
 from tacbench_cad.lab.runs.reading import Run
 
-pytestmark = pytest.mark.skipif(
-    sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
-)
+pytestmark = pytest.mark.usefixtures("rig_time")
 STUDY = """
 out = "runs"
 [block]
