@@ -20,7 +20,7 @@ from tacbench_cad.spec.outlines import Circle, Outline
 from tacbench_cad.util.convert import Bounds, Checked, Length, read_toml, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
-from tacbench_cad.util.text import toml_of
+from tacbench_cad.util.text import toml_item
 
 #: The first key of a file, which tells a printer model from other TOML files.
 FORMAT = "tacbench printer model 1"
@@ -261,10 +261,8 @@ def write_printer_model(model: PrinterModel, path: Path) -> None:
 
 def toml_text(model: PrinterModel) -> str:
     """Return the model of a printer as the text of a TOML file."""
+    import tomlkit  # imported here, because most commands write no such file
+
     plain: dict[str, Any] = to_plain(model, without_none=True)
     tables = {name: plain.pop(name) for name in ("transfer_x", "transfer_y")}
-    lines = [f"format = {toml_of(FORMAT)}", *(f"{key} = {toml_of(value)}" for key, value in plain.items())]
-    for name, points in tables.items():
-        for point in points:
-            lines += ["", f"[[{name}]]", *(f"{key} = {toml_of(value)}" for key, value in point.items())]
-    return "\n".join(lines) + "\n"
+    return tomlkit.dumps({"format": FORMAT, **{key: toml_item(value) for key, value in plain.items()}, **tables})

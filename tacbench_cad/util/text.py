@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,8 @@ from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tomlkit.items import Item
+
     from tacbench_cad.util.types import Ints, Strings
 
 #: The largest number of characters of a file name, without its hash and its ending.
@@ -76,13 +77,16 @@ def decimal_hint(text: str) -> str:
     return f"; write {text.strip().replace(',', '.')}" if re.fullmatch(r"\s*[-+]?\d*,\d+\s*", text) else ""
 
 
-def toml_of(value: Any) -> str:
-    """Return a text, a number, a list, or a table of them as the value of a key in a TOML file."""
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{key} = {toml_of(each)}' for key, each in value.items())} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(toml_of, value))}]"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+def toml_item(value: Any) -> Item:
+    """Return a text, a number, a list or a table as the value of a key in a TOML file. A table is one line."""
+    import tomlkit  # imported here, because few commands write TOML files
+
+    if not isinstance(value, Mapping):
+        item: Item = tomlkit.item(value)
+        return item
+    table = tomlkit.inline_table()
+    table.update(value)
+    return table
 
 
 def counted(number: int, what: str) -> str:

@@ -182,6 +182,6 @@ def test_keys_become_comments(tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     path.write_text('[sensor]\ndriver = "opencv"  # ours\nexposure = ""\n')
     store_keys(path, "sensor", {"driver": 'a "b" c', "exposure": None, "fps": 30})
-    assert path.read_text() == '[sensor]\nfps = 30\ndriver = "a \\"b\\" c"  # ours\n# exposure = ""\n'
-    with pytest.raises(InputError, match=r"cannot be edited safely; write these lines by hand: a = \{ b = \[1, 2\] \}"):
+    assert path.read_text() == '[sensor]\ndriver = "a \\"b\\" c"  # ours\n# exposure = ""\nfps = 30\n'
+    with pytest.raises(InputError, match=r"cannot be edited safely; write these lines by hand: a = \{b = \[1, 2\]\}"):
         store_keys(path, "gauge", {"a": {"b": [1, 2]}})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -263,23 +262,11 @@ def toml(design: Design) -> str:
     Raises:
         InputError: The state is not a texture.
     """
+    import tomlkit  # imported here, because it is needed only when the page shows or stores the file
+
     name = design.formula.name
     block = {key: value for key, value in vars(design.block_table).items() if value is not None}
-    lines = [
-        f"# tacbench make --texture {name}.toml --parts blocks --tolerance {decimal(design.tolerance_mm)}",
-        *_table("[texture]", {"name": name, **design.texture}),
-        *(line for wave in design.wave for line in _table("[[wave]]", wave)),
-        *_table("[block]", block),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _table(head: str, values: Mapping[str, Any]) -> list[str]:
-    return [*([] if head == "[texture]" else [""]), head, *(f"{key} = {_value(key, values[key])}" for key in values)]
-
-
-def _value(key: str, value: Any) -> str:
-    """Return a value as TOML, which writes strings, numbers, booleans and lists as JSON does."""
-    if not isinstance(value, str | int | float | list | tuple):
-        raise InputError(f"[texture] {key}", None, "cannot be written into a texture file by this page")
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+    command = f"tacbench make --texture {name}.toml --parts blocks --tolerance {decimal(design.tolerance_mm)}"
+    texture = {"name": name, **design.texture}
+    tables = {"texture": texture, "wave": list(design.wave), "block": block}
+    return f"# {command}\n{tomlkit.dumps({key: value for key, value in tables.items() if value})}"

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
-from tacbench_cad.util.text import toml_of
+from tacbench_cad.util.text import toml_item
 
-#: The value of a key: a list, which may span several lines and contain comments; a text; or another word.
-_VALUE = r'\[(?:[^\]#]|#[^\n]*\n)*\]|"(?:[^"\\\n]|\\.)*"|\{[^}\n]*\}|[^\s#\[{"]+'
+if TYPE_CHECKING:
+    from tomlkit import TOMLDocument
 
 
 def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
@@ -29,39 +28,37 @@ def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
     Raises:
         InputError: The file cannot be edited safely. The message contains the lines to write by hand.
     """
-    lines = {key: toml_of(value) for key, value in values.items() if value is not None}
-    by_hand = "write these lines by hand: " + "; ".join(f"{key} = {value}" for key, value in lines.items())
+    import tomlkit  # imported here, because most commands edit no file
+    from tomlkit.exceptions import TOMLKitError
+
     target = path.resolve()
     try:
         text = door.read_bytes(target, "study", "toml").decode("utf-8")
         expected = door.parse_toml(text, "study", str(path))
         expected[table] = {key: value for key, value in (expected[table] | values).items() if value is not None}
-        for key in values:
-            text = _with_key(text, table, key, lines.get(key))
+        document = tomlkit.parse(text.replace("\r\n", "\n"))
+        for key, value in values.items():
+            _store_key(document, table, key, value)
+        text = document.as_string().replace("\n", "\r\n" if "\r\n" in text else "\n")
         same = door.parse_toml(text, "study", str(path)) == expected
-    except (InputError, ValueError, KeyError, TypeError):
+    except (InputError, ValueError, KeyError, TypeError, TOMLKitError):
         same = False
     if not same:
+        lines = (f"{key} = {toml_item(value).as_string()}" for key, value in values.items() if value is not None)
+        by_hand = f"write these lines by hand: {'; '.join(lines)}"
         raise InputError(str(path), None, f"cannot be edited safely; {by_hand}")
     write_text(target, text)
 
 
-def _with_key(text: str, table: str, key: str, value: str | None) -> str:
-    """Return the text with a new value for a key of a table, or without the key. Comments are kept.
+def _store_key(document: TOMLDocument, table: str, key: str, value: Any) -> None:
+    """Set a key of a table, or turn it into a comment if the value is None."""
+    import tomlkit
 
-    Raises:
-        ValueError: The text has no line with the table's header.
-    """
-    header = re.search(rf"^[ \t]*\[[ \t]*{table}[ \t]*\][ \t]*(?:#[^\r\n]*)?\r?$", text, re.MULTILINE)
-    if header is None:
-        raise ValueError(table)
-    following = re.compile(r"^[ \t]*\[", re.MULTILINE).search(text, header.end())
-    end = following.start() if following else len(text)
-    match = re.compile(rf"^([ \t]*{key}[ \t]*=[ \t]*)(?:{_VALUE})", re.MULTILINE).search(text, header.end(), end)
-    if value is None:
-        return text if match is None else f"{text[: match.start()]}# {text[match.start() :]}"
-    if match is not None:
-        return text[: match.start()] + match[1] + value + text[match.end() :]
-    line_end = "\r\n" if header[0].endswith("\r") else "\n"
-    at = header.end() if not header[0].endswith("\r") else header.end() - 1
-    return text[:at] + f"{line_end}{key} = {value}" + text[at:]
+    section: Any = document[table]
+    if value is not None:
+        section[key] = toml_item(value)
+    elif key in section:
+        place = [each for each, _ in section.value.body].index(key)
+        comment = tomlkit.comment(f"{key} = {toml_item(section[key].unwrap()).as_string()}")
+        section.remove(key)
+        section.value.body[place] = (None, comment)

@@ -442,10 +442,18 @@ def test_a_table_at_the_end_of_the_file_without_a_line_end(tmp_path: Path) -> No
         'stage = {driver = "grbl", origin_mm = [1, 2, 3]}\n',
         'stage.driver = "grbl"\n',
         'note = """\n[stage]\n"""\n[stage]\ndriver = "grbl"\n',
-        "no toml [",
-        "[other]\n",
+        '[stage]\ndriver = "grbl"\n[sensor]\na = 1\n[stage.options]\nspeed = 2\n',
     ],
 )
+def test_a_table_may_be_written_in_any_way(tmp_path: Path, text: str) -> None:
+    before = tomllib.loads(text)
+    after = tomllib.loads(stored(tmp_path, text))
+    assert after["stage"]["origin_mm"][0] == 80.5 and after["stage"]["quarter_turns"] == 3
+    before["stage"] |= {key: after["stage"][key] for key in ("origin_mm", "quarter_turns")}
+    assert after == before
+
+
+@pytest.mark.parametrize("text", ["no toml [", "[other]\n", "stage = 3\n"])
 def test_a_file_that_cannot_be_edited_safely_is_not_changed(tmp_path: Path, text: str) -> None:
     path = tmp_path / "study.toml"
     path.write_text(text)
