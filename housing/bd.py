@@ -92,7 +92,7 @@ class HolderPart(_FixturePart):
             f"slot {number}": Location(place.origin_mm) * Rotation(0, 0, 90 * place.quarter_turns)
             for number, place in enumerate(holder.block_placements(), 1)
         }
-        self._make(holder, Solid(holder.solid()), {**joints, "jig": Location()}, (rotation, align, mode))
+        self._make(holder, Solid(holder.solid_as_printed), {**joints, "jig": Location()}, (rotation, align, mode))
 
 
 class JigPart(_FixturePart):
@@ -116,7 +116,7 @@ class JigPart(_FixturePart):
         mode: Mode = Mode.ADD,
     ) -> None:
         self.jig = jig
-        self._make(jig, Solid(jig.solid_in_use()), {"holder": Location()}, (rotation, align, mode))
+        self._make(jig, Solid(jig.solid_in_use), {"holder": Location()}, (rotation, align, mode))
 
 
 def assembled(

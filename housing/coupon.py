@@ -26,7 +26,6 @@ from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
 from housing.marks import DEPTH_MM, Groove, merged
 from housing.shapes import Rectangle, box, cut, fused, one_solid
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.text import mm
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Solid
@@ -64,6 +63,7 @@ class Coupon(Fixture):
     options = ("nozzle_mm",)
     by_default = False
     for_each_outline = False
+    reported = ("clearances_per_side_mm", "stub_mm", "pocket_depth_mm", "plate_mm", "tab_mm", "print_orientation")
 
     nozzle_mm: float = NOZZLE_MM
 
@@ -163,7 +163,7 @@ class Coupon(Fixture):
         return x * y * z - pockets - numerals + stub + self.tab.area_mm2 * TAB_MM[1]
 
     @cached_property
-    def _in_use(self) -> TopoDS_Solid:
+    def solid_in_use(self) -> TopoDS_Solid:
         """The Open CASCADE solid, in the orientation of the file."""
         x, y, z = self.plate_mm
         plate = box(Rectangle(low=(0.0, 0.0), high=(x, y)), (0.0, z))
@@ -176,10 +176,10 @@ class Coupon(Fixture):
         return {
             "clearances_per_side_mm": list(CLEARANCES_MM),
             "named_fits_mm": dict(FITS),
-            "stub_mm": list(STUB_MM),
+            "stub_mm": STUB_MM,
             "pocket_depth_mm": DEPTH_OF_POCKET_MM,
-            "plate_mm": list(self.plate_mm),
-            "tab_mm": [*TAB_MM, GAP_MM],
+            "plate_mm": self.plate_mm,
+            "tab_mm": (*TAB_MM, GAP_MM),
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
             "print_orientation": "as in the file, with the pockets up; without supports: the tab bridges 2 mm",
@@ -188,16 +188,4 @@ class Coupon(Fixture):
                 "the numerals are the clearance per side in hundredths of a mm; use the clearance that fits as --fit",
                 "plate and stub are one solid, so that they come from the same print",
             ],
-        }
-
-    def facts(self) -> dict[str, str]:
-        """Return the lines of the dimension report."""
-        return {
-            "size": mm(*self.size_mm),
-            "plate": mm(*self.plate_mm),
-            "stub": mm(*STUB_MM),
-            "pockets": "; ".join(mm(*plan.size_mm) for plan in self.pockets) + f"; {mm(DEPTH_OF_POCKET_MM)} deep",
-            "numerals": "clearance per side in hundredths of a mm",
-            "tab": f"{mm(*TAB_MM)}, snap off",
-            "thinnest wall": self._thinnest,
         }

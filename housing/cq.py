@@ -38,7 +38,7 @@ def solid(fixture: Fixture, *, as_printed: bool = False) -> cq.Solid:
         as_printed: Whether a jig has the orientation of its file: upside down, with the lower corner of its bounding
             box at the origin.
     """
-    result = cq.Solid(fixture.solid() if as_printed else fixture.solid_in_use())
+    result = cq.Solid(fixture.solid_as_printed if as_printed else fixture.solid_in_use)
     result.label = fixture.name
     return result
 

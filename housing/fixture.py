@@ -32,6 +32,7 @@ class Fixture(ABC):
             Otherwise it leaves out the fixture.
         by_default: Whether ``make`` without ``--parts`` makes the fixture.
         for_each_outline: Whether each outline among the blocks needs its own fixture, or all share one.
+        reported: The values of :meth:`spec` that the dimension report shows.
     """
 
     kind: ClassVar[str]
@@ -39,6 +40,7 @@ class Fixture(ABC):
     asked_by: ClassVar[tuple[str, ...]] = ()
     by_default: ClassVar[bool] = True
     for_each_outline: ClassVar[bool] = True
+    reported: ClassVar[tuple[str, ...]]
 
     @classmethod
     @abstractmethod
@@ -95,48 +97,35 @@ class Fixture(ABC):
 
     @abstractmethod
     def spec(self) -> dict[str, Any]:
-        """Return all values that define the fixture, and notes for the user, as plain JSON values."""
+        """Return all values that define the fixture, and notes for the user, as plain JSON values.
 
-    @abstractmethod
-    def facts(self) -> dict[str, str]:
-        """Return the lines of the dimension report, without the name."""
+        Numbers that belong together, such as the sides of a pocket, are a tuple; a list has any number of values.
+        """
 
     def __str__(self) -> str:
-        return report(self.title, {"name": self.name, **self.facts()})
+        values = tidied(self.spec())
+        rows = {name.removesuffix("_mm").replace("_", " "): _shown(name, values[name]) for name in self.reported}
+        name, thickness = min(self.walls_mm.items(), key=lambda wall: wall[1])
+        thinnest = f"{mm(thickness)} ({name})"
+        return report(self.title, {"name": self.name, "size": mm(*self.size_mm), **rows, "thinnest wall": thinnest})
 
     @property
     @abstractmethod
-    def _in_use(self) -> TopoDS_Solid:
+    def solid_in_use(self) -> TopoDS_Solid:
         """The Open CASCADE solid in its place of use, in the holder frame. A coupon has the orientation of its file."""
 
     @property
-    def shape(self) -> Any:
-        """The build123d solid in its place of use, in the holder frame. A coupon has the orientation of its file."""
-        from build123d import Solid
-
-        return Solid(self._in_use)
-
-    def solid_in_use(self) -> TopoDS_Solid:
-        """Return the Open CASCADE solid of :attr:`shape`."""
-        return self._in_use
-
-    def solid(self) -> TopoDS_Solid:
-        """Return the Open CASCADE solid in the orientation of the file.
+    def solid_as_printed(self) -> TopoDS_Solid:
+        """The Open CASCADE solid in the orientation of the file.
 
         The lower corner of the bounding box is at the origin, and the bed of the printer is at z = 0.
         """
-        return self.solid_in_use()
+        return self.solid_in_use
 
     @property
     def min_wall_mm(self) -> float:
         """The thickness of the thinnest wall, in mm."""
         return min(self.walls_mm.values())
-
-    @property
-    def _thinnest(self) -> str:
-        """The thickness and the name of the thinnest wall."""
-        name, thickness = min(self.walls_mm.items(), key=lambda wall: wall[1])
-        return f"{mm(thickness)} ({name})"
 
     def part(self) -> Part:
         """Return the fixture as a part of a print set."""
@@ -157,11 +146,24 @@ class Fixture(ABC):
         # The chords make the holes of the mesh smaller, so its volume may be larger than the exact volume.
         round_holes = (*self.drilled, *self.recessed)
         slack = sum(bore.chord_slack_mm3(depth, CHORD_MM) for bore, depth in round_holes) + rounding_mm3(self.size_mm)
-        return tessellate(self.solid(), CHORD_MM), ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=slack)
+        return tessellate(self.solid_as_printed, CHORD_MM), ExpectedGeometry(
+            volume_mm3=self.volume_mm3, volume_slack_mm3=slack
+        )
 
     def _solid(self) -> tuple[TopoDS_Solid, ExpectedGeometry]:
         expected = ExpectedGeometry(volume_mm3=self.volume_mm3, volume_slack_mm3=KERNEL_FRACTION * self.volume_mm3)
-        return self.solid(), expected
+        return self.solid_as_printed, expected
+
+
+def _shown(name: str, value: Any) -> str:
+    """Write a value of :meth:`Fixture.spec` for the dimension report."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):  # round holes
+        return f"{len(value)} of {mm(value[0]['diameter_mm'])}"
+    if isinstance(value, list):
+        return ", ".join(f"{item:g}" for item in value) + (" mm" if name.endswith("_mm") else "")
+    if name.endswith("_mm") and value is not None:
+        return mm(*value) if isinstance(value, tuple) else mm(value)
+    return "none" if value is None else str(value)
 
 
 def tidied(value: Any) -> Any:

@@ -9,23 +9,21 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from housing.fits import (
-    MIN_FLOOR_MM,
     NOZZLE_MM,
     ROUNDING_MM,
     clearance_mm,
-    min_bearing_wall_mm,
     require_nozzle,
-    require_walls,
 )
 from housing.fixture import CHORD_MM, Fixture
-from housing.layout import RELEASED, SCREW_HOLE_MM, Layout, PushOut, fitted
+from housing.layout import RELEASED, Layout, PushOut, fitted
+from housing.limits import min_key_mm, require_can_be_made, require_fits_released
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, cut, cylinder, one_solid, prism
 from tacbench_cad.spec.block import Block
@@ -47,45 +45,10 @@ MARGIN_MM = 11.0
 #: The distance between two pockets, in mm. A contact of 10 mm radius at 4 mm from the edge of a block does not reach
 #: the next block.
 WEB_MM = 8.0
-#: The smallest depth of a pocket that still holds a block, in mm.
-MIN_DEPTH_MM = 1.0
 #: The largest number of slots in a holder.
 MAX_SLOTS = 24
 #: The presets: a holder that fits the block, and the holder that the authors printed.
 PRESETS: tuple[str, ...] = ("fitted", "released")
-
-
-def min_key_mm(block: Block, fit: str | float = "slip") -> float:
-    """Return the largest key with which a wrongly turned block still fits into the pocket.
-
-    The pocket is the outline of the block, offset outwards by the clearance c. If the block is turned by 180 degrees, a
-    full corner of the block is at the filled corner of the pocket. If the block is also pushed into the opposite corner
-    of the pocket, it extends to ``x - y = X - 2 c``, and the pocket ends at ``X - K + sqrt(2) c``. So the block fits if
-    the key is at most ``K = (2 + sqrt(2)) c``. A block that is tilted in its clearance does not fit better: to first
-    order the tilt needs more room than it gains. If the sides of the block differ by no more than 2 c, it can also be
-    turned by 90 degrees, and then the same bound holds.
-
-    Args:
-        block: The block. The bound is the same for all blocks.
-        fit: The name of a fit, or the clearance in mm per side.
-    """
-    return (2.0 + math.sqrt(2.0)) * clearance_mm(fit)
-
-
-def require_key(block: Block, fit: str | float) -> None:
-    """Check that a block with a key does not fit into its pocket when it is turned by 180 degrees.
-
-    Raises:
-        InputError: The key of the block is too small for the fit.
-    """
-    min_key = min_key_mm(block, fit)
-    if block.key_mm is not None and block.key_mm <= min_key:
-        raise InputError(
-            "key",
-            block.key_mm,
-            f"must be above {min_key:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm; with a smaller key, a "
-            f"block turned by 180 degrees would still fit (clearance {clearance_mm(fit):g} mm per side)",
-        )
 
 
 def pocket_tool(holder: Holder, place: Placement, grown_mm: float, z_mm: tuple[float, float]) -> Any:
@@ -133,6 +96,10 @@ class Holder(Fixture):
     kind = "holder"
     options = ("fit", "rim_mm", "slots", "nozzle_mm")
     asked_by = (*options, "key_mm")
+    reported = (
+        *("pocket_size_mm", "clearance_per_side_mm", "rim_below_block_top_mm", "floor_mm", "screw_holes"),
+        *("push_out_holes", "filled_corner_mm", "block_fits"),
+    )
 
     block: Block
     preset: str = "fitted"
@@ -169,59 +136,10 @@ class Holder(Fixture):
             value = getattr(self, field)
             if isinstance(value, bool) or not math.isfinite(value):
                 raise InputError(field.removesuffix("_mm"), value, "must be a number of mm")
-        if self.preset == "released":
-            self._check_released()
+        if self.is_released:
+            require_fits_released(self)
         else:
-            self._check_fitted()
-
-    def _check_fitted(self) -> None:
-        max_rim = self.block.height_mm - MIN_DEPTH_MM
-        if not 0.0 <= self.rim_mm <= max_rim:
-            height = self.block.height_mm
-            raise InputError(
-                "rim",
-                self.rim_mm,
-                f"must be from 0 to {max_rim:.4g} mm, so that the block, which is {height:.4g} mm high, has a pocket "
-                f"of {MIN_DEPTH_MM:g} mm"
-                if max_rim >= 0.0
-                else f"the block is only {height:.4g} mm high, but a pocket is at least {MIN_DEPTH_MM:g} mm deep",
-            )
-        require_walls("floor", self.floor_mm, {"floor": self.floor_mm}, MIN_FLOOR_MM)
-        min_wall = min_bearing_wall_mm(self.nozzle_mm)
-        walls = dict(self.walls_mm)
-        del walls["floor"]
-        if "wall between pockets" in walls:
-            require_walls("web", self.web_mm, {"wall between pockets": walls.pop("wall between pockets")}, min_wall)
-        ledge = {"ledge round the push-out hole": walls.pop("ledge round the push-out hole")}
-        require_walls("size", mm(*self.block.size_mm), ledge, min_wall)
-        require_walls("margin", self.margin_mm, walls, min_wall)
-        if self.block.key_mm is not None:
-            require_key(self.block, self.fit)
-
-    def _check_released(self) -> None:
-        for field in fields(self):
-            if field.name in ("fit", "rim_mm", "slots", "floor_mm", "margin_mm", "web_mm"):
-                value = getattr(self, field.name)
-                if value != field.default:
-                    name = field.name.removesuffix("_mm")
-                    raise InputError(name, value, "the authors' holder cannot be changed; use the preset fitted")
-        if self.block.key_mm is not None:
-            raise InputError("key", self.block.key_mm, "the authors' holder has no key; use the preset fitted")
-        if self.block.outline is not None:
-            allowed = "does not fit the authors' holder; use the preset fitted"
-            raise InputError("outline", str(self.block.outline), allowed)
-        room, sides = RELEASED.pocket_mm[:2], self._footprint_mm
-        if any(not -ROUNDING_MM <= room[i] - sides[i] <= 2.0 for i in (0, 1)):
-            raise InputError(
-                "size",
-                mm(*sides),
-                f"the pocket of the authors' holder is {mm(*room)}, and the sides of a block may be at most 2 mm "
-                "smaller; use the preset fitted for other blocks",
-            )
-        if not MIN_DEPTH_MM <= RELEASED.pocket_mm[2] <= self.block.height_mm:
-            raise InputError(
-                "height", self.block.height_mm, f"must be at least {RELEASED.pocket_mm[2]:g} mm for the authors' holder"
-            )
+            require_can_be_made(self)
 
     @property
     def holder(self) -> Holder:
@@ -243,7 +161,8 @@ class Holder(Fixture):
         return 1 if self.is_released else 0
 
     @property
-    def _footprint_mm(self) -> tuple[float, float]:
+    def footprint_mm(self) -> tuple[float, float]:
+        """The sides of the block along the holder's x and y, in mm."""
         return turned_size_mm(self.block.size_mm, self.turns)
 
     @cached_property
@@ -251,7 +170,7 @@ class Holder(Fixture):
         """The positions and sizes of plate, pockets and screws."""
         if self.is_released:
             return RELEASED
-        (x, y), c = self._footprint_mm, clearance_mm(self.fit)
+        (x, y), c = self.footprint_mm, clearance_mm(self.fit)
         depth = self.block.height_mm - self.rim_mm
         if (loop := self.pocket_loop) is not None:
             room = turned_size_mm(tuple(np.subtract(*loop.box[::-1]).tolist()), self.turns)
@@ -264,7 +183,7 @@ class Holder(Fixture):
         """The clearance per side along the holder's x and y if the block is in the middle of its pocket, in mm."""
         if not self.is_released:
             return (clearance_mm(self.fit),) * 2
-        (x, y), (room_x, room_y, _) = self._footprint_mm, RELEASED.pocket_mm
+        (x, y), (room_x, room_y, _) = self.footprint_mm, RELEASED.pocket_mm
         return ((room_x - x) / 2.0, (room_y - y) / 2.0)
 
     @property
@@ -357,7 +276,7 @@ class Holder(Fixture):
         if self.block.outline is not None:
             turns = self.block.outline.turns
             return () if turns is None else tuple(round(360 * k / turns) for k in range(turns))
-        x, y = self._footprint_mm
+        x, y = self.footprint_mm
         room_x, room_y, _ = self.pocket_size_mm
         quarter = y <= room_x + ROUNDING_MM and x <= room_y + ROUNDING_MM
         return (0, 90, 180, 270) if quarter else (0, 180)
@@ -436,7 +355,7 @@ class Holder(Fixture):
         return np.array([(-cx, -cy), *corner, (x + cx, y + cy), (-cx, y + cy)])
 
     @cached_property
-    def _in_use(self) -> TopoDS_Solid:
+    def solid_in_use(self) -> TopoDS_Solid:
         """The Open CASCADE solid, in the holder frame."""
         x, y, z = self.size_mm
         floor = self.layout.floor_mm
@@ -449,10 +368,8 @@ class Holder(Fixture):
         """Return all values that define the holder, and notes for the user, as plain JSON values."""
         notes = [
             "print in the orientation of the file, with the pockets up, without supports",
-            f"without a key, a block fits {self._orientations}"
-            if self.block.key_mm is None
-            else "with the key, a block fits in one orientation only; for that the key must be above "
-            f"{min_key_mm(self.block, self.fit):.4g} mm",
+            f"a block fits {self._orientations}"
+            + ("" if self.block.key_mm is None else f"; for that the key must be above {min_key_mm(self.fit):.4g} mm"),
         ]
         if self.is_released:
             notes += [
@@ -467,42 +384,26 @@ class Holder(Fixture):
             notes.append(f"the press position nearest to the push-out hole is {clear:.3g} mm from the hole's edge")
         return {
             "block": block_stem(self.block),
-            "block_size_mm": [*self.block.size_mm, self.block.height_mm],
+            "block_size_mm": (*self.block.size_mm, self.block.height_mm),
             "preset": self.preset,
             "fit": self.fit if not self.is_released else "measured",
-            "clearance_per_side_mm": list(self.clearance_mm),
+            "clearance_per_side_mm": self.clearance_mm,
             "rim_below_block_top_mm": self.rim_height_mm,
             "slots": self.slots,
-            "pocket_size_mm": list(self.pocket_size_mm),
+            "pocket_size_mm": self.pocket_size_mm,
             "floor_mm": self.layout.floor_mm,
             "margin_mm": None if self.is_released else self.margin_mm,
             "web_mm": None if self.is_released else self.web_mm,
             "screw_holes": [{"at_mm": list(b.at_mm), "diameter_mm": b.diameter_mm} for b in self.screws],
             "push_out_holes": [{"at_mm": list(b.at_mm), "diameter_mm": b.diameter_mm} for b in self.push_outs],
             "key_mm": self.block.key_mm,
-            "least_key_mm": None if self.is_released else min_key_mm(self.block, self.fit),
+            "least_key_mm": None if self.is_released else min_key_mm(self.fit),
+            "filled_corner_mm": self.pocket_key_mm or None,
             "block_admitted_at_deg": list(self.admits_deg),
+            "block_fits": self._orientations,
             "block_placements": [place.as_dict() for place in self.block_placements()],
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
             "print_orientation": "as in the file, with the pockets up",
             "notes": notes,
-        }
-
-    def facts(self) -> dict[str, str]:
-        """Return the lines of the dimension report."""
-        cx, cy = self.clearance_mm
-        return {
-            "plate": mm(*self.size_mm),
-            "pocket": mm(*self.pocket_size_mm)
-            + (f", corner filled by {self.pocket_key_mm:.4g} mm" if self.block.key_mm else ""),
-            "clearance": f"{mm(cx, cy)} per side",
-            "rim": f"{mm(self.rim_height_mm)} below the block's highest point",
-            "floor": mm(self.layout.floor_mm),
-            "screw holes": "4 of " + mm(SCREW_HOLE_MM),
-            "push-out": f"{len(self.push_outs)} of {mm(self.push_outs[0].diameter_mm)}" if self.push_outs else "none",
-            "thinnest wall": self._thinnest,
-            "orientations": "block turned by " + " or ".join(map(str, self.admits_deg)) + " degrees"
-            if self.admits_deg
-            else "any",
         }

@@ -100,6 +100,10 @@ class Jig(Fixture):
     kind = "jig"
     options = ("jig", *Holder.options)
     asked_by = ("jig",)
+    reported = (
+        *("holes_per_block", "hole_mm", "lead_in_mm", "cross_hairs_per_block", "press_x_mm", "press_y_mm"),
+        *("clearance_per_side_mm", "lip_mm", "air_over_block_mm", "roof_mm", "print_orientation"),
+    )
 
     holder: Holder
     press_grid: PressGrid | None = None
@@ -327,16 +331,17 @@ class Jig(Fixture):
         matrix[:3, 3] = (x0, y1, top)
         return matrix
 
-    def solid(self) -> TopoDS_Solid:
-        """Return the Open CASCADE solid in the orientation of the file, with the marked face on the bed."""
+    @cached_property
+    def solid_as_printed(self) -> TopoDS_Solid:
+        """The Open CASCADE solid in the orientation of the file, with the marked face on the bed."""
         from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
         from OCP.TopoDS import TopoDS
 
         to_print = location(np.asarray(np.linalg.inv(self.from_print), dtype=np.float64)).Transformation()
-        return TopoDS.Solid_s(BRepBuilderAPI_Transform(self._in_use, to_print, True).Shape())
+        return TopoDS.Solid_s(BRepBuilderAPI_Transform(self.solid_in_use, to_print, True).Shape())
 
     @cached_property
-    def _in_use(self) -> TopoDS_Solid:
+    def solid_in_use(self) -> TopoDS_Solid:
         """The Open CASCADE solid in its place of use on the holder, in the holder frame."""
         seat, (ceiling, top) = self.seat, self.seat.roof_mm
         plate = prism(seat.outline(), [], (seat.bottom_mm, top))
@@ -375,13 +380,14 @@ class Jig(Fixture):
             "holes_per_block": len(marker.positions),
             "holes_at_mm": [list(bore.at_mm) for bore in self.bores],
             "holes_frame": "holder",
-            "clearance_per_side_mm": list(self.clearance_mm),
-            "datum_shift_mm": list(self.datum_shift_mm),
+            "cross_hairs_per_block": len(self.cross_hairs_mm),
+            "clearance_per_side_mm": self.clearance_mm,
+            "datum_shift_mm": self.datum_shift_mm,
             "rest_plane_mm": self.seat.rest_mm,
             "air_over_block_mm": AIR_MM,
             "recess_depth_mm": self.seat.recess_depth_mm,
             "roof_mm": ROOF_MM,
-            "lip_mm": [LIP_MM, self.seat.lip_depth_mm],
+            "lip_mm": (LIP_MM, self.seat.lip_depth_mm),
             "mark_depth_mm": DEPTH_MM,
             "walls_mm": dict(self.walls_mm),
             "nozzle_mm": self.nozzle_mm,
@@ -395,19 +401,3 @@ class Jig(Fixture):
         if len(self.cross_hairs_mm) == 0:
             return 0
         return sum(not is_engraved(point, self.grooves) for point in self.cross_hairs_mm)
-
-    def facts(self) -> dict[str, str]:
-        """Return the lines of the dimension report."""
-        marker, cut = self._marker, self.crossings_cut_short
-        return {
-            "size": mm(*self.size_mm),
-            "holes": f"{len(self.bores)} of {mm(marker.hole_mm)}, lead-in {mm(marker.lead_in_mm)}",
-            "cross hairs": f"{len(self.cross_hairs_mm)} per block" + (f", {cut} incomplete near a hole" if cut else ""),
-            "columns x": ", ".join(f"{x:g}" for x in self.grid.x_mm) + " mm",
-            "rows y": ", ".join(f"{y:g}" for y in self.grid.y_mm) + " mm",
-            "clearance": f"{mm(*self.clearance_mm)} per side, lips {mm(self.seat.lip_depth_mm)} deep",
-            "rests on": f"the holder's rim, {mm(AIR_MM)} above the block",
-            "roof": mm(ROOF_MM),
-            "thinnest wall": self._thinnest,
-            "print": "upside down, with the marked face on the bed",
-        }

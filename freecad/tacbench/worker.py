@@ -94,7 +94,7 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     if request["action"] == "export":
         return {"report": str(export(part, request["file"]))}
     if not isinstance(part, Block):
-        write_brep(part.solid_in_use(), request["brep"])
+        write_brep(part.solid_in_use, request["brep"])
         slots = [place.matrix.ravel().tolist() for place in part.holder.block_placements()]
         return {"name": part.name, "size_mm": part.size_mm, "volume_mm3": part.volume_mm3, "slots": slots}
     solid, expected = as_part(part).solid

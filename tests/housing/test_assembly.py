@@ -39,7 +39,7 @@ def meshed(holder: Holder) -> tuple[Jig, manifold3d.Manifold, manifold3d.Manifol
     """Return the jig of a holder, the mesh of the holder, and the mesh of the jig in its place of use."""
     shared = {known.holder: known for known in (JIG, KEYED_JIG)}
     jig = shared.get(holder) or Jig(holder=holder)
-    return jig, manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use()))
+    return jig, manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use))
 
 
 def placed(block: Block, place: Placement, shift: tuple[float, float] = (0.0, 0.0)) -> manifold3d.Manifold:
@@ -73,7 +73,7 @@ def test_nothing_collides_and_markers_are_over_their_positions(holder: Holder) -
 
 
 def _markers_are_over_their_positions(jig: Jig) -> None:
-    axes = np.array([point for _, point in cylinders(jig.solid_in_use())])
+    axes = np.array([point for _, point in cylinders(jig.solid_in_use)])
     counts = np.zeros(len(axes), dtype=int)
     for place in jig.holder.block_placements():
         in_block = place.to_block(axes)
@@ -129,7 +129,7 @@ def test_screw_heads_have_room_beside_the_jig() -> None:
 def test_printed_and_seated_are_the_same_part() -> None:
     jig, _, _ = meshed(CASES[1])
     printed, _ = jig.part().mesh
-    seated = tessellate(jig.solid_in_use(), 0.005)
+    seated = tessellate(jig.solid_in_use, 0.005)
     turned = seated.vertices * (1.0, -1.0, -1.0)
     turned -= turned.min(axis=0)
     order, other = np.lexsort(turned.round(3).T), np.lexsort(printed.vertices.round(3).T)
@@ -181,7 +181,7 @@ def _random_assembly(seed: int) -> None:
     jig = Jig(holder=holder)
     require_sound(holder.part())
     require_sound(jig.part())
-    plate, seated = manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use()))
+    plate, seated = manifold(holder.part().mesh[0]), manifold(tessellate(jig.solid_in_use))
     assert (plate ^ seated).volume() < TOUCHING_MM3
     for place in holder.block_placements():
         block = placed(holder.block, place)
@@ -193,6 +193,6 @@ def _random_assembly(seed: int) -> None:
 def test_solids_do_not_collide_in_the_kernel_either() -> None:
     from build123d import Solid
 
-    common = Solid(KEYED.solid()).intersect(Solid(KEYED_JIG.solid_in_use()))
+    common = Solid(KEYED.solid_as_printed).intersect(Solid(KEYED_JIG.solid_in_use))
     volume = 0.0 if common is None else sum(solid.volume for solid in common.solids())
     assert volume < 1e-9

@@ -15,8 +15,9 @@ import pytest
 from helpers.fixture_measure import block_prism, cylinders, manifold, outline_of, overhang_heights, require_sound
 
 from housing.fits import FITS, clearance_mm
-from housing.holder import Holder, min_key_mm
+from housing.holder import Holder
 from housing.layout import RELEASED
+from housing.limits import min_key_mm
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -61,7 +62,7 @@ def test_default_dimensions() -> None:
     assert holder.part().spec["pocket_size_mm"] == [23.6, 30.3, 5.82]
     assert holder.rim_height_mm == 1.18
     assert holder.genus == 5
-    assert sorted(r for r, _ in cylinders(holder.solid())) == [2.0, 2.0, 2.0, 2.0, 3.0]
+    assert sorted(r for r, _ in cylinders(holder.solid_as_printed)) == [2.0, 2.0, 2.0, 2.0, 3.0]
 
 
 def test_report_has_the_numbers() -> None:
@@ -118,7 +119,7 @@ def test_the_preset_released_is_the_holder_of_the_authors() -> None:
     floor = mesh.vertices[np.abs(mesh.vertices[:, 2] - 1.65) < 1e-5]
     assert floor[:, :2].min(axis=0) == pytest.approx((9.98, 30.51), abs=1e-5)
     assert floor[:, :2].max(axis=0) == pytest.approx((41.08, 60.51), abs=1e-5)
-    holes = sorted((round(float(x), 6), round(float(y), 6), r) for r, (x, y) in cylinders(holder.solid()))
+    holes = sorted((round(float(x), 6), round(float(y), 6), r) for r, (x, y) in cylinders(holder.solid_as_printed))
     assert holes == [(3.31, 62.13, 2.0), (3.57, 3.10, 2.0), (42.31, 3.10, 2.0), (42.31, 62.13, 2.0)]
     # With the block's y along the plate's x, the total clearances are 1.1 and 0.7 mm; otherwise 1.8 and 0.0 mm.
     assert holder.clearance_mm == pytest.approx((0.55, 0.35), abs=1e-9)
@@ -195,7 +196,7 @@ def test_a_block_with_a_key_fits_in_one_orientation(fit: str | float) -> None:
     c = clearance_mm(fit)
     rng = np.random.default_rng(3)
     for size in ((23.3, 30.0), (30.0, 30.0), (30.0, 30.0 + 1.9 * c)):
-        smallest = min_key_mm(PAPER, fit)
+        smallest = min_key_mm(fit)
         for key in (smallest + 0.01, 3.0):
             block = Block.of(1, size_mm=size, key_mm=key)
             pocket = Holder(block=block, fit=fit).pocket_outline()
@@ -207,7 +208,7 @@ def test_a_block_with_a_key_fits_in_one_orientation(fit: str | float) -> None:
 def test_a_key_that_allows_a_half_turn_is_refused() -> None:
     rng = np.random.default_rng(4)
     for fit, c in FITS.items():
-        smallest = min_key_mm(PAPER, fit)
+        smallest = min_key_mm(fit)
         assert smallest == pytest.approx((2.0 + math.sqrt(2.0)) * c)
         block = Block.of(1, key_mm=smallest - 0.01)
         text = refusal(block=block, fit=fit)

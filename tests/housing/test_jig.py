@@ -69,8 +69,8 @@ def test_default_dimensions_and_report() -> None:
 def test_holes_have_the_stated_diameters(jig: Jig, count: int, hole: float, lead: float) -> None:
     from build123d import GeomType, Solid
 
-    assert [r for r, _ in cylinders(jig.solid())] == pytest.approx([hole / 2] * count)
-    cones = Solid(jig.solid()).faces().filter_by(GeomType.CONE)
+    assert [r for r, _ in cylinders(jig.solid_as_printed)] == pytest.approx([hole / 2] * count)
+    cones = Solid(jig.solid_as_printed).faces().filter_by(GeomType.CONE)
     assert len(cones) == count
     for cone in cones:
         box = cone.bounding_box()

@@ -66,7 +66,7 @@ def test_the_jig_follows_a_moved_holder(align: object, rotation: tuple[float, ..
     holder.joints["jig"].connect_to(seated.joints["holder"])
     # Back in the holder frame, it is in the place that the jig states.
     back = holder.joints["jig"].location.inverse() * seated
-    assert box(back) == pytest.approx(box(bd.Solid(JIG.solid_in_use())), abs=1e-5)
+    assert box(back) == pytest.approx(box(bd.Solid(JIG.solid_in_use)), abs=1e-5)
     assert box(holder.joints["jig"].location.inverse() * holder) == pytest.approx((0, 0, 0, *TRAY.size_mm), abs=1e-5)
 
 
