@@ -59,7 +59,7 @@ def test_default_dimensions() -> None:
     assert holder.pocket_size_mm == pytest.approx((23.6, 30.3, 5.82), abs=1e-12)
     assert holder.size_mm == pytest.approx((45.6, 52.3, 7.47), abs=1e-12)
     assert holder.part().size_mm == (45.6, 52.3, 7.47)
-    assert holder.part().spec["pocket_size_mm"] == [23.6, 30.3, 5.82]
+    assert holder.part().spec["pocket_size_mm"] == (23.6, 30.3, 5.82)
     assert holder.rim_height_mm == 1.18
     assert holder.genus == 5
     assert sorted(r for r, _ in cylinders(holder.solid_as_printed)) == [2.0, 2.0, 2.0, 2.0, 3.0]
@@ -67,7 +67,7 @@ def test_default_dimensions() -> None:
 
 def test_report_has_the_numbers() -> None:
     text = str(Holder(block=KEYED, fit="loose", rim_mm=1.0))
-    for number in ("45.9 x 52.6 x 7.65 mm", "23.9 x 30.6 x 6 mm", "0.3 x 0.3 mm", "3.176 mm", "1 mm below", "1.65 mm"):
+    for number in ("45.9 x 52.6 x 7.65 mm", "23.9 x 30.6 x 6 mm", "0.3 x 0.3 mm", "3.17574 mm", "below block top  1 mm", "1.65 mm"):
         assert number in text
 
 
