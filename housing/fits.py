@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from tacbench_cad.spec import fits
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm as clearance_mm
 from tacbench_cad.util.errors import InputError, require_between
 
@@ -52,3 +54,35 @@ def require_walls(field: str, value: object, walls: Mapping[str, float], min_mm:
     name, thickness = min(walls.items(), key=lambda item: item[1])
     if thickness < min_mm - ROUNDING_MM:
         raise InputError(field, value, f"the {name} would be {thickness:.4g} mm; it must be at least {min_mm:.4g} mm")
+
+
+def min_key_mm(fit: str | float = "slip") -> float:
+    """Return the largest key with which a wrongly turned block still fits into the pocket.
+
+    The pocket is the outline of the block, offset outwards by the clearance c. If the block is turned by 180 degrees, a
+    full corner of the block is at the filled corner of the pocket. If the block is also pushed into the opposite corner
+    of the pocket, it extends to ``x - y = X - 2 c``, and the pocket ends at ``X - K + sqrt(2) c``. So the block fits if
+    the key is at most ``K = (2 + sqrt(2)) c``. A block that is tilted in its clearance does not fit better: to first
+    order the tilt needs more room than it gains. If the sides of the block differ by no more than 2 c, it can also be
+    turned by 90 degrees, and then the same bound holds.
+
+    Args:
+        fit: The name of a fit, or the clearance in mm per side.
+    """
+    return (2.0 + math.sqrt(2.0)) * clearance_mm(fit)
+
+
+def require_key(block: Block, fit: str | float) -> None:
+    """Check that a block with a key does not fit into its pocket when it is turned by 180 degrees.
+
+    Raises:
+        InputError: The key of the block is too small for the fit.
+    """
+    min_key = min_key_mm(fit)
+    if block.key_mm is not None and block.key_mm <= min_key:
+        raise InputError(
+            "key",
+            block.key_mm,
+            f"must be above {min_key:.4g} mm and at most {min(block.size_mm) / 3.0:.4g} mm; with a smaller key, a "
+            f"block turned by 180 degrees would still fit (clearance {clearance_mm(fit):g} mm per side)",
+        )

@@ -9,21 +9,25 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from housing.fits import (
+    MIN_FLOOR_MM,
     NOZZLE_MM,
     ROUNDING_MM,
     clearance_mm,
+    min_bearing_wall_mm,
+    min_key_mm,
+    require_key,
     require_nozzle,
+    require_walls,
 )
 from housing.fixture import CHORD_MM, Fixture
 from housing.layout import RELEASED, Layout, PushOut, fitted
-from housing.limits import min_key_mm, require_can_be_made, require_fits_released
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, cut, cylinder, one_solid, prism
 from tacbench_cad.spec.block import Block
@@ -45,6 +49,8 @@ MARGIN_MM = 11.0
 #: The distance between two pockets, in mm. A contact of 10 mm radius at 4 mm from the edge of a block does not reach
 #: the next block.
 WEB_MM = 8.0
+#: The smallest depth of a pocket that still holds a block, in mm.
+MIN_DEPTH_MM = 1.0
 #: The largest number of slots in a holder.
 MAX_SLOTS = 24
 #: The presets: a holder that fits the block, and the holder that the authors printed.
@@ -137,9 +143,58 @@ class Holder(Fixture):
             if isinstance(value, bool) or not math.isfinite(value):
                 raise InputError(field.removesuffix("_mm"), value, "must be a number of mm")
         if self.is_released:
-            require_fits_released(self)
+            self._check_released()
         else:
-            require_can_be_made(self)
+            self._check_fitted()
+
+    def _check_fitted(self) -> None:
+        max_rim = self.block.height_mm - MIN_DEPTH_MM
+        if not 0.0 <= self.rim_mm <= max_rim:
+            height = self.block.height_mm
+            raise InputError(
+                "rim",
+                self.rim_mm,
+                f"must be from 0 to {max_rim:.4g} mm, so that the block, which is {height:.4g} mm high, has a pocket "
+                f"of {MIN_DEPTH_MM:g} mm"
+                if max_rim >= 0.0
+                else f"the block is only {height:.4g} mm high, but a pocket is at least {MIN_DEPTH_MM:g} mm deep",
+            )
+        require_walls("floor", self.floor_mm, {"floor": self.floor_mm}, MIN_FLOOR_MM)
+        min_wall = min_bearing_wall_mm(self.nozzle_mm)
+        walls = dict(self.walls_mm)
+        del walls["floor"]
+        if "wall between pockets" in walls:
+            require_walls("web", self.web_mm, {"wall between pockets": walls.pop("wall between pockets")}, min_wall)
+        ledge = {"ledge round the push-out hole": walls.pop("ledge round the push-out hole")}
+        require_walls("size", mm(*self.block.size_mm), ledge, min_wall)
+        require_walls("margin", self.margin_mm, walls, min_wall)
+        if self.block.key_mm is not None:
+            require_key(self.block, self.fit)
+
+    def _check_released(self) -> None:
+        for field in fields(self):
+            if field.name in ("fit", "rim_mm", "slots", "floor_mm", "margin_mm", "web_mm"):
+                value = getattr(self, field.name)
+                if value != field.default:
+                    name = field.name.removesuffix("_mm")
+                    raise InputError(name, value, "the authors' holder cannot be changed; use the preset fitted")
+        if self.block.key_mm is not None:
+            raise InputError("key", self.block.key_mm, "the authors' holder has no key; use the preset fitted")
+        if self.block.outline is not None:
+            allowed = "does not fit the authors' holder; use the preset fitted"
+            raise InputError("outline", str(self.block.outline), allowed)
+        room, sides = RELEASED.pocket_mm[:2], self.footprint_mm
+        if any(not -ROUNDING_MM <= room[i] - sides[i] <= 2.0 for i in (0, 1)):
+            raise InputError(
+                "size",
+                mm(*sides),
+                f"the pocket of the authors' holder is {mm(*room)}, and the sides of a block may be at most 2 mm "
+                "smaller; use the preset fitted for other blocks",
+            )
+        if not MIN_DEPTH_MM <= RELEASED.pocket_mm[2] <= self.block.height_mm:
+            raise InputError(
+                "height", self.block.height_mm, f"must be at least {RELEASED.pocket_mm[2]:g} mm for the authors' holder"
+            )
 
     @property
     def holder(self) -> Holder:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from housing.assembly import ASSEMBLY_FORMATS, assemblies_of
+from housing.fits import require_key
 from housing.fixture import Fixture
 from housing.kinds import FIXTURES
-from housing.limits import require_key
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
