@@ -139,12 +139,6 @@ def test_one_line_names_the_preset_and_its_use(preset: str, use: str, tmp_path: 
     assert line.startswith(f"preset: {preset}, {use}")
 
 
-def test_the_coupon_has_no_preset(tmp_path: Path, capsys: Capture) -> None:
-    pytest.importorskip("build123d")
-    assert main(["make", "--parts", "coupon", "--formats", "stl", "--out", str(tmp_path)]) == 0
-    assert "preset: " not in capsys.readouterr().out
-
-
 def test_brackets_and_colons_are_printed_unchanged(tmp_path: Path, capsys: Capture) -> None:
     folder = tmp_path / "[bold]:smile:"
     assert main(["make", *LIGHT, "--texture", "1", "--out", str(folder)]) == 0
@@ -187,12 +181,12 @@ def test_the_full_checks_are_additional_checks(tmp_path: Path, capsys: Capture) 
     assert counts[1] > counts[0]
 
 
-def test_jig_and_coupon_are_made_if_requested(tmp_path: Path, capsys: Capture) -> None:
+def test_a_coupon_is_made_if_requested_and_has_no_preset(tmp_path: Path, capsys: Capture) -> None:
     pytest.importorskip("build123d")
-    assert main(["make", "--parts", "jig,coupon", "--formats", "stl", "--json", "--out", str(tmp_path)]) == 0
-    rows = json.loads(capsys.readouterr().out)["files"]
-    assert {row["kind"] for row in rows} == {"jig", "coupon"}
-    assert all((tmp_path / row["file"]).is_file() for row in rows)
+    assert main(["make", "--parts", "coupon", "--formats", "stl", "--out", str(tmp_path)]) == 0
+    assert "preset: " not in capsys.readouterr().out
+    (row,) = json.loads((tmp_path / "manifest.json").read_text())["files"]
+    assert row["kind"] == "coupon" and (tmp_path / row["file"]).is_file()
 
 
 @pytest.mark.usefixtures("two_processors")
