@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import rich_click as click
 from click.shell_completion import CompletionItem, FishComplete, add_completion_class
-
-from tacbench_cad.util.errors import InputError
-
-if TYPE_CHECKING:
-    from tacbench_cad.extensions.slicing.printers import Printer
 
 Items = list[CompletionItem[str]]
 #: A function that returns the completions of an incomplete value. The context has the values that are already typed.
@@ -90,27 +84,6 @@ def of_run_folders(ctx: click.Context, incomplete: str) -> Items:
     """Offer run folders and folders that contain run folders. If there are none, let the shell list folders."""
     items = [CompletionItem(path) for path in _paths(incomplete, _holds_runs)]
     return items or of_folders(ctx, incomplete)
-
-
-def of_printers(ctx: click.Context, incomplete: str) -> Items:
-    """Offer the known printers and the printers in the file of ``--printers``."""
-    return of_words(*_printers(ctx))(ctx, incomplete)
-
-
-def of_filaments(ctx: click.Context, incomplete: str) -> Items:
-    """Offer the filaments of the printer in ``--printer``, or of all printers."""
-    printers = [printer for name, printer in _printers(ctx).items() if ctx.params.get("printer") in (None, name)]
-    return of_words(*dict.fromkeys(name for printer in printers for name in printer.filaments))(ctx, incomplete)
-
-
-def _printers(ctx: click.Context) -> dict[str, Printer]:
-    """The known printers. A file with a mistake is ignored: the command itself reports the mistake."""
-    from tacbench_cad.extensions.slicing.printers import printers
-
-    try:
-        return printers(ctx.params.get("printers"))
-    except InputError:
-        return printers()
 
 
 def _paths(start: str, fits: Callable[[Path], bool]) -> Iterator[str]:

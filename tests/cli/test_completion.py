@@ -44,8 +44,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["check-"], ["check-part", "check-gcode", "check-runs"]),
-        (["rig", ""], ["probe", "wizard", "drivers", "test-driver", "calibrate-force", "align"]),
+        (["check-"], ["check-part", "check-runs", "check-gcode"]),
+        (["rig", ""], ["probe", "wizard", "drivers", "calibrate-force", "align"]),
         (["make", "--tex"], ["--texture"]),
         (["make", "--texture", ""], list(TEXTURES)),
         (["make", "--texture", "1,4,"], [f"1,4,{name}" for name in TEXTURES if name not in "14"]),

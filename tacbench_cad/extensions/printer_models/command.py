@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli import completing, options
+from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 @options.argument("scans", options.file("SCANS"), "Files scan.json, or folders that contain them.", many=True)
 @options.option(
     "--printer",
-    options.text("NAME", complete=completing.of_printers),
+    options.text("NAME"),
     "Printer of the prints. Default: from the scans.",
     options.PRINTER,
 )
 @options.option(
     "--filament",
-    options.text("NAME", complete=completing.of_filaments),
+    options.text("NAME"),
     "Filament or resin of the prints. Default: from the scans.",
     options.PRINTER,
 )

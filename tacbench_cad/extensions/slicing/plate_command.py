@@ -6,8 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli import completing, options
+from tacbench_cad.cli import options
 from tacbench_cad.cli.common import note, print_json, print_next, print_table, write_picture
+from tacbench_cad.extensions.slicing.completing import of_filaments, of_printers
 
 if TYPE_CHECKING:
     from tacbench_cad.extensions.slicing.plates import Plate
@@ -17,14 +18,14 @@ if TYPE_CHECKING:
 @options.command("plate", "Print")
 @options.option(
     "--printer",
-    options.text("NAME", complete=completing.of_printers),
+    options.text("NAME", complete=of_printers),
     "ender-3, ender-3-v3-se, bambu-p1p, form-3 or a printer from your own file.",
     options.PRINTER,
     required=True,
 )
 @options.option(
     "--filament",
-    options.text("NAME", complete=completing.of_filaments),
+    options.text("NAME", complete=of_filaments),
     "Filament or resin. Default: the printer's first one.",
     options.PRINTER,
 )
