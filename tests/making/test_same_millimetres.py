@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.checkout import ROOT
 from helpers.millimetres import KNOWN, PLATE_MM, REGION_MM, off_mm, stl_points
 
@@ -128,13 +129,17 @@ PARTS: dict[str, tuple[Callable[[Path, Path], Floats], float]] = {
 }
 
 
+#: The kinds of files. The normal run takes one of them with each way.
+NAMES = ("table", "height map", "wavelength_mm")
+
+
 @pytest.mark.parametrize(
     ("way", "name"),
-    [
-        (way, name)
-        for way in PARTS
-        for name in ("wavelength_mm", "height map", "table")[:: 2 if way == "FreeCAD" else 1]
-    ],
+    mostly_long(
+        [(way, name) for way in PARTS for name in NAMES if (way, name) != ("FreeCAD", "height map")],
+        *((way, NAMES[i % 3]) for i, way in enumerate(PARTS) if way != "FreeCAD"),
+        ("FreeCAD", "table"),
+    ),
 )
 def test_a_part_has_the_millimetres_of_the_file(way: str, name: str, tmp_path: Path) -> None:
     known, (make, tolerance_mm) = KNOWN[name], PARTS[way]
@@ -166,7 +171,11 @@ BLOCKS: dict[str, tuple[Callable[[Path, Path], list[Floats]], float]] = {
 
 @pytest.mark.parametrize(
     ("way", "name"),
-    [("make", "wavelength_mm"), ("make", "table"), ("build123d", "table"), *(("CadQuery", n) for n in KNOWN)],
+    mostly_long(
+        [("make", "wavelength_mm"), ("make", "table"), ("build123d", "table"), *(("CadQuery", n) for n in KNOWN)],
+        ("make", "table"),
+        ("CadQuery", "height map"),
+    ),
 )
 def test_a_block_has_the_millimetres_of_the_file(way: str, name: str, tmp_path: Path) -> None:
     known, (make, tolerance_mm) = KNOWN[name], BLOCKS[way]

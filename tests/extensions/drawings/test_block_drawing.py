@@ -104,7 +104,6 @@ def test_lengths_have_two_decimals() -> None:
     assert [length(value) for value in (23.3, 30.0, 2.2849, -0.001, 0.15)] == ["23.3", "30", "2.28", "0", "0.15"]
 
 
-@pytest.mark.usefixtures("own_pdf_fonts")
 def test_files_of_every_format_are_complete_and_equal_on_every_run(tmp_path: Path) -> None:
     drawing = drawing_of("along one axis")
     heads = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}

@@ -175,6 +175,7 @@ def check_study(out: Path) -> None:
     assert stations <= {"a", "b"}
 
 
+@pytest.mark.long
 def test_two_stations_press_one_study_and_are_killed(tmp_path: Path) -> None:
     two_stations(tmp_path, kills=1, each=1, seed=5)
 

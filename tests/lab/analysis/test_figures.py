@@ -13,7 +13,6 @@ from tacbench_cad.lab.analysis.variance.figures import _panels
 from tacbench_cad.util.plotting import save_figure
 
 
-@pytest.mark.usefixtures("own_pdf_fonts")
 def test_text_in_a_pdf_file_can_be_searched(tmp_path: Path) -> None:
     with styled():
         figure = new_figure(3.0, 2.0)
