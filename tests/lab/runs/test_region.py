@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.frame_kinds import frames_of
 from helpers.lookalikes import LOOKS, Look, draw, gel
 
@@ -44,7 +45,7 @@ def test_a_gel_is_found() -> None:
     assert region.sureness >= SURE
 
 
-@pytest.mark.parametrize("kind", ["digit", "gelsight_mini", "gelsight_dots"])
+@pytest.mark.parametrize("kind", mostly_long(["digit", "gelsight_mini", "gelsight_dots"], "gelsight_mini"))
 def test_a_patch_of_light_is_no_dome(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frames = [shot.image for shot in frames_of(kind, 3, seed=4)]
     with pytest.raises(InputError, match="found no dome or gel in these frames; leave it out to use the whole frame"):

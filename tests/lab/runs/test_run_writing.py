@@ -448,7 +448,7 @@ with RunWriter.open(pathlib.Path({folder!r}), info) as writer:
 """
 
 
-@pytest.mark.parametrize("kills", [4, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kills", [2, pytest.param(200, marks=pytest.mark.long)])
 def test_kills_at_any_time_lose_nothing(kills: int, tmp_path: Path, make_info: Any) -> None:
     folder, seeded = tmp_path / "run", random.Random(4)
     (tmp_path / "info.json").write_text(json.dumps(make_info().as_dict()))
