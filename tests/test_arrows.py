@@ -40,7 +40,6 @@ STILL_UPWARDS = {
     "tacbench_cad.cli.make",
     "tacbench_cad.cli.rig",
     "tacbench_cad.cli.rig_wizard",
-    "tacbench_cad.cli.show",
     "tacbench_cad.cli.texture_part",
     "tacbench_cad.cli.variance",
     "tacbench_cad.geometry.textured.part",

@@ -58,6 +58,20 @@ def picture_format(path: Path) -> str:
     return path.suffix.lower().removeprefix(".")
 
 
+def require_single_picture(out: Path | None, count: int) -> None:
+    """Check that a chosen name of a picture names a single one.
+
+    Args:
+        out: The name; None if each picture gets its own.
+        count: The number of pictures.
+
+    Raises:
+        InputError: There are several pictures with one name.
+    """
+    if out is not None and count > 1:
+        raise InputError("out", str(out), f"is the name of one picture, but there are {count}; leave out --out")
+
+
 @contextlib.contextmanager
 def only_style(what: str, style: Mapping[str, Any]) -> Iterator[None]:
     """Use matplotlib's defaults with some changes in the body, and restore the user's settings afterwards.

@@ -56,7 +56,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["make", "--parts", "h"], ["holder"]),
         (["make", "--fit", ""], ["press", "slip", "loose"]),
         (["make", "--copies", ""], []),
-        (["show", "4", "--drawing", ""], ["block", "holder", "jig", "coupon"]),
+        (["draw", "4", "--part", ""], ["block", "holder", "jig", "coupon"]),
         (["view", "1,2", "ho"], ["holder"]),
         (["plate", "--printer", "ender"], ["ender-3", "ender-3-v3-se"]),
         (["plate", "--printer", "form-3", "--filament", ""], ["grey-v4"]),

@@ -1,4 +1,4 @@
-"""The command ``tacbench show`` writes a picture or a drawing to the given path."""
+"""The command ``tacbench show`` writes a picture to the given path."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_the_picture_is_written_to_the_given_path(tmp_path: Path, capsys: Captur
 
 FORMATS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 #: The options, and the endings of quick cases.
-KINDS = {"": (".png",), "--press": tuple(FORMATS), "--drawing": (".pdf",)}
+KINDS = {"": (".png",), "--press": tuple(FORMATS)}
 
 
 @pytest.mark.parametrize(
@@ -56,11 +56,7 @@ def test_press_gives_another_picture_with_another_name(tmp_path: Path, monkeypat
 def test_each_texture_has_its_own_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["show", "2,3"]) == 0
-    assert main(["show", "2,3", "--drawing"]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {
-        *(f"texture-{number}_paper_x1.png" for number in (2, 3)),
-        *(f"texture-{number}_paper_x1_drawing.pdf" for number in (2, 3)),
-    }
+    assert {path.name for path in tmp_path.iterdir()} == {f"texture-{number}_paper_x1.png" for number in (2, 3)}
 
 
 def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
@@ -68,49 +64,6 @@ def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
     file.write_text('[texture]\nname = "hex"\nfamily = "series"\nlaw = "square"\nN = 5\naxes = "x"\n')
     assert main(["show", str(file), "-o", str(tmp_path / "hex.png")]) == 0
     assert (tmp_path / "hex.png").is_file()
-
-
-def test_a_drawing_shows_the_part_that_make_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The options have the same meaning as for ``make``: the drawing has the name of the file that is printed."""
-    monkeypatch.chdir(tmp_path)
-    assert main(["show", "1", "--drawing", "--key", "4", "--scale", "1.5", "--label"]) == 0
-    assert (
-        main(
-            [
-                "make",
-                "--texture",
-                "1",
-                "--key",
-                "4",
-                "--scale",
-                "1.5",
-                "--label",
-                "--parts",
-                "blocks",
-                "--formats",
-                "stl",
-            ]
-        )
-        == 0
-    )
-    part = next((tmp_path / "stl_out").glob("*.stl")).stem
-    assert (tmp_path / f"{part}_drawing.pdf").read_bytes().startswith(b"%PDF")
-    assert main(["show", "1", "--drawing", "--press", "-o", "block.svg"]) == 0
-    assert main(["show", "1", "--drawing", "-o", "plain.svg"]) == 0
-    assert (tmp_path / "block.svg").read_bytes() != (tmp_path / "plain.svg").read_bytes()
-
-
-def test_the_same_option_draws_fixtures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("build123d", reason="fixtures need the extra cad")
-    monkeypatch.chdir(tmp_path)
-    for argv in (["holder", "--slots", "2", "--fit", "loose"], ["jig"], ["coupon"]):
-        assert main(["show", "1", "--drawing", *argv]) == 0
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {
-        "holder_paper_x1_slots2_fit0.3_drawing.pdf",
-        "jig_paper_x1_drawing.pdf",
-        "coupon_drawing.pdf",
-    }
 
 
 @pytest.mark.parametrize(
@@ -121,15 +74,6 @@ def test_the_same_option_draws_fixtures(tmp_path: Path, monkeypatch: pytest.Monk
         (["show", "1", "-o", "picture.stl"], "must end in .png, .pdf or .svg"),
         (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
         (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
-        (["show", "1", "--key"], "key = 3.0: is only for --drawing"),
-        (["show", "1", "--drawing", "--fit", "slip"], "fit = 'slip': is an option of holder, jig"),
-        (["show", "1", "--drawing", "jigg"], 'did you mean "jig"'),
-        (["show", "1", "--drawing", "-o", "block.stl"], "must end in .png, .pdf or .svg"),
-        (["show", "1", "--drawing", "-o", "nowhere/block.pdf"], "nowhere"),
-        (["show", "1,2", "--drawing", "-o", "both.pdf"], "is the name of one picture, but there are 2"),
-        (["show", "1", "--drawing", "jig", "--press"], "is only for the drawing of a block"),
-        (["show", "1", "--drawing", "--scale", "0"], "scale"),
-        (["show", "1", "--drawing", "--key", "0.2", "--size", "9,"], "size = '9,'"),
     ],
 )
 def test_wrong_input_is_one_line(
