@@ -21,12 +21,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.devices import Rig, open_rig
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.file import virtual_study

@@ -28,13 +28,12 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 from press_loop import Timed
 
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.extensions.watch.link import opened_page
 from tacbench_cad.lab.acquire.events import ProgressFile
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress, Several
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.devices import Rig, open_rig
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.presses import Press

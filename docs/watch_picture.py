@@ -26,8 +26,7 @@ stationary_frames = 2
 driver = "virtual-grbl"
 options = { speed = 30 }
 [gauge]
-driver = "serial"
-port = "virtual"
+driver = "virtual-serial"
 [sensor]
 driver = "simulated"
 """

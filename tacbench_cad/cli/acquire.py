@@ -8,20 +8,19 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
-from tacbench_cad.cli import options
+from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import ask_line, note, print_next, say_interrupted
-from tacbench_cad.util.errors import CheckFailedError, InputError, located
+from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError, located
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.extensions.watch.link import PageLink
     from tacbench_cad.lab.acquire.events import ProgressFile
+    from tacbench_cad.lab.acquire.interruption import RunInterruptedError
     from tacbench_cad.lab.acquire.person import Person
-    from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.study.file import StudyFile
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
@@ -35,8 +34,8 @@ _VIRTUAL = "With --virtual"
 @options.option("--texture", options.TEXTURE, "Texture of the block. Default: 1.", options.VIRTUAL_RIG)
 @options.option(
     "--driver",
-    options.text("NAME", "virtual-grbl", "virtual-marlin", "virtual-arm"),
-    "Virtual stage: virtual-grbl, virtual-marlin, or virtual-arm, which can turn the sensor. Default: virtual-grbl.",
+    options.text("NAME", complete=completing.of_simulated_stages),
+    "Driver of the simulated stage, for example virtual-grbl. Default: simulated.",
     options.VIRTUAL_RIG,
 )
 @options.option(
@@ -109,7 +108,7 @@ def command(
             raise InputError("virtual", str(study), "needs no file; leave out the file or --virtual")
         chosen = virtual_study(
             texture=texture or "1",
-            driver=driver or "virtual-grbl",
+            driver=driver or "simulated",
             speed=_VIRTUAL_SPEED if speed is None else speed,
             out=out,
         )
@@ -142,22 +141,20 @@ class _Page:
 
 def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     """Press the blocks of a study, check the runs, and report the outcome."""
-    from tacbench_cad.extensions.virtual_rig.devices import open_rig
     from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
     from tacbench_cad.lab.acquire.finish import Outcome, finishing
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
-    from tacbench_cad.lab.acquire.session import acquire_study, unfinished
+    from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
     from tacbench_cad.util.packages import require
 
     # Frames are stored with this package. Without it, no file must be written.
     require("acquire", "cv2")
     rig = chosen.required_rig
-    station = rig.stage.station
-    file = ProgressFile(folder, station)
+    file = ProgressFile(folder)
     person: Person = Typing(partial(ask_line, err=True), note)
-    receivers: list[PressProgress] = [ProgressLines(folder, station), file]
+    receivers: list[PressProgress] = [ProgressLines(folder), file]
 
     def end(outcome: Outcome) -> None:
         file.write("over", outcome=outcome.word, message=outcome.message)
@@ -179,7 +176,6 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
             folder,
             person=RecordedPerson(person, file),
             progress=Several(*receivers),
-            opener=open_rig,
             give_up=give_up,
         )
         for result in results:
@@ -188,17 +184,17 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
         faulty = [str(result.folder) for result in results if not check_run(result.folder).ok]
         if faulty:
             raise CheckFailedError(f"the runs are complete, but have faults: tacbench check-runs {shlex.join(faulty)}")
-    left = len(unfinished(chosen.study, rig, folder))
-    complete = counted(len(chosen.study.blocks) - left, "run")
-    click.echo(f"{complete} complete in {folder}" + (f", {left} not complete at other stations" if left else ""))
+    click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
 
 
-def _opened_page(page: _Page, folder: Path, file: ProgressFile, person: Person) -> AbstractContextManager[PageLink]:
-    from tacbench_cad.util.packages import require
+def _opened_page(page: _Page, folder: Path, file: ProgressFile, person: Person) -> AbstractContextManager[Any]:
+    """Open the page that an installed package has. It answers for the person, and receives the progress updates."""
+    from tacbench_cad.util.entries import entries, load
 
-    require("the page", "starlette", "uvicorn", "websockets")
-    from tacbench_cad.extensions.watch.link import opened_page
-
-    return opened_page(
+    pages = entries("tacbench.pages")
+    if not pages:
+        raise MissingToolError("no installed package has a page for acquire; leave out --page")
+    opened: AbstractContextManager[Any] = load(next(iter(pages.values())))(
         folder, port=page.port, host=page.host, browser=page.browser, file=file, terminal=person, say=note
     )
+    return opened

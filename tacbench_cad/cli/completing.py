@@ -86,6 +86,13 @@ def of_run_folders(ctx: click.Context, incomplete: str) -> Items:
     return items or of_folders(ctx, incomplete)
 
 
+def of_simulated_stages(ctx: click.Context, incomplete: str) -> Items:
+    """Offer the drivers of simulated stages."""
+    from tacbench_cad.lab.rig.drivers import simulated_stages
+
+    return of_words(*simulated_stages())(ctx, incomplete)
+
+
 def _paths(start: str, fits: Callable[[Path], bool]) -> Iterator[str]:
     """The paths that begin with ``start`` and fit."""
     folder, slash, name = start.rpartition("/")

@@ -292,9 +292,10 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     """
     from dataclasses import replace
 
-    from tacbench_cad.extensions.virtual_rig.devices import open_rig
-    from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+    from tacbench_cad.lab.acquire.interruption import RunInterruptedError
+    from tacbench_cad.lab.acquire.signals import Signals
     from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, TaughtMarkers, Teaching, corner_markers, store_frame
+    from tacbench_cad.lab.rig.devices import open_rig
     from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
     from tacbench_cad.lab.rig.reach import require_reach
     from tacbench_cad.lab.study.file import read_study

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tacbench_cad.cli.common import ask_line, note, print_lines, print_next
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import ProgressLines
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.template import write_template
 from tacbench_cad.lab.rig.camera_devices import STABLE_FOLDERS, cameras
+from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.ports import candidates
 from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.editing import store_keys
-from tacbench_cad.lab.study.file import VIRTUAL_STAGES, read_study
+from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.first_press import first_press
 from tacbench_cad.lab.study.names import own_name
 from tacbench_cad.util import door
@@ -71,13 +71,13 @@ def _block(path: Path) -> None:
 
 def _stage(path: Path) -> None:
     stage = _table(path, "stage")
-    if not stage.get("port") and stage["driver"] not in VIRTUAL_STAGES:
+    if not stage.get("port") and not find_driver("stage", stage["driver"]).simulated:
         ports = [port.name for port in candidates()]
         port = _chosen("the stage", ports, f"{_PRACTICE}: no hardware, to practise")
         if port == _PRACTICE:
-            frame = to_plain(VIRTUAL_STAGES["virtual-grbl"])
-            store_keys(path, "stage", {"driver": "virtual-grbl", "options": {"speed": _PRACTICE_SPEED}, **frame})
-            store_keys(path, "gauge", {"port": _PRACTICE})
+            frame = to_plain(find_driver("stage", "simulated").defaults)
+            store_keys(path, "stage", {"driver": "simulated", "options": {"speed": _PRACTICE_SPEED}, **frame})
+            store_keys(path, "gauge", {"driver": "simulated", "port": None})
             store_keys(path, "sensor", {"driver": "simulated", "exposure": None})
             return note("The stage, the load cell and the sensor are simulated.")
         store_keys(path, "stage", {"driver": _driver(port), "port": port})
@@ -116,7 +116,7 @@ def _gauge(path: Path, calibrate: Callable[[str, Path], None]) -> None:
         note(identify(port).identity)
         store_keys(path, "gauge", {"port": port})
     port = _table(path, "gauge")["port"]
-    if port == _PRACTICE or _table(path, "gauge").get("calibration"):
+    if _table(path, "gauge").get("calibration"):
         return
     if _ask("does the load cell send counts or newtons?", partial(_word, ("counts", "newtons"))) == "counts":
         file = path.with_name("gauge.json")
@@ -158,7 +158,6 @@ def _first_press(path: Path) -> None:
         folder,
         person=Typing(partial(ask_line, err=True), note),
         progress=ProgressLines(folder),
-        opener=open_rig,
     )
     (row,) = Run.open(folder / study.blocks[0].printed.name).rows
     measured = "" if row.measured_force_n is None else f" with {row.measured_force_n:.3f} N"

@@ -1,9 +1,9 @@
 """The names of :mod:`tacbench_cad.lab`, for type checkers and for its lazy loading alike."""
 
+from .acquire.interruption import RunInterruptedError as RunInterruptedError
 from .acquire.person import Person as Person
 from .acquire.person import Typing as Typing
 from .acquire.progress import Silent as Silent
-from .acquire.safety import RunInterruptedError as RunInterruptedError
 from .acquire.session import acquire_study as acquire_study
 from .acquire.template import write_template as write_template
 from .analysis.classification.classify import classify as classify

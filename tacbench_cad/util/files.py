@@ -145,13 +145,8 @@ class FolderInUseError(InputError):
     """Another process of this program writes to the folder."""
 
 
-def lock_name(user: str = "") -> str:
-    """Return the name of the file that locks a folder for a user; see :func:`locked`."""
-    return f"{LOCK_NAME}-{user}" if user else LOCK_NAME
-
-
 @contextlib.contextmanager
-def locked(folder: Path, user: str = "") -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Lock an output folder, so that no other process of this program writes to it. A missing folder is created.
 
     If the folder was created here and is still empty at the end, it is removed again.
@@ -161,8 +156,6 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
 
     Args:
         folder: The folder to write to.
-        user: The name of one of several users of the folder, each of whom has a lock of its own; empty for a single
-            user.
 
     Raises:
         FolderInUseError: Another process has locked the folder.
@@ -170,7 +163,7 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
     """
     from filelock import FileLock, Timeout
 
-    path = folder / lock_name(user)
+    path = folder / LOCK_NAME
     lock = FileLock(path)
     try:
         created = [level for level in (folder, *folder.parents) if not level.exists()]
@@ -194,7 +187,7 @@ def locked(folder: Path, user: str = "") -> Iterator[None]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete the temporary files of killed processes. Those of running processes, at any station, are kept."""
+    """Delete the temporary files of killed processes. Those of running processes are kept."""
     for leftover in _leftovers(folder, TEMPORARY_PREFIX):
         with contextlib.suppress(OSError):
             leftover.unlink()

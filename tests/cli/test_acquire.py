@@ -41,8 +41,7 @@ clearance_mm = 1.0
 driver = "virtual-grbl"
 options = { speed = 100.0 }
 [gauge]
-driver = "serial"
-port = "virtual"
+driver = "virtual-serial"
 [sensor]
 driver = "simulated"
 """
@@ -132,7 +131,7 @@ def test_ctrl_c_ends_with_130_and_the_run_can_be_resumed(tmp_path: Path) -> None
         (["--virtual"], "name the folder"),
         (["--virtual", "--out", "o", "--speed", "fast"], "must be a number"),
         (["--virtual", "--out", "o", "--speed", "0"], "must be from 0.1 to 1000"),
-        (["--virtual", "--out", "o", "--speed", "nan"], "must be from 0.1 to 1000"),
+        (["--virtual", "--out", "o", "--speed", "nan"], "must be a finite number"),
         (["--virtual", "--out", "o", "--driver", "grbl"], "virtual-grbl, virtual-marlin"),
         (["--virtual", "--out", "o", "--texture", "7"], "texture"),
     ],
@@ -168,7 +167,7 @@ def test_a_missing_device_is_named(tmp_path: Path, capsys: Capture) -> None:
     text = text.replace(
         "options = { speed = 100.0 }", "origin_mm = [80, 80, -60]\nlimits_mm = [[0, 200], [0, 200], [-100, 0]]"
     )
-    path.write_text(text.replace('port = "virtual"', 'port = "/dev/no-such-gauge"'))
+    path.write_text(text.replace('driver = "virtual-serial"', 'driver = "serial"\nport = "/dev/no-such-gauge"'))
     assert main(["acquire", str(path)]) in (2, 3)
     assert "/dev/no-such-port" in capsys.readouterr().err
 

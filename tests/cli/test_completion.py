@@ -60,7 +60,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["view", "1,2", "ho"], ["holder"]),
         (["plate", "--printer", "ender"], ["ender-3", "ender-3-v3-se"]),
         (["plate", "--printer", "form-3", "--filament", ""], ["grey-v4"]),
-        (["acquire", "--virtual", "--driver", ""], ["virtual-grbl", "virtual-marlin", "virtual-arm"]),
+        (["acquire", "--virtual", "--driver", ""], ["simulated", "virtual-grbl", "virtual-marlin"]),
         (["simulate", "--look", "tactip-"], ["tactip-bristol", "tactip-sussex"]),
         (["import-frames", "x", "--columns", "label=a,pr"], ["label=a,print=", "label=a,printer="]),
         (["classify", "r", "--protocol", ""], ["leak-free", "paper", "as-published"]),

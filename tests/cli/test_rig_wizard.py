@@ -47,7 +47,7 @@ def no_alignment(path: Path) -> None:
 
 
 @pytest.mark.usefixtures("rig_time")
-def test_from_nothing_to_the_first_press_on_the_virtual_rig(
+def test_from_nothing_to_the_first_press_on_the_simulated_rig(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "rig.toml"
@@ -76,7 +76,7 @@ def test_an_interrupted_wizard_continues_where_it_stopped(
     assert stored == {"texture": "4", "printer": "ender-3", "filament": ""}
     typed(monkeypatch, "pla-minus", "virtual")
     assert main(["rig", "wizard", str(path)]) == 2
-    assert tomllib.loads(path.read_text())["stage"]["driver"] == "virtual-grbl"
+    assert tomllib.loads(path.read_text())["stage"]["driver"] == "simulated"
 
 
 def test_five_wrong_answers_end_it_with_exit_code_2(

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from helpers.rigs import small_protocol
-from tacbench_cad.extensions.virtual_rig.arm import HOME_MM, VirtualArm
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage
 from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
+from tacbench_cad.lab.simulate.stage import HOME_MM, SimulatedStage
 from tacbench_cad.lab.study.spec import (
     Angles,
     GaugeSettings,
@@ -31,7 +31,7 @@ from tacbench_cad.spec.protocol import PressGrid
 #: A block that is turned by a quarter turn on the stage.
 ARM_RIG = RigSettings(
     stage=StageSettings(
-        driver="virtual-arm",
+        driver="simulated",
         origin_mm=(110.0, 80.0, 40.0),
         quarter_turns=1,
         limits_mm=((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)),
@@ -46,7 +46,7 @@ CLOCK = Clock(speed=10.0)
 _POSE = struct.Struct("6d")
 
 
-class LastingArm(VirtualArm):
+class LastingArm(SimulatedStage):
     """An arm that stays where it is when its program is killed. A file has its position and its angles.
 
     Args:

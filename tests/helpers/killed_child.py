@@ -1,6 +1,6 @@
 """A process that presses a block on test doubles, or on the virtual rig, until it is killed.
 
-python killed_child.py FOLDER SEED fakes|slides|rolls|virtual-grbl|virtual-marlin|station-NAME
+python killed_child.py FOLDER SEED fakes|slides|rolls|virtual-grbl|virtual-marlin
 """
 
 from __future__ import annotations
@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from helpers.arms import ARM_RIG, LastingArm, rig_of, turning_protocol
+from helpers.emulated import emulated_study
 from helpers.fakes import FakeSensor
-from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
+from helpers.rigs import FakeRig, info_of, printed, small_protocol
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import Signals
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.rotation import UPRIGHT
 from tacbench_cad.lab.study.spec import Protocol
 
@@ -60,27 +59,10 @@ def rolling(folder: Path) -> None:
 
 def on_virtual_rig(folder: Path, driver: str) -> None:
     """Press a block through a driver and a pseudo-terminal."""
-    chosen = virtual_study(driver=driver, speed=100.0, out=folder)
+    chosen = emulated_study(driver, speed=100.0, out=folder)
     print("ready", flush=True)
     person = Typing(lambda prompt: "", lambda message: None)
-    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent(), opener=open_rig)
-
-
-def at_station(folder: Path, seed: int, station: str) -> None:
-    """Press a study of six blocks on test doubles, as one of several stations."""
-    doubles = FakeRig()
-    doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
-    protocol = small_protocol(repeats=2, stationary_frames=1)
-    person = Typing(lambda prompt: prompt.partition("(")[2].partition(")")[0], lambda message: None)
-    print("ready", flush=True)
-    acquire_study(
-        study_of(protocol, *range(1, 7)),
-        rig_settings(station=station),
-        folder,
-        person=person,
-        progress=Silent(),
-        opener=doubles.opener,
-    )
+    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent())
 
 
 if __name__ == "__main__":
@@ -90,8 +72,6 @@ if __name__ == "__main__":
         sliding(Path(sys.argv[1]), int(sys.argv[2]))
     elif sys.argv[3] == "rolls":
         rolling(Path(sys.argv[1]))
-    elif sys.argv[3].startswith("station-"):
-        at_station(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].removeprefix("station-"))
     else:
         on_virtual_rig(Path(sys.argv[1]), sys.argv[3])
     print("done", flush=True)

@@ -21,7 +21,7 @@ from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing
 from tacbench_cad.extensions.exchange.importing.authors import _options_of as authors_options
 from tacbench_cad.extensions.exchange.publishing.publication import Author, Publication
 from tacbench_cad.extensions.markers.markers import MarkerSettings
-from tacbench_cad.extensions.virtual_rig import devices
+from tacbench_cad.extensions.virtual_rig import drivers
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.touch import taught
@@ -83,10 +83,9 @@ def klipper(url: str) -> object:
 
 def launched(speed: float) -> object:
     """Prepare a virtual rig without starting it."""
-    settings = rig_settings()
-    stage = replace(settings.stage, driver="virtual-grbl", options={"speed": speed})
-    with mock.patch.object(devices, "launch", side_effect=AttributeError):
-        return past(lambda rig: devices.LaunchedStage(rig))(replace(settings, stage=stage))
+    stage = replace(rig_settings().stage, driver="virtual-grbl", options={"speed": speed})
+    with mock.patch.object(drivers, "launch", side_effect=AttributeError):
+        return past(lambda settings: drivers.GRBL.open(settings, Context()))(stage)
 
 
 def publication(**values: Any) -> Publication:
@@ -315,7 +314,7 @@ ROWS: Rows = {
             },
         )
     ],
-    "extensions.virtual_rig.devices:LaunchedStage.__init__": lambda _: [Offer(attempt=launched, wrong=0.0)],
+    "extensions.virtual_rig.drivers:_speed": lambda _: [Offer(attempt=launched, wrong=0.0)],
     "extensions.virtual_rig.setup:Setup.board": lambda _: [
         Offer(attempt=past(partial(board, kind)), wrong="xyz", later="must be")
         for kind in ("grbl", "grblhal", "marlin", "arduino")

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 import serial
 
-from tacbench_cad.extensions.virtual_rig import devices, process, server
+from tacbench_cad.extensions.virtual_rig import drivers, process, server
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.lab.rig import line
 from tacbench_cad.lab.rig.errors import DeviceLostError
@@ -236,7 +236,7 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     monkeypatch.setattr(line, "time", waiting)
     monkeypatch.setattr(line, "POLL_S", line.WAIT_S)
     monkeypatch.setattr(server, "Pty", MemoryPort)
-    for module in (process, devices):
+    for module in (process, drivers):
         monkeypatch.setattr(module, "launch", launch)
     monkeypatch.setattr(serial, "serial_for_url", opened)
     return fake

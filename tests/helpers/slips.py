@@ -12,7 +12,7 @@ from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, printed, small_protocol
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import Signals
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, RigError, SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame

@@ -16,8 +16,7 @@ grid = { x_mm = [5, 8], y_mm = [19] }
 driver = "virtual-grbl"
 options = { speed = 50 }
 [gauge]
-driver = "serial"
-port = "virtual"
+driver = "virtual-serial"
 [sensor]
 driver = "simulated"
 """

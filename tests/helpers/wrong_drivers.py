@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.simulate.stage import SimulatedStage
 from tacbench_cad.lab.study.spec import Angles
 
 Point = tuple[float, float, float]
@@ -166,7 +166,7 @@ class NoIdentity(GoodStage):
         self.identity = ""
 
 
-class TurnsAboutItsFlange(VirtualArm):
+class TurnsAboutItsFlange(SimulatedStage):
     """Turns about a point far above the summit, as an arm whose tool centre point is not set."""
 
     def turn(
@@ -175,7 +175,7 @@ class TurnsAboutItsFlange(VirtualArm):
         return super().turn(angles_deg, speed_deg_s, above_mm=above_mm + 30.0, by_mm=by_mm)
 
 
-class TurnsInRadians(VirtualArm):
+class TurnsInRadians(SimulatedStage):
     """Takes the angles as radians."""
 
     def turn(
@@ -185,7 +185,7 @@ class TurnsInRadians(VirtualArm):
         return super().turn((x, y, z), math.degrees(speed_deg_s), above_mm=above_mm, by_mm=by_mm)
 
 
-class TurnsUprightInMoves(VirtualArm):
+class TurnsUprightInMoves(SimulatedStage):
     """Turns the sensor back when it moves."""
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
@@ -193,7 +193,7 @@ class TurnsUprightInMoves(VirtualArm):
         return super().move(target_mm, speed_mm_s)
 
 
-class TurnsAtOnce(VirtualArm):
+class TurnsAtOnce(SimulatedStage):
     """Returns when the turn has begun."""
 
     def turn(
@@ -204,8 +204,8 @@ class TurnsAtOnce(VirtualArm):
 
 
 #: Each stage that turns the sensor, with the beginning of its fault; none for the arm itself.
-TURNING: dict[type[VirtualArm], str] = {
-    VirtualArm: "",
+TURNING: dict[type[SimulatedStage], str] = {
+    SimulatedStage: "",
     TurnsAboutItsFlange: "a turn about the summit around y left the summit 2.6",
     TurnsInRadians: "a turn about the summit around y",
     TurnsUprightInMoves: "a turn about the summit around y was undone by a move",

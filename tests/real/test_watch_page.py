@@ -44,8 +44,7 @@ stationary_frames = 1
 driver = "virtual-grbl"
 options = { speed = SPEED }
 [gauge]
-driver = "serial"
-port = "virtual"
+driver = "virtual-serial"
 [sensor]
 driver = "simulated"
 """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from click.exceptions import Exit
@@ -95,54 +95,43 @@ def _checked(
     """Open the device and check it. An exception of the driver while it is opened is a failed check."""
     from tacbench_cad.extensions.conformance.checks import Check, check_gauge, check_sensor
     from tacbench_cad.extensions.conformance.stage import check_stage
-    from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
-    from tacbench_cad.extensions.virtual_rig.process import launch
     from tacbench_cad.lab.rig.clock import Clock
-    from tacbench_cad.lab.rig.drivers import open_device
+    from tacbench_cad.lab.rig.drivers import find_driver, open_device
     from tacbench_cad.lab.rig.registry import Context
-    from tacbench_cad.lab.study.file import VIRTUAL_STAGES
-    from tacbench_cad.lab.study.spec import VIRTUAL_ARM, GaugeSettings, SensorSettings, StageSettings
+    from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
     from tacbench_cad.util.convert import from_plain
 
-    clock, table = Clock(), dict(values)
-    with ExitStack() as stack:
-        settings: StageSettings | GaugeSettings | SensorSettings
-        if kind == "stage":
-            table = {"driver": driver, **VIRTUAL_STAGES.get(driver, {}), **table}
-            settings = from_plain(StageSettings, table, "[stage] ")
-            if settings.is_virtual and driver != VIRTUAL_ARM:
-                clock = Clock(speed=float(settings.options.get("speed", 1.0)))
-                rig = stack.enter_context(launch(driver.removeprefix("virtual-"), speed=clock.speed))
-                settings = from_plain(StageSettings, {**table, "port": rig.port}, "[stage] ")
-        elif kind == "gauge":
-            settings = from_plain(GaugeSettings, {"driver": driver, **table}, "[gauge] ")
+    clock, table, found = Clock(), dict(values), find_driver(kind, driver)
+    settings: StageSettings | GaugeSettings | SensorSettings
+    if kind == "stage":
+        settings = from_plain(StageSettings, {"driver": driver, **found.defaults, **table}, "[stage] ")
+    elif kind == "gauge":
+        settings = from_plain(GaugeSettings, {"driver": driver, **table}, "[gauge] ")
+    else:
+        device = {key: table.pop(key) for key in ("device", "channels") if key in table}
+        settings = from_plain(SensorSettings, {"driver": driver, **device, "options": table}, "[sensor] ")
+    try:
+        opened = open_device(kind, settings, Context(clock=clock), guarded=False)
+    except TacbenchError:
+        raise
+    except Exception as error:
+        detail = f"raised {type(error).__name__} instead of a RigError: {one_line(error, 120)}"
+        return (Check(name="open", result="failed", detail=detail),)
+    if isinstance(settings, StageSettings):
+        if found.simulated:
+            clock = opened.clock
         else:
-            device = {key: table.pop(key) for key in ("device", "channels") if key in table}
-            settings = from_plain(SensorSettings, {"driver": driver, **device, "options": table}, "[sensor] ")
-        if isinstance(settings, StageSettings) and driver == VIRTUAL_ARM:
-            arm = VirtualArm.open(settings)
-            return check_stage(arm, settings.limits_mm, arm.clock, beyond_mm=beyond)
-        simulated = f"stage ({driver})" if driver.startswith("virtual-") else ""
-        try:
-            opened = open_device(kind, settings, Context(clock=clock, simulated=simulated), guarded=False)
-        except TacbenchError:
-            raise
-        except Exception as error:
-            detail = f"raised {type(error).__name__} instead of a RigError: {one_line(error, 120)}"
-            return (Check(name="open", result="failed", detail=detail),)
-        if isinstance(settings, StageSettings):
-            if not settings.is_virtual:
-                try:
-                    ask_line("The stage will be homed and moved. Remove block and sensor, then press Enter: ", err=True)
-                except BaseException:
-                    with suppress(Exception):
-                        opened.close()
-                    raise
-            return check_stage(opened, settings.limits_mm, clock, beyond_mm=beyond)
-        if kind == "gauge":
-            load = None if mass_g is None else _ask_for_mass
-            return check_gauge(opened, clock, load=load, mass_g=mass_g or 100.0)
-        return check_sensor(opened, clock, getattr(settings, "channels", None))
+            try:
+                ask_line("The stage will be homed and moved. Remove block and sensor, then press Enter: ", err=True)
+            except BaseException:
+                with suppress(Exception):
+                    opened.close()
+                raise
+        return check_stage(opened, settings.limits_mm, clock, beyond_mm=beyond)
+    if kind == "gauge":
+        load = None if mass_g is None else _ask_for_mass
+        return check_gauge(opened, clock, load=load, mass_g=mass_g or 100.0)
+    return check_sensor(opened, clock, getattr(settings, "channels", None))
 
 
 def _ask_for_mass(mass_g: float) -> None:
@@ -153,10 +142,7 @@ def _ask_for_mass(mass_g: float) -> None:
 def _kind_of(driver: str) -> Kind:
     """Return the kind of device of a driver: by its name, or by the methods of the class."""
     from tacbench_cad.lab.rig import plugin, registry
-    from tacbench_cad.lab.study.spec import StageSettings
 
-    if driver in StageSettings.VIRTUAL:
-        return "stage"
     fitting: list[Kind] = [kind for kind in registry.GROUPS if driver in registry.drivers(kind)]
     if plugin.is_plugin(driver):
         loaded = plugin.load(driver)
@@ -164,9 +150,7 @@ def _kind_of(driver: str) -> Kind:
         fitting = [kind for kind, method in methods.items() if hasattr(loaded, method)][:1]
     elif not fitting:
         known = ", ".join(name for kind in registry.GROUPS for name in registry.drivers(kind))
-        raise InputError(
-            "driver", driver, f"is not a driver; allowed: {', '.join((known, *StageSettings.VIRTUAL))}, module:name"
-        )
+        raise InputError("driver", driver, f"is not a driver; allowed: {known}, module:name")
     if len(fitting) != 1:
         raise InputError("kind", None, f"is required for {driver}: stage, gauge or sensor")
     return fitting[0]

@@ -2,15 +2,14 @@
 
 Import the names from this package. Each is loaded at its first use::
 
-    from tacbench_cad.extensions.virtual_rig import Fault, launch, open_rig
+    from tacbench_cad.extensions.virtual_rig import Fault, launch
 
-* :func:`launch` starts a virtual rig (:class:`VirtualRig`), which accepts each :class:`Fault`;
-* :func:`open_rig` opens any combination of real, virtual and simulated devices.
+* :func:`launch` starts a virtual rig (:class:`VirtualRig`), which accepts each :class:`Fault`.
 
 The modules inside: ``machine`` moves a carriage in rig time; ``grbl``, ``marlin`` and ``arduino`` are state machines
 with bytes as input and output; ``board`` connects one to a serial line of a given speed and applies ``faults``;
 ``loadcell`` sends samples; ``server`` and ``transport`` provide pseudo-terminals or TCP ports; ``process`` starts the
-process. ``arm`` is a simulated arm without firmware, which can turn the sensor.
+process. ``drivers`` are the drivers ``virtual-grbl``, ``virtual-marlin`` and ``virtual-serial`` of study files.
 """
 
 import lazy_loader

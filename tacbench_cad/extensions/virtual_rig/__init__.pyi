@@ -1,6 +1,5 @@
 """The names of :mod:`tacbench_cad.extensions.virtual_rig`, for type checkers and for its lazy loading alike."""
 
-from .devices import open_rig as open_rig
 from .faults import Fault as Fault
 from .process import VirtualRig as VirtualRig
 from .process import launch as launch

@@ -12,18 +12,10 @@ from tacbench_cad.util.errors import InputError
 
 @options.command("watch", "Press")
 @options.argument("runs", options.file("RUNS", of_run_folders), "Run folder, or folder with run folders.")
-@options.option(
-    "--station",
-    options.text("NAME"),
-    "Show the session of this rig, if several rigs write to the folder.",
-    options.INPUT,
-    default="",
-    show_default=False,
-)
 @options.host
 @options.port
 @options.no_browser
-def command(runs: Path, station: str, host: str, port: int, no_browser: bool) -> None:
+def command(runs: Path, host: str, port: int, no_browser: bool) -> None:
     """Show runs in the browser, also while they are recorded.
 
     The page shows the newest frame and its reference, the displacement of the markers, the force against the depth, the
@@ -47,7 +39,6 @@ def command(runs: Path, station: str, host: str, port: int, no_browser: bool) ->
 
     watch(
         runs,
-        station,
         port=port,
         host=host,
         browser=not no_browser,

@@ -22,6 +22,7 @@ from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError, MissingToolError, one_line
+from tacbench_cad.util.packages import require
 
 #: The longest time until the page has an address, and from the end of the run to the end of the page's process, in s.
 START_S, END_S = 60.0, 10.0
@@ -193,6 +194,7 @@ def opened_page(
         InputError: The address or the port cannot be used.
         MissingToolError: The process could not be started.
     """
+    require("the page", "starlette", "uvicorn", "websockets")
     # In a session of its own, the process does not get the Ctrl-C of the terminal.
     process = subprocess.Popen(
         [sys.executable, "-P", "-c", _PROGRAM.format(path=sys.path)],
@@ -205,8 +207,7 @@ def opened_page(
     )
     link = PageLink(process, file, terminal, say)
     try:
-        where = {"folder": str(folder.absolute()), "station": file.station}
-        settings = {**where, "port": port, "host": host, "browser": browser}
+        settings = {"folder": str(folder.absolute()), "port": port, "host": host, "browser": browser}
         assert process.stdin is not None
         process.stdin.write(json.dumps(settings) + "\n")
         process.stdin.flush()

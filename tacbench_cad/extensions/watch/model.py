@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.markers.displacements import MIN_FOUND, MarkerFeatures
-from tacbench_cad.lab.acquire.events import KEPT_PRESSES, Progress, ProgressReader, progress_name
+from tacbench_cad.lab.acquire.events import KEPT_PRESSES, PROGRESS_FILE, Progress, ProgressReader
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.checking import Finding, check_run
 from tacbench_cad.lab.runs.reading import Run, find_runs
@@ -25,7 +25,7 @@ from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, REFERENCES_FILE, RUN_FILE, TARGETS_FILE, Row
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
-from tacbench_cad.util.files import lock_name
+from tacbench_cad.util.files import LOCK_NAME
 
 #: The shortest time between two searches for run folders, in s.
 SEARCH_S = 2.0
@@ -93,16 +93,15 @@ class Watched:
 
     Args:
         folder: A run folder, or a folder that contains run folders. It may be missing until the first run begins.
-        station: The name of the rig whose session is shown, if several rigs write to the folder.
         now_s: Returns a time in seconds that never decreases.
     """
 
-    def __init__(self, folder: Path, station: str = "", *, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, folder: Path, *, now_s: Callable[[], float] = time.monotonic) -> None:
         is_run = (folder / RUN_FILE).is_file()
         self.folder = folder
         self.root = folder.parent if is_run else folder
-        self._lock = self.root / lock_name(station)
-        self._reader = ProgressReader(self.root / progress_name(station))
+        self._lock = self.root / LOCK_NAME
+        self._reader = ProgressReader(self.root / PROGRESS_FILE)
         self._now_s = now_s
         self._runs: dict[str, _Shown] = {}
         self._searched_s = -math.inf

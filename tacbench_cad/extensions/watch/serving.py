@@ -29,7 +29,6 @@ LAST_S = 5.0 * LOOK_S
 
 def watch(
     folder: Path,
-    station: str = "",
     *,
     port: int,
     host: str,
@@ -42,7 +41,6 @@ def watch(
 
     Args:
         folder: A run folder, or a folder of run folders.
-        station: The name of the rig whose session is shown, if several rigs write to the folder.
         port: The port; 0 for a free one.
         host: The address on which the server listens.
         browser: Whether the page is opened in the browser.
@@ -56,7 +54,7 @@ def watch(
     with contextlib.suppress(AttributeError, OSError):  # Windows has no niceness
         os.nice(NICENESS)
     _use_one_thread()
-    page = WatchPage(Watched(folder, station), order)
+    page = WatchPage(Watched(folder), order)
     where: dict[str, Any] = {"port": port, "host": host, "browser": browser}
     serve(page.routes, **where, announce=announce, end=end, has_buttons=order is not None)
 
@@ -93,7 +91,6 @@ def _serve(channel: TextIO) -> None:
     try:
         watch(
             Path(settings["folder"]),
-            settings["station"],
             port=settings["port"],
             host=settings["host"],
             browser=settings["browser"],

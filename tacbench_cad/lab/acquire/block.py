@@ -12,9 +12,11 @@ from typing import Literal
 import numpy as np
 
 from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError, Signals
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slide import Slider, TooFewFramesError
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught

@@ -34,22 +34,16 @@ KEPT_PRESSES, KEPT_MESSAGES, KEPT_INTERVALS = 10, 20, 30
 _MAX_READ, _MAX_LINE = 4_000_000, 100_000
 
 
-def progress_name(station: str = "") -> str:
-    """Return the name of the progress file of a station; :data:`PROGRESS_FILE` for the only one."""
-    return PROGRESS_FILE.replace(".", f"-{station}.") if station else PROGRESS_FILE
-
-
 class ProgressFile(PressProgress):
     """Writes the events of a session to :data:`PROGRESS_FILE`. A failed write does not stop the run.
 
     Args:
         out: The folder of the runs.
-        station: The name of the rig, if several rigs write to the folder.
         time_s: Returns the time in seconds since 1970.
     """
 
-    def __init__(self, out: Path, station: str = "", *, time_s: Callable[[], float] = time.time) -> None:
-        self.station, self.path = station, out / progress_name(station)
+    def __init__(self, out: Path, *, time_s: Callable[[], float] = time.time) -> None:
+        self.path = out / PROGRESS_FILE
         self._time_s = time_s
         self._stream: BinaryIO | None = None
 

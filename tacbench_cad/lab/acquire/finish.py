@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from tacbench_cad.lab.acquire.safety import RunInterruptedError
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError, one_line
 
 #: The words for the exit codes of other errors.

@@ -46,8 +46,8 @@ class PressProgress:
 
         Args:
             press: The press.
-            check: Raises :class:`~tacbench_cad.lab.acquire.safety.RunInterruptedError` if a signal came. A method that
-                waits calls it again and again.
+            check: Raises :class:`~tacbench_cad.lab.acquire.interruption.RunInterruptedError` if a signal came. A method
+                that waits calls it again and again.
         """
 
     def felt(self, z_mm: float, force_n: float) -> None:
@@ -132,7 +132,6 @@ class ProgressLines(PressProgress):
 
     Args:
         out: The folder of the runs. The last image is copied there as ``last.png``, for a viewer that shows one file.
-        station: The name of the rig, if several rigs write to the folder. The copy is then ``last-STATION.png``.
         stream: The output stream; None for the standard error.
         now_s: Returns a time in seconds that never decreases.
     """
@@ -140,12 +139,11 @@ class ProgressLines(PressProgress):
     def __init__(
         self,
         out: Path,
-        station: str = "",
         *,
         stream: TextIO | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.last = out / (f"last-{station}.png" if station else "last.png")
+        self.last = out / "last.png"
         self.stream = stream if stream is not None else sys.stderr
         self.now_s = now_s
         self._over = self.stream.isatty()

@@ -1,4 +1,4 @@
-"""Protection of sensor and block: limits on every move, the lift after a failure, and signals.
+"""Protection of sensor and block: limits on every move, and the lift after a failure.
 
 In the press loop only the carriage moves the stage. It uses the work frame, where z = 0 is the block's highest point.
 """
@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from types import FrameType
-from typing import Any, cast
+from typing import cast
 
-from tacbench_cad.lab.acquire.rescue import Listener, leave, waiting_place
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError, undisturbed
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
 from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage, Stage, home_again
@@ -30,7 +28,6 @@ from tacbench_cad.lab.study.rotation import (
     lowest,
 )
 from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, Protocol, WorkFrame, plus
-from tacbench_cad.util.text import counted
 
 #: The allowed distance of a reported height below the depth limit, in mm, for firmware that rounds to micrometres.
 ROUNDING_MM = 0.002
@@ -40,44 +37,8 @@ BACK_DEG_S = 10.0
 RETRY_S = 60.0
 #: The pause between two attempts, in s.
 RETRY_PAUSE_S = 1.0
-#: The time in s that the main thread has to handle a signal before another thread stops the stage.
-HANDLER_S = 0.02
-#: The time in s that the thread of the run has to notice a signal before another thread lifts the sensor.
-GRACE_S = 0.5
 #: The longest wait for a device after a signal, in s.
 DEVICE_S = 10.0
-#: The longest wait for the end of a lift after a second signal, in s.
-LIFT_S = 20.0
-
-
-class RunInterruptedError(KeyboardInterrupt):
-    """A signal ended a run, which can be resumed.
-
-    Attributes:
-        signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
-        lifted: Whether the sensor is lifted off the block; None if this is unknown, because no block was pressed yet.
-        gave_up: The call of a device that did not return and was given up; empty if there is none.
-        saved: The number of saved presses of the study.
-        planned: The number of presses of the study.
-    """
-
-    def __init__(self, signal: str) -> None:
-        super().__init__(signal)
-        self.signal, self.gave_up = signal, ""
-        self.lifted: bool | None = True
-        self.saved = self.planned = 0
-
-    def __str__(self) -> str:
-        saved = f"{self.saved} of {counted(self.planned, 'press')} are saved"
-        if self.gave_up:
-            saved += f"; gave up {self.gave_up}, which did not return"
-        if getattr(self, "__notes__", ()):
-            # The note says what became of the stage, whose homing was interrupted.
-            return saved
-        if self.lifted is None:
-            return f"{saved}; look whether the sensor is lifted" if self.gave_up else saved
-        sensor = "the sensor is lifted" if self.lifted else "the sensor was NOT lifted: lift it by hand"
-        return f"{sensor}; {saved}"
 
 
 @dataclass(eq=False)
@@ -330,7 +291,7 @@ class Carriage:
         home = [self._home_and_rise] if self.may_home else []
         ways = [*home, self._lift_more, self._rise] if slipped else [self._rise, self._rise, *home]
         self.lifted = False
-        say, until, again = _safe(say), time.monotonic() + RETRY_S, False
+        say, until, again = undisturbed(say), time.monotonic() + RETRY_S, False
         try:
             with self._retreat():
                 while failed := _first_of(ways):
@@ -374,7 +335,7 @@ class Carriage:
             self.lifted = True
         except BaseException as error:
             self.noticed.set()
-            say = _safe(say)
+            say = undisturbed(say)
             if text := self.retreat(slipped=isinstance(error, ContactError), say=say) or self._made_upright():
                 say(text)
             if isinstance(error, RunInterruptedError):
@@ -451,16 +412,6 @@ class Carriage:
         self.check()
 
 
-def _safe(say: Callable[[str], None]) -> Callable[[str], None]:
-    """Return a function that passes a message on. An error of the receiver must not prevent the lift."""
-
-    def tell(message: str) -> None:
-        with contextlib.suppress(Exception):
-            say(message)
-
-    return tell
-
-
 def _first_of(ways: Sequence[Callable[[], None]]) -> list[RigError]:
     """Lift in the first way that succeeds; return the errors if none does."""
     errors: list[RigError] = []
@@ -472,140 +423,3 @@ def _first_of(ways: Sequence[Callable[[], None]]) -> list[RigError]:
         else:
             return []
     return errors
-
-
-class Signals:
-    """Turns SIGINT, SIGTERM and SIGHUP into an orderly end.
-
-    While a block is pressed, the signals go to the carriage, which stops. At other times (a question to the user, the
-    opening of devices) they raise :class:`RunInterruptedError` at once. Outside the main thread, no signal is handled.
-
-    If the main thread does not return from a device, another thread lifts the sensor after the first signal. The second
-    signal, or a time limit, gives the device up: if no exception can reach the main thread, the process ends.
-
-    Args:
-        give_up: Called in another thread before the process ends, with the interruption.
-    """
-
-    def __init__(self, give_up: Callable[[RunInterruptedError], None] = lambda error: None) -> None:
-        self._give_up, self._leaving = give_up, threading.Lock()
-        self._carriage: Carriage | None = None
-        self._say: Callable[[str], None] = lambda message: None
-        self._ignoring: object = None
-        self._previous: dict[int, Any] = {}
-        self._listening = contextlib.ExitStack()
-        #: Whether the sensor was lifted at the end of the last block; None before the first one.
-        self._lifted: bool | None = None
-        #: The number of signals that the main thread has handled, and this number when the carriage was given.
-        self._handled = self._first = 0
-        self._left = threading.Event()
-
-    def __enter__(self) -> Signals:
-        if threading.current_thread() is threading.main_thread():
-            names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-            for number in (getattr(signal, name) for name in names):
-                self._previous[number] = signal.signal(number, self._caught)
-            self._listening.enter_context(Listener(self._previous, self._heard))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._listening.close()
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-        self._previous.clear()
-
-    @contextlib.contextmanager
-    def sent_to(self, carriage: Carriage, say: Callable[[str], None] = lambda message: None) -> Iterator[None]:
-        """Send the signals to a carriage while the body runs.
-
-        Args:
-            carriage: The carriage.
-            say: Receives a message if the main thread does not return from a device.
-        """
-        self._carriage, self._say, self._first = carriage, _safe(say), self._handled
-        carriage.go_on()
-        self._left.clear()
-        try:
-            yield
-        finally:
-            self._carriage, self._lifted = None, carriage.lifted
-            self._left.set()
-
-    @contextlib.contextmanager
-    def raised(self) -> Iterator[None]:
-        """Raise signals at once while the body asks the person. The sensor must be lifted."""
-        carriage, self._carriage = self._carriage, None
-        try:
-            yield
-        finally:
-            self._carriage = carriage
-
-    @contextlib.contextmanager
-    def ignored(self) -> Iterator[None]:
-        """Ignore the signals while the body lifts the sensor, but not for ever."""
-        self._ignoring = object()
-        try:
-            yield
-        finally:
-            self._ignoring = None
-
-    def _caught(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal in the main thread."""
-        name, carriage = signal.Signals(number).name, self._carriage
-        self._handled += 1
-        if self._ignoring:
-            return
-        if carriage is None:
-            error = RunInterruptedError(name)
-            error.lifted = self._lifted
-            raise error
-        carriage.interrupt(name)
-        if self._handled > self._first + 1 and not carriage.noticed.is_set() and not carriage.is_in_use:
-            error = RunInterruptedError(name)
-            error.gave_up = waiting_place(frame)
-            raise error
-
-    def _heard(self, name: str, before: int) -> None:
-        """Handle a signal in a thread of its own, since the main thread may not return from a call.
-
-        Args:
-            name: The signal.
-            before: The number of signals before it.
-        """
-        carriage, first = self._carriage, self._first
-        ignoring = self._ignoring
-        if before < first:
-            return
-        time.sleep(HANDLER_S)
-        if carriage is not None and self._handled <= before:
-            carriage.interrupt(name)
-        if ignoring is not None:
-            time.sleep(RETRY_S)
-            if self._ignoring is not ignoring:
-                return
-        elif carriage is None:
-            time.sleep(GRACE_S if before else DEVICE_S)
-            if self._handled > before:
-                return
-        elif before == first:
-            if carriage.noticed.wait(GRACE_S) or first != self._first:
-                return
-            lifted = carriage.rescue() or "the sensor is lifted"
-            if not carriage.noticed.is_set():
-                self._say(f"{lifted}; waiting {DEVICE_S:g} s for {waiting_place()}; another Ctrl-C gives it up")
-            if carriage.noticed.wait(DEVICE_S):
-                return
-        elif carriage.noticed.wait(GRACE_S):
-            # The main thread lifts the sensor or checks the position, and then ends.
-            if self._left.wait(LIFT_S):
-                return
-        else:
-            carriage.rescued.wait(LIFT_S)
-        if self._leaving.acquire(blocking=False):
-            error = RunInterruptedError(name)
-            error.lifted = self._lifted if carriage is None else carriage.lifted
-            error.gave_up = waiting_place()
-            try:
-                self._give_up(error)
-            finally:
-                leave()

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
-from tacbench_cad.lab.rig.drivers import cannot_turn, require_turning
+from tacbench_cad.lab.rig.drivers import cannot_turn, find_driver, require_turning
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.reach import require_reach
 from tacbench_cad.lab.rig.stage import can_turn
@@ -27,13 +27,11 @@ from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
-from tacbench_cad.util.files import FolderInUseError, locked, write_text
+from tacbench_cad.util.files import locked, write_text
 from tacbench_cad.util.text import counted
 
 #: The file in a run folder with the heights of first touch that a person taught.
 TAUGHT_FILE = "touch.toml"
-#: The user of the lock with which a station claims a run folder. While it presses, the writer of the run has its own.
-CLAIM = "claim"
 
 Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[Rig]]
 
@@ -101,9 +99,6 @@ def acquire_study(
 ) -> tuple[BlockResult, ...]:
     """Press every block of a study that is not complete yet.
 
-    Several stations can press one study into one folder at the same time: each claims a block before it presses it, and
-    continues only the runs that it has begun itself.
-
     The person puts in as many blocks at a time as the stage has slots. The devices stay open from block to block.
     The person is not asked if stage and sensor are both simulated, unless the person is always asked.
 
@@ -132,19 +127,18 @@ def acquire_study(
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
     blocks = places(study, rig, out)
-    station = rig.stage.station
 
     def leave(error: RunInterruptedError) -> None:
         error.saved, error.planned = _saved(blocks), study.presses
         give_up(error)
 
-    with Signals(leave) as signals, locked(out, station), _counting(study, blocks), ExitStack() as devices:
+    with Signals(leave) as signals, locked(out), _counting(study, blocks), ExitStack() as devices:
         left = [place for place in blocks if not _finished(rig, place)]
         if len(left) < len(blocks):
             progress.say(f"complete: {len(blocks) - len(left)} of {counted(len(blocks), 'block')}")
         progress.start(study, _saved(blocks))
         opened: Rig | None = None
-        for tray in devices.enter_context(closing(_trays(rig, left))):
+        for tray in _trays(left):
             taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
             for place in tray:
                 if opened is None:
@@ -160,16 +154,7 @@ def acquire_study(
                     press_block, signals=signals, progress=progress, durable=durable, confirm=person.press_anyway
                 )
                 results.append(press(opened, info, place.folder, taught_mm=heights))
-        pressed = {result.folder for result in results}
-        others = sum(not _finished(rig, place) for place in left if place.folder not in pressed)
-        if others:
-            progress.say(f"not complete: {counted(others, 'block')}, which other stations press or have begun")
     return tuple(results)
-
-
-def unfinished(study: Study, rig: RigSettings, out: Path) -> tuple[str, ...]:
-    """Return the names of the blocks whose runs are not complete, at any station."""
-    return tuple(place.printed.name for place in places(study, rig, out) if not _finished(rig, place))
 
 
 def _saved(blocks: Sequence[Place]) -> int:
@@ -190,71 +175,34 @@ def _counting(study: Study, blocks: Sequence[Place]) -> Iterator[None]:
         raise
 
 
-def _trays(rig: RigSettings, blocks: Sequence[Place]) -> Generator[tuple[Place, ...]]:
-    """Claim the blocks that are put in together: each slot at most once, in order.
-
-    A claim is a lock in the run folder, which ends when the next blocks are claimed, or with the process. Blocks that
-    another station presses, has begun or has completed are left out.
-    """
-    waiting = deque(blocks)
-    while waiting:
-        tray: list[Place] = []
-        with ExitStack() as claims:
-            while waiting and all(waiting[0].slot != other.slot for other in tray):
-                place = waiting.popleft()
-                # First without a claim, because a claim would keep the block's own station from continuing its run.
-                if _is_ours(rig, place):
-                    with suppress(FolderInUseError), ExitStack() as claim:
-                        claim.enter_context(locked(place.folder, CLAIM))
-                        if _is_ours(rig, place):
-                            claims.push(claim.pop_all())
-                            tray.append(place)
-            if tray:
-                yield tuple(tray)
-
-
-def _is_ours(rig: RigSettings, place: Place) -> bool:
-    """Return whether this station has to press a block: the run is not complete, and no other station has begun it."""
-    run = place.run
-    return run is None or (_is_of_station(rig, run) and not _is_complete(rig, place, run))
-
-
-def _is_of_station(rig: RigSettings, run: Run) -> bool:
-    """Return whether this station has begun a run."""
-    return bool(run.info.stage.get("settings", {}).get("station", "") == rig.stage.station)
+def _trays(blocks: Sequence[Place]) -> Iterator[tuple[Place, ...]]:
+    """Return the blocks that are put in together: each slot at most once, in order."""
+    tray: list[Place] = []
+    for place in blocks:
+        if any(place.slot == other.slot for other in tray):
+            yield tuple(tray)
+            tray = []
+        tray.append(place)
+    if tray:
+        yield tuple(tray)
 
 
 def _finished(rig: RigSettings, place: Place) -> bool:
-    """Return whether a block's run is complete. Refuse other settings before any device is opened."""
-    run = place.run
-    return run is not None and _is_complete(rig, place, run)
-
-
-def _is_complete(rig: RigSettings, place: Place, run: Run) -> bool:
-    """Return whether a run is complete: all presses and frames are saved, and the position was checked after them.
+    """Return whether a block's run is complete: all presses and frames are saved, and the position was checked after.
 
     A stage that has never compared x and y with its end stops in this run may be unable to check anything.
 
-    A run of another station must have the same protocol, but has its own devices.
-
     Raises:
-        InputError: The run was begun with other settings.
+        InputError: The run was begun with other settings. No device is open yet.
     """
-    if _is_of_station(rig, run):
-        now = place.info(
-            stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
-            gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
-            sensor=run.info.sensor,
-        )
-    else:
-        study, planned = place.study, place.planned
-        now = replace(
-            run.info,
-            printed=planned.printed,
-            levels=planned.levels,
-            protocol=study.protocol,
-            grid_spacing=study.grid_spacing,
-        )
+    run = place.run
+    if run is None:
+        return False
+    now = place.info(
+        stage={**run.info.stage, "settings": recorded_stage(rig.stage)},
+        gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
+        sensor=run.info.sensor,
+    )
     advice = "restore these settings, or choose another output folder"
     if not run.rows:
         advice = "the run contains no press yet, so delete its folder, or choose another output folder"
@@ -271,7 +219,7 @@ def _is_complete(rig: RigSettings, place: Place, run: Run) -> bool:
 def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks: int) -> tuple[float, ...]:
     """Have the block put in, and get its heights of first touch if a person teaches them."""
     # A single block is assumed to be in the holder already.
-    if blocks > 1 and (person.is_asked_always or not (rig.stage.is_virtual and rig.sensor.driver == "simulated")):
+    if blocks > 1 and (person.is_asked_always or not _is_simulated(rig)):
         person.put_in(place.printed, place.label, place.slot + 1 if slots > 1 else None)
     protocol = place.study.protocol
     if protocol.contact == "force" or protocol.touch != "taught":
@@ -284,6 +232,11 @@ def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks:
     head = "# Heights of first touch, taught by hand, in mm of the work frame."
     write_text(path, f"{head}\nz_mm = [{', '.join(f'{height:.4f}' for height in heights)}]\n")
     return heights
+
+
+def _is_simulated(rig: RigSettings) -> bool:
+    """Return whether no person can put a block in, because stage and sensor exist only in software."""
+    return find_driver("stage", rig.stage.driver).simulated and find_driver("sensor", rig.sensor.driver).simulated
 
 
 @dataclass(frozen=True, kw_only=True)

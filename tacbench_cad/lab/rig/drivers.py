@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import (
-    VIRTUAL_ARM,
     Angles,
     GaugeSettings,
     Point,
@@ -34,7 +34,7 @@ from tacbench_cad.lab.study.spec import (
     StageSettings,
 )
 from tacbench_cad.util.entries import is_own
-from tacbench_cad.util.errors import InputError, MissingToolError, nearest, one_of
+from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, nearest, one_of
 
 #: The attributes that every stage, gauge and sensor must have.
 NEEDED = {
@@ -47,9 +47,6 @@ NEEDED = {
 def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedStage:
     """Open and identify the stage, and home it if the settings say so.
 
-    The firmware of a virtual stage must already run at ``settings.port``. Its own options (``speed``, ``faults``) are
-    for the program that runs it; this function ignores them.
-
     Args:
         settings: The stage's settings.
         clock: The rig's time; None for real time.
@@ -59,17 +56,7 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
         MissingToolError: A package that the driver needs is not installed.
         RigError: The device does not answer, is not the expected one, or cannot be homed.
     """
-    simulated = f"stage ({settings.driver})" if settings.is_virtual else ""
-    return ready_stage(open_device("stage", settings, Context(clock=clock or Clock(), simulated=simulated)), settings)
-
-
-def ready_stage(opened: Stage, settings: StageSettings) -> LimitedStage:
-    """Put an open stage behind its limits, and home it if the settings say so.
-
-    Raises:
-        InputError: The limits reach beyond those of the firmware.
-        RigError: The stage cannot be homed. It is then closed.
-    """
+    opened = open_device("stage", settings, Context(clock=clock or Clock()))
     stage = LimitedStage(opened, settings.limits_mm, settings.tilt_limit_deg)
     try:
         if isinstance(opened, HasLimits):
@@ -82,38 +69,43 @@ def ready_stage(opened: Stage, settings: StageSettings) -> LimitedStage:
     return stage
 
 
-def open_gauge(settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = (), simulated: str = "") -> Gauge:
+def open_gauge(
+    settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = (), stage: LimitedStage | None = None
+) -> Gauge:
     """Open the gauge that ``[gauge]`` describes.
 
     Args:
         settings: The table. A ``module:name`` receives the port as ``port``.
         clock: The rig's time.
         taken: The ports of the rig's other devices, which are not tried.
-        simulated: The simulated part: the virtual rig's load cell uses a real port.
+        stage: The open stage, which a simulated gauge follows.
 
     Raises:
         InputError: A setting is not allowed, the calibration cannot be read, or the port does not exist.
         MissingToolError: A package that the driver needs is not installed.
         RigError: The device sends no valid sample.
     """
-    gauge: Gauge = open_device("gauge", settings, Context(clock=clock, taken=taken, simulated=simulated))
+    gauge: Gauge = open_device("gauge", settings, Context(clock=clock, taken=taken, stage=stage))
     return gauge
 
 
-def open_sensor(settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = ()) -> Sensor:
+def open_sensor(
+    settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = (), stage: LimitedStage | None = None
+) -> Sensor:
     """Open the sensor that ``[sensor]`` describes.
 
     Args:
         settings: The table. A ``module:name`` receives the device as ``device``.
         clock: The rig's time.
         taken: The ports of the rig's other devices, which are not tried.
+        stage: The open stage, which a simulated sensor follows.
 
     Raises:
         InputError: A setting is not allowed, the device does not exist, or nothing states the order of its colours.
         MissingToolError: A package that the driver needs is not installed.
         RigError: The sensor fails, does not accept a setting, or sends invalid frames.
     """
-    sensor: Sensor = open_device("sensor", settings, Context(clock=clock, taken=taken))
+    sensor: Sensor = open_device("sensor", settings, Context(clock=clock, taken=taken, stage=stage))
     try:
         return with_inside_colours(sensor, settings.channels, settings.driver)
     except BaseException:
@@ -146,6 +138,16 @@ def find_driver(kind: Kind, word: str) -> Driver:
     return _driver_of(loaded)
 
 
+def simulated_stages() -> tuple[str, ...]:
+    """Return the names of the drivers of simulated stages, ours first."""
+    names = []
+    for name in registry.drivers("stage"):
+        with suppress(TacbenchError):  # the driver cannot be loaded
+            if find_driver("stage", name).simulated:
+                names.append(name)
+    return tuple(names)
+
+
 def require_turning(protocol: Protocol, settings: StageSettings) -> None:
     """Check, before a device is opened, that the stage can make the motion of a protocol.
 
@@ -156,7 +158,7 @@ def require_turning(protocol: Protocol, settings: StageSettings) -> None:
     """
     if not protocol.is_turning:
         return
-    if settings.driver != VIRTUAL_ARM and find_driver("stage", settings.driver.removeprefix("virtual-")).turns is False:
+    if find_driver("stage", settings.driver).turns is False:
         raise cannot_turn(protocol, settings)
     if protocol.turn_angle_deg > settings.tilt_limit_deg:
         raise InputError(
@@ -168,7 +170,7 @@ def require_turning(protocol: Protocol, settings: StageSettings) -> None:
 
 def cannot_turn(protocol: Protocol, settings: StageSettings) -> InputError:
     """Return the error for a stage that cannot turn the sensor."""
-    allowed = f'cannot turn the sensor, as motion = "{protocol.motion}" needs; use an arm ("ur", "virtual-arm"), or '
+    allowed = f'cannot turn the sensor, as motion = "{protocol.motion}" needs; use an arm ("ur", "simulated"), or '
     return InputError("[stage] driver", settings.driver, allowed + "a driver of your own with a method turn()")
 
 
@@ -192,7 +194,7 @@ def open_device(
         MissingToolError: A package that the driver needs is not installed.
         RigError: The device fails.
     """
-    word = settings.driver.removeprefix("virtual-")
+    word = settings.driver
     driver, field = find_driver(kind, word), f"[{kind}] driver"
     if driver.missing:
         names = ", ".join(driver.missing)
@@ -228,10 +230,6 @@ def _serial(factory: Callable[..., Stage], known: tuple[str, ...], summary: str)
 
     def open(settings: StageSettings, context: Context) -> Stage:
         options = dict(settings.options)
-        if settings.is_virtual:
-            options = {key: value for key, value in options.items() if key in known}
-            if settings.port is None:
-                raise InputError("[stage] port", None, f"{settings.driver} needs the port of its running firmware")
         for key in options:
             if key not in known:
                 allowed = f"is not an option of {settings.driver}; {nearest(key, known)}"

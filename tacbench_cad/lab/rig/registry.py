@@ -32,12 +32,15 @@ class Context:
     Args:
         clock: The rig's time.
         taken: The ports of the rig's other devices, which are not tried.
-        simulated: The simulated part: a virtual rig uses the drivers of real devices.
+        simulated: The simulated part: emulated firmware uses the drivers of real devices.
+        stage: The open :class:`~tacbench_cad.lab.rig.stage.LimitedStage` of the rig, for a simulated gauge or sensor,
+            which follows it; None if a device is opened alone.
     """
 
     clock: Clock = field(default_factory=Clock)
     taken: Sequence[str] = ()
     simulated: str = ""
+    stage: Any = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +58,11 @@ class Driver:
         usb: The USB ids by which a connected device is recognised: ``2833:0209``, or ``0403`` for a vendor.
         product: A part of the product name by which a connected camera is recognised.
         turns: Whether a stage can also turn the sensor; None if this is known only once the stage is open.
+        simulated: Whether the device exists only in software, so that no person puts a block into it. The object that
+            ``open`` returns then may have two more members. ``put(printed, holder, frame)`` replaces the block below
+            the sensor. The ``clock`` of a stage is used by the whole rig.
+        defaults: The values of keys that the table of a simulated device may leave out.
+        unrecorded: The options that are not recorded in a run, since they do not affect the measurement.
     """
 
     open: Callable[[Any, Context], Any]
@@ -65,6 +73,9 @@ class Driver:
     usb: tuple[str, ...] = ()
     product: str = ""
     turns: bool | None = False
+    simulated: bool = False
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    unrecorded: tuple[str, ...] = ()
 
     @property
     def missing(self) -> tuple[str, ...]:

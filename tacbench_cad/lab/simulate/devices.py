@@ -11,15 +11,25 @@ import numpy as np
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.colours import INSIDE
 from tacbench_cad.lab.rig.gauge import Force
+from tacbench_cad.lab.rig.registry import Context, Driver
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig.stage import Closing, LimitedStage, can_turn
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.rotation import UPRIGHT, UPRIGHT_DEG, in_work_frame, lowest, tilt
-from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, PrintedBlock, WorkFrame
+from tacbench_cad.lab.study.spec import (
+    Angles,
+    GaugeSettings,
+    HolderRim,
+    Point,
+    PrintedBlock,
+    SensorSettings,
+    WorkFrame,
+)
 from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.errors import InputError
 
 #: The sample rate of the simulated load cell in Hz. Rate and noise are those of an HX711 on a 10 N cell.
 GAUGE_RATE_HZ = 80.0
@@ -51,6 +61,9 @@ class _Follower(Closing):
             frame: The work frame of the block on the stage.
         """
         self._contact, self._frame = contact_for(printed, holder), frame
+
+    def close(self) -> None:
+        """Do nothing, since nothing is open."""
 
     def _pose(self) -> tuple[Point, Angles]:
         """Return the summit's reported position and the reported angles in the work frame."""
@@ -178,3 +191,28 @@ class SimulatedSensor(_Follower):
             return self._tactip.frame(self._pins, self._rng, frame_time_s - self._began_s)
 
         return frame
+
+
+def _followed(context: Context, table: str) -> tuple[LimitedStage, Callable[[], Angles] | None]:
+    """Return the stage that a device follows, and the function that returns its angles; None if it cannot turn."""
+    stage = context.stage
+    if not isinstance(stage, LimitedStage):
+        raise InputError(f"[{table}] driver", "simulated", "follows the stage of a rig, and cannot be opened alone")
+    return stage, stage.followed_deg if can_turn(stage) else None
+
+
+def _open_gauge(settings: GaugeSettings, context: Context) -> SimulatedGauge:
+    stage, rotation = _followed(context, "gauge")
+    return SimulatedGauge(stage.followed_mm, context.clock, rotation=rotation)
+
+
+def _open_sensor(settings: SensorSettings, context: Context) -> SimulatedSensor:
+    stage, rotation = _followed(context, "sensor")
+    return SimulatedSensor(
+        stage.followed_mm, context.clock, settings.options, rotation=rotation, in_motion=lambda: stage.is_tracked
+    )
+
+
+#: The drivers ``simulated`` of a gauge and of a sensor.
+GAUGE = Driver(open=_open_gauge, summary="simulated load cell, which follows the stage", simulated=True)
+SENSOR = Driver(open=_open_sensor, summary="simulated TacTip, which follows the stage", simulated=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from tacbench_cad.lab.rig.drivers import find_driver, simulated_stages
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.plate import block_of_word, read_layout
 from tacbench_cad.lab.study.spec import (
-    VIRTUAL_ARM,
     Copy,
     GaugeSettings,
     HolderRim,
@@ -29,12 +29,6 @@ from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 
-#: The origin of the work frame and the limits of virtual stages, in mm.
-VIRTUAL_STAGES: Mapping[str, Mapping[str, Any]] = {
-    "virtual-grbl": {"origin_mm": (80.0, 80.0, -60.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))},
-    "virtual-marlin": {"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
-    VIRTUAL_ARM: {"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
-}
 Preset = Literal["paper", "released"]
 Scale = Annotated[float, Bounds(0.01, 100.0)]
 Numbers = Annotated[tuple[Annotated[int, Bounds(1)], ...], Length(1, 1000)]
@@ -70,8 +64,7 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     """Read a study. ``tacbench acquire --init FILE.toml`` writes a file that explains every key.
 
     Args:
-        path: The file. Texture files, calibrations and ``out`` are relative to its folder. The file of one of several
-            stations has the key ``plan`` instead of the blocks and the protocol: the path of the file that has them.
+        path: The file. Texture files, calibrations and ``out`` are relative to its folder.
         teaching: Whether the origin may be empty, because it will be taught.
 
     Raises:
@@ -80,18 +73,7 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     """
     document = door.read_document(path, "study", "toml")
     with located(f"{path}: "):
-        if "plan" not in document:
-            return _study_file(document, path.parent, teaching)
-        _require_filled(document, "[stage] origin_mm" if teaching else "")
-        station = from_plain(_Station, document)
-        plan = path.parent / station.plan
-        if "plan" in door.read_document(plan, "study", "toml"):
-            raise InputError("plan", station.plan, "refers to another plan; name the file with the blocks")
-    planned = read_study(plan)
-    with located(f"{path}: "), located("[holder] "):
-        rim = station.holder.rim
-    with located(f"{path}: "):
-        return replace(planned, rig=_rig(station, rim, planned.study.protocol, path.parent, teaching))
+        return _study_file(document, path.parent, teaching)
 
 
 def virtual_study(
@@ -99,19 +81,19 @@ def virtual_study(
     texture: str = "1",
     preset: str = "paper",
     scale: float = 1.0,
-    driver: str = "virtual-grbl",
+    driver: str = "simulated",
     speed: float = 50.0,
     out: Path | None = None,
     printer: str = "bambu-p1p",
     filament: str = "pla-minus",
 ) -> StudyFile:
-    """Describe a study of a single block on a simulated rig. The drivers are the same as for a real rig.
+    """Describe a study of a single block on a simulated rig.
 
     Args:
         texture: The number, name or file of the texture.
         preset: ``paper`` or ``released``.
         scale: The block's scale.
-        driver: ``virtual-grbl``, ``virtual-marlin`` or ``virtual-arm``.
+        driver: The driver of a simulated stage.
         speed: The speed of the rig relative to real time; 50 is 50 times faster.
         out: The folder for the run folder; None if it is unknown.
         printer: The virtual printer of the block.
@@ -120,12 +102,11 @@ def virtual_study(
     Raises:
         InputError: A value is not allowed.
     """
-    if driver not in VIRTUAL_STAGES:
-        raise InputError("driver", driver, "allowed: " + ", ".join(VIRTUAL_STAGES))
+    one_of("driver", driver, simulated_stages())
     document: dict[str, Any] = {
         "block": {"texture": texture, "preset": preset, "scale": scale, "printer": printer, "filament": filament},
         "stage": {"driver": driver, "options": {"speed": speed}},
-        "gauge": {"driver": "simulated"} if driver == VIRTUAL_ARM else {"driver": "serial", "port": "virtual"},
+        "gauge": {"driver": "simulated"},
         "sensor": {"driver": "simulated"},
     }
     return replace(_study_file(document, Path()), out=out)
@@ -217,26 +198,13 @@ class _Grid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Devices:
-    """The tables of a rig. They are read after the tables on which they depend."""
+class _Document:
+    """The whole file. Tables that depend on other tables are read afterwards."""
 
     holder: _HolderTable = field(default_factory=_HolderTable)
     stage: Mapping[str, Any] | None = None
     gauge: Mapping[str, Any] | None = None
     sensor: Mapping[str, Any] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Station(_Devices):
-    """The file of one of several stations. The file ``plan`` has the blocks and the protocol."""
-
-    plan: Word
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Document(_Devices):
-    """The whole file. Tables that depend on other tables are read afterwards."""
-
     out: str | None = None
     block: _BlockTable | None = None
     study: Mapping[str, Any] = field(default_factory=dict)
@@ -334,7 +302,7 @@ def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
     return from_plain(Protocol, values, "[protocol] "), spacing
 
 
-def _rig(document: _Devices, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
+def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
     for table, values in (("stage", document.stage), ("sensor", document.sensor)):
         if values is None:
             raise InputError(f"[{table}]", None, "this table is missing")
@@ -346,10 +314,6 @@ def _rig(document: _Devices, rim: HolderRim, protocol: Protocol, folder: Path, t
     values = dict(document.sensor or {})
     own = {key: values.pop(key) for key in ("driver", "device", "channels") if key in values}
     sensor = from_plain(SensorSettings, {**own, "options": values}, "[sensor] ")
-    if gauge.port == "virtual" and not stage.is_virtual:
-        raise InputError("[gauge] port", gauge.port, "works only with a virtual stage; give the port of your load cell")
-    if gauge.port == "virtual" and stage.driver == VIRTUAL_ARM:
-        raise InputError("[gauge] port", gauge.port, f'{VIRTUAL_ARM} has no load cell; use driver = "simulated"')
     rig = RigSettings(stage=stage, gauge=gauge, sensor=sensor, holder=rim)
     rig.require_gauge_for(protocol)
     return rig
@@ -359,7 +323,9 @@ def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
     driver = plain.get("driver")
     if isinstance(driver, str):  # an unknown driver is reported before keys that are missing because of it
         StageSettings.require_driver("[stage] driver", driver)
-    values = {**VIRTUAL_STAGES.get(driver if isinstance(driver, str) else "", {}), **plain}
+    values = dict(plain)
+    if isinstance(driver, str) and ":" not in driver and not {"origin_mm", "limits_mm"} <= values.keys():
+        values = {**find_driver("stage", driver).defaults, **plain}
     if teaching and not values.get("origin_mm"):
         values["origin_mm"] = (0.0, 0.0, 0.0)
     stage = from_plain(StageSettings, values, "[stage] ")

@@ -63,8 +63,8 @@ MOTION_PARTS = 200
 DEPTHS_MM = (0.35, 1.7, 2.2)
 
 
-#: The simulated stage that can turn the sensor. It has no firmware.
-VIRTUAL_ARM = "virtual-arm"
+#: The word for a rig without a force gauge, in place of a driver.
+NO_GAUGE = "none"
 #: The word in tables for an unknown printer, filament or label.
 UNKNOWN = "unknown"
 
@@ -458,8 +458,8 @@ class _Device(Checked):
     """A device. Its driver has a name, or is a ``module:name``."""
 
     KIND: ClassVar[registry.Kind]
-    #: The drivers that belong to the virtual rig, which no entry point names.
-    VIRTUAL: ClassVar[tuple[str, ...]]
+    #: The words that are allowed in place of a driver.
+    WORDS: ClassVar[tuple[str, ...]] = ()
     driver: str
 
     def __post_init__(self) -> None:
@@ -469,8 +469,8 @@ class _Device(Checked):
     @classmethod
     def require_driver(cls, field: str, word: str) -> None:
         """Check that a driver is a driver of this program or of an installed package, or a ``module:name``."""
-        if ":" not in word and word not in cls.VIRTUAL:
-            one_of(field, word, (*registry.drivers(cls.KIND), *cls.VIRTUAL, "module:name"))
+        if ":" not in word and word not in cls.WORDS:
+            one_of(field, word, (*registry.drivers(cls.KIND), *cls.WORDS, "module:name"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -478,9 +478,8 @@ class StageSettings(_Device):
     """The settings of the stage, in the table ``[stage]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, ``virtual-grbl``, ``virtual-marlin``, ``virtual-arm`` or
-            ``module:name``.
-        port: The stable name of a port, or a pyserial URL; None for a virtual stage, or to use the only possible port.
+        driver: A name that ``tacbench rig drivers`` lists, or ``module:name``.
+        port: The stable name of a port, or a pyserial URL; None to use the only possible port.
         baud: The baud rate, in symbols per second; None for the driver's default.
         origin_mm: Same as for :class:`WorkFrame`.
         quarter_turns: Same as for :class:`WorkFrame`.
@@ -490,15 +489,13 @@ class StageSettings(_Device):
         travel_mm_s: The speed at the travel height, and down through free air to 1 mm above a known height.
         approach_mm_s: The speed of every step near the block and in contact.
         slots_mm: The offsets of a tray's slots from the origin, in the stage's frame; a single slot by default.
-        station: The name of this rig, if several rigs press one study; letters, digits and hyphens.
         home: Whether the stage is homed when it is opened.
         timeout_s: The longest time to wait for an answer.
-        options: The driver's own settings: ``steps_per_mm`` of ``arduino``, ``speed`` of the virtual stages, or the
+        options: The driver's own settings: ``steps_per_mm`` of ``arduino``, ``speed`` of simulated stages, or the
             keyword arguments of a ``module:name``.
     """
 
     KIND = "stage"
-    VIRTUAL = ("virtual-grbl", "virtual-marlin", VIRTUAL_ARM)
     driver: str
     port: str | None = None
     baud: Baud | None = None
@@ -509,15 +506,12 @@ class StageSettings(_Device):
     travel_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 20.0
     approach_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 2.0
     slots_mm: Annotated[tuple[Point, ...], Length(1, 1000)] = ((0.0, 0.0, 0.0),)
-    station: str = ""
     home: bool = True
     timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 10.0
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not re.fullmatch(r"[A-Za-z0-9-]{0,40}", self.station, re.ASCII):
-            raise InputError("station", self.station, "must have at most 40 letters, digits and hyphens")
         for axis, (low, high) in zip("xyz", self.limits_mm, strict=True):
             if not low < high:
                 raise InputError(f"limits_mm {axis}", [low, high], "must be two numbers, the lower one first")
@@ -532,18 +526,13 @@ class StageSettings(_Device):
         """The work frame of each of the tray's slots."""
         return tuple(self.frame.shifted(offset) for offset in self.slots_mm)
 
-    @property
-    def is_virtual(self) -> bool:
-        """Whether the stage is simulated by this program."""
-        return self.driver.startswith("virtual-")
-
 
 @dataclass(frozen=True, kw_only=True)
 class GaugeSettings(_Device):
     """The settings of the force gauge, in the table ``[gauge]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, ``simulated``, ``none`` or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``none``, or ``module:name``.
         port: Same as for :class:`StageSettings`.
         baud: The baud rate, in symbols per second; None for the driver's default.
         calibration: The file written by ``tacbench rig calibrate-force``; None if the gauge sends newtons.
@@ -552,8 +541,8 @@ class GaugeSettings(_Device):
     """
 
     KIND = "gauge"
-    VIRTUAL = ("simulated", "none")
-    driver: str = "none"
+    WORDS = (NO_GAUGE,)
+    driver: str = NO_GAUGE
     port: str | None = None
     baud: Baud | None = None
     calibration: str | None = None
@@ -566,7 +555,7 @@ class SensorSettings(_Device):
     """The settings of the tactile sensor, in the table ``[sensor]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, ``simulated`` or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, or ``module:name``.
         device: The stable name of the camera or the port, or the serial number of the sensor.
         channels: The order of the colours in which the driver delivers images, ``rgb`` or ``bgr``; None for the order
             that the driver itself states.
@@ -575,7 +564,6 @@ class SensorSettings(_Device):
     """
 
     KIND = "sensor"
-    VIRTUAL = ("simulated",)
     driver: str
     device: str | None = None
     channels: Literal["rgb", "bgr"] | None = None
@@ -604,11 +592,11 @@ class RigSettings:
         Raises:
             InputError: The gauge is missing. The message says how to press without a gauge.
         """
-        if self.gauge.driver != "none":
+        if self.gauge.driver != NO_GAUGE:
             return
         if protocol.contact == "force":
             allowed = 'contact = "force" needs a gauge; without one use contact = "depth"'
-            raise InputError("[gauge] driver", "none", allowed)
+            raise InputError("[gauge] driver", NO_GAUGE, allowed)
         if protocol.touch == "gauge":
             raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
 

@@ -14,7 +14,6 @@ from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, TURNING, GoodGauge, G
 from tacbench_cad.extensions.conformance import stage as conformance_stage
 from tacbench_cad.extensions.conformance.checks import Check, check_gauge, check_sensor
 from tacbench_cad.extensions.conformance.stage import check_stage
-from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
 from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_device
@@ -22,7 +21,7 @@ from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
-from tacbench_cad.lab.study.file import VIRTUAL_STAGES
+from tacbench_cad.lab.simulate.stage import DRIVER, SimulatedStage
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
 
@@ -68,9 +67,9 @@ def test_the_defect_of_a_stage_is_named(kind: type[GoodStage], monkeypatch: pyte
 
 
 @pytest.mark.parametrize("kind", TURNING, ids=lambda kind: kind.__name__)
-def test_the_defect_of_a_stage_that_turns_is_named(kind: type[VirtualArm]) -> None:
+def test_the_defect_of_a_stage_that_turns_is_named(kind: type[SimulatedStage]) -> None:
     clock = Clock(speed=SPEED)
-    checks = check_stage(kind(clock), VIRTUAL_STAGES["virtual-arm"]["limits_mm"], clock, beyond_mm=BEYOND)
+    checks = check_stage(kind(clock), DRIVER.defaults["limits_mm"], clock, beyond_mm=BEYOND)
     assert failed(checks) == ({"turn"} if TURNING[kind] else set())
     assert not TURNING[kind] or detail(checks, "turn").startswith(TURNING[kind])
 

@@ -35,9 +35,9 @@ from tacbench_cad.extensions.watch.app import Order, WatchPage
 from tacbench_cad.extensions.watch.link import PageLink, opened_page
 from tacbench_cad.extensions.watch.model import Watched
 from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Several
-from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force
@@ -420,7 +420,7 @@ def watch(*_, announce, **__):
 serving.watch = watch
 serving.launched()
 """
-    settings = json.dumps({"folder": "x", "station": "", "port": 0, "host": "127.0.0.1", "browser": False})
+    settings = json.dumps({"folder": "x", "port": 0, "host": "127.0.0.1", "browser": False})
     result = subprocess.run([sys.executable, "-c", program], input=f"{settings}\n", capture_output=True, text=True)
     assert json.loads(result.stdout) == {"address": "http://there/", "watch": "http://there/watch/"}
     assert result.stderr.splitlines() == ["a library prints", "another one writes"]

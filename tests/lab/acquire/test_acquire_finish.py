@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tacbench_cad.lab.acquire.finish import Outcome, finishing
-from tacbench_cad.lab.acquire.safety import RunInterruptedError
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.util.errors import CheckFailedError, InputError
 

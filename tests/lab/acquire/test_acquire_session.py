@@ -11,7 +11,7 @@ from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_o
 from tacbench_cad.lab.acquire.block import BlockResult
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.session import CLAIM, acquire_study, places, unfinished
+from tacbench_cad.lab.acquire.session import acquire_study, places
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import GaugeSettings, Protocol, RigSettings, SensorSettings, Study
@@ -139,47 +139,6 @@ def test_a_second_process_is_refused_before_a_device_is_opened(tmp_path: Path) -
     with locked(tmp_path), pytest.raises(InputError, match="another tacbench is writing"):
         run(rig, study_of(short(), 1), tmp_path, Script())
     assert rig.opened == 0
-
-
-def at(station: str, **stage: object) -> RigSettings:
-    return rig_settings(station=station, **stage)
-
-
-def test_a_station_leaves_claimed_blocks_to_the_others(tmp_path: Path) -> None:
-    study, script = study_of(short(), 1, 4), Script("T4 PAPER X1 01")
-    with locked(tmp_path / printed(1).name, CLAIM):
-        (result,) = run(FakeRig(), study, tmp_path, script, at("b"))
-        assert result.folder.name == printed(4).name
-        assert unfinished(study, at("b"), tmp_path) == (printed(1).name,)
-    (result,) = run(FakeRig(), study, tmp_path, Script("T1 PAPER X1 01"), at("a"))
-    assert result.folder.name == printed(1).name
-    assert unfinished(study, at("b"), tmp_path) == ()
-    assert run(FakeRig(), study, tmp_path, Script(), at("a")) == ()
-
-
-def test_a_station_does_not_continue_the_run_of_another(tmp_path: Path) -> None:
-    study = study_of(short(), 1)
-    run(FakeRig(), study, tmp_path, Script(), at("a"))
-    table = tmp_path / printed(1).name / "targets.csv"
-    whole = table.read_bytes()
-    table.write_bytes(b"".join(whole.splitlines(keepends=True)[:4]))
-    rig = FakeRig()
-    assert run(rig, study, tmp_path, Script(), at("b", travel_mm_s=7.0)) == ()
-    assert rig.opened == 0 and unfinished(study, at("b"), tmp_path) == (printed(1).name,)
-    (result,) = run(FakeRig(), study, tmp_path, Script(), at("a"))
-    assert result.presses == 5 and unfinished(study, at("b"), tmp_path) == ()
-    with pytest.raises(InputError, match=r"protocol\.settle_s was 0\.\d+, is now 0\.3"):
-        run(FakeRig(), study_of(short(settle_s=0.3), 1), tmp_path, Script(), at("b"))
-
-
-def test_a_station_runs_only_once_at_a_time(tmp_path: Path) -> None:
-    study = study_of(short(), 1)
-    with locked(tmp_path, "a"):
-        with pytest.raises(InputError, match="another tacbench is writing"):
-            run(FakeRig(), study, tmp_path, Script(), at("a"))
-        assert len(run(FakeRig(), study, tmp_path, Script(), at("b"))) == 1
-    with pytest.raises(InputError, match="station = 'a b': must have at most 40 letters, digits and hyphens"):
-        at("a b")
 
 
 def test_positions_outside_the_stage_are_refused(tmp_path: Path) -> None:

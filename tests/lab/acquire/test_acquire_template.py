@@ -18,7 +18,7 @@ from tacbench_cad.util.errors import InputError
 #: The line before the keys of a second sensor, which replace those of the first.
 TAXELS = "# For taxels instead:"
 #: The commented keys whose values are examples, because they have no defaults.
-EXAMPLES = ("port", "device", "calibration", "key_mm", "baud", "station")
+EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
 #: The keys of ``[sensor]`` that belong to every driver.
 GENERAL = ("driver", "device", "channels")
 #: The keys that a user has to fill in, with values for the tests.

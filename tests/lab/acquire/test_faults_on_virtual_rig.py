@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 from helpers.cases import mostly_long
+from helpers.emulated import emulated_study
 from helpers.rig_here import RigHere
 from helpers.rigs import small_protocol
 
-from tacbench_cad.extensions.virtual_rig import devices
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
+from tacbench_cad.extensions.virtual_rig import drivers
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
@@ -21,7 +21,7 @@ from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import ContactError, RigError, SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import StudyFile, virtual_study
+from tacbench_cad.lab.study.file import StudyFile
 from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.spec.protocol import PressGrid
 
@@ -58,7 +58,7 @@ class Trial(Silent):
 
     def run(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Start or resume the run, and store the true height of the carriage when the devices are closed."""
-        start = devices.launch
+        start = drivers.launch
 
         def launched(*values: Any, **named: Any) -> RigHere:
             rig = start(*values, **named)
@@ -68,7 +68,7 @@ class Trial(Silent):
             return rig
 
         with monkeypatch.context() as patched:
-            patched.setattr(devices, "launch", launched)
+            patched.setattr(drivers, "launch", launched)
             acquire_study(
                 self.file.study,
                 self.file.required_rig,
@@ -76,7 +76,6 @@ class Trial(Silent):
                 person=Typing(lambda _: "", lambda _: None),
                 progress=self,
                 durable=False,
-                opener=open_rig,
             )
 
     def _look(self, rig: RigHere) -> None:
@@ -86,7 +85,7 @@ class Trial(Silent):
 
 def short_file(driver: str) -> StudyFile:
     """Return a study of four presses at four positions with short timeouts."""
-    file = virtual_study(driver=driver, speed=100.0)
+    file = emulated_study(driver, speed=100.0)
     protocol = small_protocol(repeats=1, stationary_frames=1, clearance_mm=CLEARANCE_MM)
     blocks = tuple(replace(block, levels=(2,)) for block in file.study.blocks)
     study = Study(blocks=blocks, protocol=protocol)

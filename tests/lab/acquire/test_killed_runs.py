@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -126,64 +125,6 @@ def test_sixty_kills_of_runs_with_rolls(tmp_path: Path) -> None:
 def test_a_hundred_kills_of_runs_with_slides(tmp_path: Path) -> None:
     runs = kill_repeatedly(tmp_path, 100, 2000, 0.8, "slides")
     print(f"100 kills in {counted(runs, 'run')}, no press lost")
-
-
-def two_stations(folder: Path, kills: int, each: int, seed: int) -> int:
-    """Let two stations press studies of six blocks at the same time, each in a new folder, and kill them at random.
-
-    Args:
-        folder: The folder of the studies.
-        kills: The number of kills in total.
-        each: The largest number of kills of a station in a study.
-        seed: The seed of the random times.
-
-    Returns:
-        The number of studies.
-    """
-    dice, killed, studies = random.Random(seed), 0, 0
-    while killed < kills:
-        studies += 1
-        out = folder / f"study-{studies}"
-        with ThreadPoolExecutor(2) as threads:
-            spans = {station: [dice.uniform(0.0, 0.5) for _ in range(each)] for station in ("a", "b")}
-            work = [threads.submit(station_until_done, out, station, spans[station]) for station in spans]
-            killed += sum(done.result() for done in work)
-        check_study(out)
-    return studies
-
-
-def station_until_done(out: Path, station: str, spans_s: list[float]) -> int:
-    """Start a station again each time after it was killed; return the number of kills."""
-    for killed, span_s in enumerate(spans_s):
-        if session(out, killed, f"station-{station}", span_s):
-            return killed
-    assert session(out, 99, f"station-{station}", None)
-    return len(spans_s)
-
-
-def check_study(out: Path) -> None:
-    """Check that each block was pressed completely, each press once, and by one station only."""
-    stations = set()
-    for texture in range(1, 7):
-        run = Run.open(out / printed(texture).name)
-        assert sorted(row.number for row in run.rows) == list(range(1, 17))
-        stations.add(run.info.stage["settings"]["station"])
-        for row in run.rows:
-            run.frame(row, verify=True)
-        findings = check_run(run.folder).findings
-        assert [finding for finding in findings if finding.kind not in ("dark", "blurred")] == []
-    assert stations <= {"a", "b"}
-
-
-@pytest.mark.long
-def test_two_stations_press_one_study_and_are_killed(tmp_path: Path) -> None:
-    two_stations(tmp_path, kills=1, each=1, seed=5)
-
-
-@pytest.mark.long
-def test_two_stations_and_a_hundred_kills(tmp_path: Path) -> None:
-    studies = two_stations(tmp_path, kills=100, each=5, seed=500)
-    assert studies > 9, "at most ten kills belong to a study"
 
 
 @pytest.mark.long

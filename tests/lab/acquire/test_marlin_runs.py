@@ -31,8 +31,7 @@ driver = "virtual-marlin"
 origin_mm = [16.0, 2.0, 97.0]
 options = {{ speed = 100.0, z_steps_per_mm = {steps} }}
 [gauge]
-driver = "serial"
-port = "virtual"
+driver = "virtual-serial"
 [sensor]
 driver = "simulated"
 """

@@ -10,10 +10,10 @@ import pytest
 from helpers.rigs import LIMITS, printed, small_protocol, study_of
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
@@ -47,7 +47,6 @@ def test_simulated_devices_follow_a_users_stage(tmp_path: Path) -> None:
         person=Typing(lambda _: "", lambda _: None),
         progress=Silent(),
         durable=False,
-        opener=open_rig,
     )
     run = Run.open(tmp_path / printed(4).name)
     assert run.info.simulated == (

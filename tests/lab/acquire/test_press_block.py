@@ -18,8 +18,9 @@ from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, small_protocol
 
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     ContactError,

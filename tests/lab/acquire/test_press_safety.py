@@ -10,7 +10,10 @@ from helpers.fakes import FakeStage
 from helpers.rigs import LIMITS, small_protocol
 
 from tacbench_cad.lab.acquire import safety
-from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError, Signals
+from tacbench_cad.lab.acquire import signals as orderly
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
+from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
 from tacbench_cad.lab.rig.reach import require_reach, travel_height_mm
 from tacbench_cad.lab.study.spec import HolderRim, Protocol, WorkFrame
@@ -129,8 +132,8 @@ def test_an_interruption_before_the_first_block_does_not_claim_that_the_sensor_i
 
 def test_a_signal_during_a_lift_that_never_ends_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     left, given = threading.Event(), []
-    monkeypatch.setattr(safety, "RETRY_S", 0.1)
-    monkeypatch.setattr(safety, "leave", left.set)
+    monkeypatch.setattr(orderly, "RETRY_S", 0.1)
+    monkeypatch.setattr(orderly, "leave", left.set)
     with Signals(given.append) as signals:
         with signals.ignored():
             signal.raise_signal(signal.SIGINT)

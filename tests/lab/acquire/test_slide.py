@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.emulated import emulated_study
 from helpers.fakes import Plate, SlidingStage
 from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol
 
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
 from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import RunInterruptedError, Signals
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slide import Recorder, TooFewFramesError, nearest_frames
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError, SlipError
 from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.spec.protocol import PressGrid
 
@@ -283,7 +283,7 @@ def test_a_recorder_stops_the_stage_again_until_its_body_ends(monkeypatch: pytes
     [("virtual-grbl", "reports"), pytest.param("virtual-marlin", "time", marks=pytest.mark.long)],
 )
 def test_a_slide_on_virtual_firmware_with_the_simulated_sensor(tmp_path: Path, driver: str, pose_from: str) -> None:
-    chosen = virtual_study(texture="4", driver=driver, speed=50.0)
+    chosen = emulated_study(driver, texture="4", speed=50.0)
     # The slide is slow, so that a busy computer has enough frames of a rig that is 50 times faster than a real one.
     protocol = slide_protocol(
         grid=PressGrid(x_mm=(6.5,), y_mm=(18.0,)), motion_frames=4, slide_speed_mm_s=0.4, bands_n=(0.05,)
@@ -291,7 +291,7 @@ def test_a_slide_on_virtual_firmware_with_the_simulated_sensor(tmp_path: Path, d
     (planned,) = chosen.study.blocks
     study = replace(chosen.study, protocol=protocol, blocks=(replace(planned, levels=(1,)),), grid_spacing="own")
     person = Typing(lambda prompt: "", lambda message: None)
-    acquire_study(study, chosen.required_rig, tmp_path, person=person, progress=Notes(), durable=False, opener=open_rig)
+    acquire_study(study, chosen.required_rig, tmp_path, person=person, progress=Notes(), durable=False)
     run = Run.open(tmp_path / planned.printed.name)
     assert check_run(run.folder, workers=1).findings == ()
     (row,) = run.rows

@@ -12,8 +12,8 @@ from helpers.slips import PROTOCOL, Trial, slipping
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import Signals
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch
 from tacbench_cad.lab.rig.errors import SlipError
 from tacbench_cad.lab.rig.gauge import Force

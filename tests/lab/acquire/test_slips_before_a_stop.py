@@ -12,23 +12,22 @@ from typing import Any
 
 import pytest
 from helpers.cases import mostly_long
+from helpers.emulated import emulated_study
 from helpers.rig_here import launch
 from helpers.rigs import small_protocol
 
-from tacbench_cad.extensions.virtual_rig import devices
-from tacbench_cad.extensions.virtual_rig.devices import open_rig
+from tacbench_cad.extensions.virtual_rig import drivers
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.extensions.virtual_rig.process import VirtualRig
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import RigError, SensorError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import LimitedStage
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Point, Study
 from tacbench_cad.spec.protocol import PressGrid
 
@@ -97,19 +96,19 @@ class Trial(Silent):
 
     def session(self, out: Path) -> None:
         driver = "virtual-marlin" if self.firmware == "marlin" else "virtual-grbl"
-        file = virtual_study(driver=driver, speed=100.0)
+        file = emulated_study(driver, speed=100.0)
         grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(14.0, 18.0, 23.0))
         protocol = small_protocol(grid=grid, repeats=1, stationary_frames=0, clearance_mm=2.0, home_every=50)
         blocks = tuple(replace(block, levels=(2,)) for block in file.study.blocks)
         person = Typing(lambda _: "", lambda _: None)
         study, rig = Study(blocks=blocks, protocol=protocol), file.required_rig
-        acquire_study(study, rig, out, person=person, progress=self, durable=False, opener=open_rig)
+        acquire_study(study, rig, out, person=person, progress=self, durable=False)
 
     def run(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
         """Start the run, stop it, and resume it until it is complete."""
         ends = []
         with monkeypatch.context() as patched:
-            patched.setattr(devices, "launch", self.launched)
+            patched.setattr(drivers, "launch", self.launched)
             try:
                 for _ in range(5):
                     try:

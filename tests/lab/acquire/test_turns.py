@@ -19,16 +19,16 @@ from helpers.emulated_arm import install_arm
 from helpers.rigs import FakeRig, printed, rig_settings, study_of
 
 from tacbench_cad.extensions.devices.universal_robots import UniversalRobot
-from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
+from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
-from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import DepthLimitError, ForceLimitError
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
+from tacbench_cad.lab.simulate.stage import SimulatedStage
 from tacbench_cad.lab.study.motion import course_of
 from tacbench_cad.lab.study.rotation import UPRIGHT, angle_between, lowest, tilt, towards
 from tacbench_cad.lab.study.spec import (
@@ -42,7 +42,7 @@ from tacbench_cad.lab.study.spec import (
 from tacbench_cad.util.errors import InputError
 
 
-class Arm(VirtualArm):
+class Arm(SimulatedStage):
     """An arm that calls a function after each part of a turn, with the angles on the way."""
 
     def __init__(self, on_way: Callable[[Angles], None], **start: Any) -> None:

@@ -42,9 +42,8 @@ def opener(port: str) -> GrblStage:
 
 def test_open_stage_homes_moves_and_keeps_its_limits() -> None:
     with launch("grbl", speed=SPEED) as rig:
-        settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=LIMITS, options={"speed": SPEED})
+        settings = StageSettings(driver="grbl", port=rig.port, limits_mm=LIMITS)
         with open_stage(settings, Clock(speed=SPEED)) as stage:
-            assert stage.simulated == "stage (virtual-grbl)"
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
             assert rig.true_position() == pytest.approx(CENTER, abs=0.01)
             before = rig.true_position()
@@ -160,7 +159,7 @@ def test_a_disturbed_line_from_the_device_is_not_another_device() -> None:
 def test_the_default_build_keeps_clear_of_the_switch_at_the_top() -> None:
     with launch("grbl", speed=SPEED, origin="switch", seed=4) as rig:
         limits = ((-200.0, 0.0), (-200.0, 0.0), (-100.0, 0.0))
-        settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=limits, options={"speed": SPEED})
+        settings = StageSettings(driver="grbl", port=rig.port, limits_mm=limits)
         with open_stage(settings, Clock(speed=SPEED)) as stage:
             assert stage.limits_mm[2] == (-100.0, -1.0)
             assert stage.move((-100.0, -100.0, -1.0), 20.0)[2] == -1.0
@@ -179,7 +178,7 @@ def test_limits_beyond_the_travel_of_the_firmware_are_refused(
     origin: str, limits: tuple[tuple[float, float], ...], allowed: str
 ) -> None:
     with launch("grbl", speed=SPEED, origin=origin) as rig:
-        settings = StageSettings(driver="virtual-grbl", port=rig.port, limits_mm=limits)  # type: ignore[arg-type]
+        settings = StageSettings(driver="grbl", port=rig.port, limits_mm=limits)  # type: ignore[arg-type]
         with pytest.raises(InputError, match=allowed):
             open_stage(settings, Clock(speed=SPEED))
 

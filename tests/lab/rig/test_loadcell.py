@@ -360,10 +360,10 @@ def test_a_cell_on_a_port(tmp_path: Path) -> None:
 
     with port(sample, 0.001) as (name, unplug):
         settings = GaugeSettings(driver="serial", port=name, calibration=str(path), timeout_s=1.0)
-        with open_gauge(settings, Clock(speed=50.0), simulated="gauge") as cell_gauge:
+        with open_gauge(settings, Clock(speed=50.0)) as cell_gauge:
             force = cell_gauge.read(1.0)
             assert force.mean_n == pytest.approx(2.0, abs=5e-3) and force.samples >= 3
-            assert cell_gauge.identity.startswith("load cell, gauge") and cell_gauge.simulated == "gauge"
+            assert cell_gauge.identity.startswith(f"load cell at {name}") and cell_gauge.simulated == ""
             json.dumps(cell_gauge.calibration)
             unplug()
             with pytest.raises((DeviceLostError, NoAnswerError)):
@@ -431,7 +431,7 @@ def test_the_virtual_rigs_faults_cause_specific_errors_and_the_gauge_recovers() 
     spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
     with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:
         settings = GaugeSettings(driver="serial", port=rig.gauge_port, timeout_s=0.6)
-        with open_gauge(settings, Clock(speed=50.0), simulated="load cell of the virtual rig") as cell_gauge:
+        with open_gauge(settings, Clock(speed=50.0)) as cell_gauge:
             for kind in ("drop", "double", "garble"):
                 rig.inject(Fault(kind=kind, where="gauge", chance=0.005, seconds=20.0))
             force = rig.force_n()

@@ -34,9 +34,8 @@ def opener(port: str) -> MarlinStage:
 @pytest.mark.parametrize("emergency_parser", [False, True])
 def test_open_stage_homes_moves_and_stops(emergency_parser: bool, rig_time: FakeTime) -> None:
     with launch("marlin", speed=SPEED, emergency_parser=emergency_parser) as rig:
-        settings = StageSettings(driver="virtual-marlin", port=rig.port, limits_mm=LIMITS)
+        settings = StageSettings(driver="marlin", port=rig.port, limits_mm=LIMITS)
         with open_stage(settings, Clock(speed=SPEED)) as stage:
-            assert stage.simulated == "stage (virtual-marlin)"
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
             assert rig.true_position() == pytest.approx(CENTER, abs=0.05)
             rig_time.after(0.05, stage.stop)

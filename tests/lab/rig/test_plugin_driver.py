@@ -122,11 +122,6 @@ def test_unknown_options_are_refused_with_a_suggestion() -> None:
         open_stage(settings("grbl", port="/dev/null", options={"home_timeot_s": 3}))
 
 
-def test_a_virtual_stage_needs_its_port() -> None:
-    with pytest.raises(InputError, match="port of its running firmware"):
-        open_stage(settings("virtual-grbl"))
-
-
 OWN = """
 import numpy as np
 from tacbench_cad.lab.rig.gauge import Force

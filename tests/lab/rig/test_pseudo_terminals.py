@@ -24,16 +24,16 @@ UP, DOWN = (0.0, 100.0), (-100.0, 0.0)
 @pytest.mark.parametrize(
     ("kind", "driver", "tcp", "z_mm"),
     [
-        ("grbl", "virtual-grbl", False, DOWN),
-        ("grbl", "virtual-grbl", True, DOWN),
-        ("grblhal", "virtual-grbl", False, DOWN),
-        ("marlin", "virtual-marlin", False, UP),
+        ("grbl", "grbl", False, DOWN),
+        ("grbl", "grbl", True, DOWN),
+        ("grblhal", "grbl", False, DOWN),
+        ("marlin", "marlin", False, UP),
         ("arduino", "arduino", False, DOWN),
     ],
 )
 def test_a_stage_homes_and_moves(kind: str, driver: str, tcp: bool, z_mm: tuple[float, float]) -> None:
     center: Point = (50.0, 60.0, sum(z_mm) / 2.0)
-    options = {"steps_per_mm": [400.0, 400.0, 400.0]} if kind == "arduino" else {"speed": SPEED}
+    options = {"steps_per_mm": [400.0, 400.0, 400.0]} if kind == "arduino" else {}
     with launch(kind, speed=SPEED, tcp=tcp) as rig:
         limits = ((0.0, 200.0), (0.0, 200.0), z_mm)
         settings = StageSettings(driver=driver, port=rig.port, limits_mm=limits, options=options)

@@ -313,7 +313,7 @@ class FakeGauge(Closing):
 
 @pytest.fixture
 def stage(monkeypatch: Patch) -> FakeStage:
-    from tacbench_cad.extensions.virtual_rig import devices
+    from tacbench_cad.lab.rig import devices
 
     fake, gauge = FakeStage(), FakeGauge()
 

@@ -98,7 +98,6 @@ def test_a_users_texture_is_found_next_to_the_file(tmp_path: Path) -> None:
             BLOCK + STAGE + '[sensor]\ndriver = "opencv"\n[protocol]\ncontact = "depth"\n',
             ["[protocol] touch", "needs a gauge"],
         ),
-        (BLOCK + RIG.replace('driver = "serial"', 'driver = "serial"\nport = "virtual"'), ["[gauge] port", "virtual"]),
         ("out = 3\n" + BLOCK, ["out", "3", "string"]),
         ('[study]\ntextures = [1, 1]\nprints = [{printer = "a", filament = "b"}]\n', ["study", "twice"]),
         ('[study]\nprints = [{printer = "a b", filament = "b"}]\n', ["printer", "a b", "hyphens"]),
@@ -168,7 +167,7 @@ def test_the_work_frame_converts_in_both_directions(turns: int) -> None:
 
 
 def test_an_unknown_virtual_study_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match="virtual-grbl, virtual-marlin"):
+    with pytest.raises(InputError, match="simulated, virtual-grbl, virtual-marlin"):
         virtual_study(driver="grbl")
 
 
@@ -180,50 +179,6 @@ def test_values_out_of_range_are_refused() -> None:
     block = virtual_study().study.blocks[0]
     with pytest.raises(InputError, match="force_levels"):
         Study(blocks=(PlannedBlock(printed=block.printed, levels=(0,)),), protocol=Protocol())
-
-
-STATION = """plan = "study.toml"
-[stage]
-driver = "virtual-marlin"
-station = "b"
-[sensor]
-driver = "simulated"
-[gauge]
-driver = "serial"
-port = "virtual"
-"""
-
-
-def test_several_stations_share_the_plan_in_one_file(tmp_path: Path) -> None:
-    (tmp_path / "plan").mkdir()
-    (tmp_path / "plan" / "study.toml").write_text(
-        'out = "runs"\n[protocol]\nrepeats = 3\n[study]\nprints = [{ printer = "form-3", filament = "grey-v4" }]\n'
-    )
-    path = tmp_path / "rig-b.toml"
-    path.write_text(STATION.replace("study.toml", "plan/study.toml") + "[holder]\nrim_mm = 2.0\n")
-    chosen = read_study(path)
-    assert len(chosen.study.blocks) == 6 and chosen.study.protocol.repeats == 3
-    assert chosen.out == tmp_path / "plan" / "runs"
-    rig = chosen.required_rig
-    assert (rig.stage.station, rig.stage.driver, rig.holder.rim_mm) == ("b", "virtual-marlin", 2.0)
-
-
-@pytest.mark.parametrize(
-    ("plan", "station", "message"),
-    [
-        (None, STATION, "study.toml.: cannot be read: No such file"),
-        ("[study]\n", STATION, "study.toml: .*prints"),
-        ('plan = "rig-a.toml"\n', STATION, "plan = 'study.toml': refers to another plan"),
-        ("", STATION + "[protocol]\nrepeats = 1\n", "rig-b.toml: protocol: unknown key; allowed: holder, "),
-    ],
-)
-def test_a_wrong_plan_is_named(tmp_path: Path, plan: str | None, station: str, message: str) -> None:
-    if plan is not None:
-        (tmp_path / "study.toml").write_text(plan)
-    path = tmp_path / "rig-b.toml"
-    path.write_text(station)
-    with pytest.raises(InputError, match=message):
-        read_study(path)
 
 
 SLIDE = BLOCK + '[protocol]\nmotion = "slide"\n'

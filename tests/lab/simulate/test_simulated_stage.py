@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tacbench_cad.extensions.virtual_rig import open_rig
-from tacbench_cad.extensions.virtual_rig.arm import VirtualArm
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.devices import open_rig
+from tacbench_cad.lab.rig.drivers import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError, PositionLostError
 from tacbench_cad.lab.rig.stage import can_turn
 from tacbench_cad.lab.simulate.contact import contact_for
+from tacbench_cad.lab.simulate.stage import SimulatedStage
 from tacbench_cad.lab.simulate.tactip import TacTip
-from tacbench_cad.lab.study.file import read_study, virtual_study
+from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.rotation import UPRIGHT, above, in_stage_frame, lowest, towards
 from tacbench_cad.lab.study.spec import (
     GaugeSettings,
@@ -36,7 +36,7 @@ PRINTED = PrintedBlock(block=Block.of(2), printer="bambu-p1p", filament="pla-min
 
 RIG = RigSettings(
     stage=StageSettings(
-        driver="virtual-arm",
+        driver="simulated",
         quarter_turns=1,
         origin_mm=(110.0, 80.0, 40.0),
         limits_mm=((0.0, 200.0), (0.0, 200.0), (0.0, 100.0)),
@@ -48,7 +48,7 @@ RIG = RigSettings(
 
 
 def test_a_roll_moves_the_centre_of_the_dome_in_time() -> None:
-    arm = VirtualArm(FAST)
+    arm = SimulatedStage(FAST)
     length = DOME_RADIUS_MM * math.radians(20.0)
     roll = threading.Thread(
         target=arm.turn,
@@ -72,7 +72,7 @@ def test_a_roll_moves_the_centre_of_the_dome_in_time() -> None:
 
 
 def test_a_stop_ends_a_turn_where_it_is() -> None:
-    arm = VirtualArm()
+    arm = SimulatedStage()
     timer = threading.Timer(0.1, arm.stop)
     timer.start()
     with pytest.raises(NotThereError, match="stopped on request"):
@@ -96,7 +96,7 @@ def test_gauge_and_sensor_follow_the_angles_of_the_arm() -> None:
     frame = RIG.stage.frame
     contact, tactip = contact_for(PRINTED, HolderRim()), TacTip(colour=False, flicker=0.0)
     with open_rig(RIG, PRINTED, frame) as rig:
-        assert can_turn(rig.stage) and rig.info["stage"]["simulated"] == "stage (virtual-arm)"
+        assert can_turn(rig.stage) and rig.info["stage"]["simulated"] == "simulated stage"
         assert rig.gauge is not None
         rig.gauge.tare()
         summit = (6.5, 20.5, -1.2)
@@ -114,12 +114,11 @@ def test_gauge_and_sensor_follow_the_angles_of_the_arm() -> None:
             assert np.count_nonzero(np.abs(image - pressed) > 60.0) > 100
 
 
-def test_a_virtual_arm_has_no_load_cell(tmp_path: Path) -> None:
-    path = tmp_path / "study.toml"
-    block = '[block]\ntexture = 2\nprinter = "bambu-p1p"\nfilament = "pla-minus"\n'
-    devices = '[stage]\ndriver = "virtual-arm"\n[sensor]\ndriver = "simulated"\n[gauge]\ndriver = "serial"\n'
-    path.write_text(f'{block}{devices}port = "virtual"\n')
-    with pytest.raises(InputError, match=r"\[gauge\] port = 'virtual': virtual-arm has no load cell"):
-        read_study(path)
-    rig = virtual_study(driver="virtual-arm").required_rig
-    assert (rig.stage.driver, rig.gauge.driver) == ("virtual-arm", "simulated")
+def test_a_virtual_study_has_a_simulated_gauge() -> None:
+    rig = virtual_study().required_rig
+    assert (rig.stage.driver, rig.gauge.driver, rig.sensor.driver) == ("simulated", "simulated", "simulated")
+
+
+def test_a_simulated_gauge_cannot_be_opened_alone() -> None:
+    with pytest.raises(InputError, match=r"\[gauge\] driver = 'simulated': follows the stage of a rig"):
+        open_gauge(GaugeSettings(driver="simulated"), FAST)

@@ -1,4 +1,4 @@
-"""A simulated arm: a stage that moves and turns the sensor in time, without firmware, port or faults.
+"""A simulated stage, which moves and turns the sensor in time, without firmware, port or faults.
 
 It is in the same process as its user. Other threads may ask for the position and the angles while it moves.
 """
@@ -12,6 +12,7 @@ from typing import Annotated
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError, PositionLostError
+from tacbench_cad.lab.rig.registry import Driver
 from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.rotation import UPRIGHT, Turn
 from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
@@ -40,17 +41,17 @@ class _Motion:
     ends_s: float
 
 
-class VirtualArm(Closing):
-    """A simulated arm. See :class:`tacbench_cad.lab.rig.stage.RotatingStage`.
+class SimulatedStage(Closing):
+    """A simulated stage. See :class:`tacbench_cad.lab.rig.stage.RotatingStage`.
 
     Args:
         clock: The rig's time.
         summit_mm: The summit at the start.
-        angles_deg: The angles at the start: an arm that was left tilted is still tilted when it is opened again.
+        angles_deg: The angles at the start: a stage that was left tilted is still tilted when it is opened again.
     """
 
     def __init__(self, clock: Clock | None = None, summit_mm: Point = HOME_MM, angles_deg: Angles = UPRIGHT) -> None:
-        self.identity, self.simulated = "virtual arm", "stage (virtual-arm)"
+        self.identity, self.simulated = "simulated stage", "simulated stage"
         self.clock = clock or Clock()
         self._motion = _Motion(at=lambda fraction: (summit_mm, angles_deg), began_s=0.0, ends_s=0.0)
         self._stopped = self._closed = False
@@ -58,8 +59,8 @@ class VirtualArm(Closing):
         self._report_turn: Callable[[Angles], None] = no_report
 
     @classmethod
-    def open(cls, settings: StageSettings) -> VirtualArm:
-        """Open the arm of a study's ``[stage]``.
+    def open(cls, settings: StageSettings) -> SimulatedStage:
+        """Open the stage of a study's ``[stage]``.
 
         Raises:
             InputError: An option is not allowed.
@@ -121,7 +122,7 @@ class VirtualArm(Closing):
         self._stand()
 
     def close(self) -> None:
-        """Close the arm."""
+        """Close the stage."""
         self._closed = True
 
     def _pose(self) -> tuple[Point, Angles]:
@@ -149,7 +150,7 @@ class VirtualArm(Closing):
         """Begin a motion and wait for its end.
 
         Raises:
-            NotThereError: The arm was stopped.
+            NotThereError: The stage was stopped.
         """
         began_s = self.clock.now_s()
         self._motion = _Motion(at=at, began_s=began_s, ends_s=began_s + seconds)
@@ -160,16 +161,27 @@ class VirtualArm(Closing):
             self._report_turn(angles)
         if self._stopped:
             self._stand()
-            raise NotThereError("virtual arm: the motion was stopped on request; home the stage first")
+            raise NotThereError("simulated stage: the motion was stopped on request; home the stage first")
 
     def _require_open(self) -> None:
         if self._closed:
-            raise DeviceLostError("virtual arm: is closed")
+            raise DeviceLostError("simulated stage: is closed")
 
     def _require_startable(self, target_mm: Point) -> None:
         self._require_open()
         if self._stopped:
-            raise PositionLostError("virtual arm: was stopped on request; home the stage first")
+            raise PositionLostError("simulated stage: was stopped on request; home the stage first")
         if not all(low <= value <= high for value, (low, high) in zip(target_mm, REACH_MM, strict=True)):
             shown = "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*target_mm)
-            raise OutOfRangeError(f"virtual arm: {shown} is beyond its reach; nothing moved")
+            raise OutOfRangeError(f"simulated stage: {shown} is beyond its reach; nothing moved")
+
+
+#: The driver ``simulated`` of a stage.
+DRIVER = Driver(
+    open=lambda settings, context: SimulatedStage.open(settings),
+    summary="simulated stage, which can also turn the sensor",
+    simulated=True,
+    turns=True,
+    defaults={"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
+    unrecorded=("speed",),
+)
