@@ -37,13 +37,7 @@ USED = {
 STILL_UPWARDS = {
     "tacbench_cad.cli.make",
     "tacbench_cad.cli.texture_part",
-    "tacbench_cad.cli.variance",
     "tacbench_cad.geometry.textured.part",
-    "tacbench_cad.lab.analysis.classification.classify",
-    "tacbench_cad.lab.analysis.preprocess",
-    "tacbench_cad.lab.analysis.report.sections",
-    "tacbench_cad.lab.analysis.variance.figures",
-    "tacbench_cad.lab.analysis.variance.view",
     "tacbench_cad.making.texturing",
 }
 

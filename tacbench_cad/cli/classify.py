@@ -178,6 +178,7 @@ def command(
     from tacbench_cad.lab.analysis.classification.splits import levels_of
     from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
     from tacbench_cad.lab.analysis.collection import Collection
+    from tacbench_cad.lab.analysis.feature import feature_of
     from tacbench_cad.lab.parallel import workers
     from tacbench_cad.lab.rig.sensor import is_image
     from tacbench_cad.util.files import locked
@@ -197,10 +198,10 @@ def command(
         force_level = collection.levels[0]
     if isinstance(force_level, int):
         collection = collection.at_level(force_level)
-    collection.viewed(settings["features"], settings["series"])  # refuses series that do not exist
-    image = settings["features"] == "pixels" and is_image(collection.frame(0))
-    forces = settings["features"] == "forces"
-    given = usual(protocol, estimators, image=image, readings=len(collection), forces=forces)
+    collection.viewed(settings["series"])  # refuses series that do not exist
+    feature = feature_of(settings["features"])
+    image = feature.unit is None and is_image(collection.frame(0))
+    given = usual(protocol, estimators, image=image, readings=len(collection), few=feature.few_numbers)
     copies = {"noise": noise, "brightness": () if brightness == "none" else brightness}
     given["augmentation"] = replace(given["augmentation"], **_given(copies))
     given |= _given({"components": components, "epochs": epochs, "batch_size": batch_size})

@@ -8,6 +8,8 @@ from pathlib import Path
 import rich_click as click
 from click.shell_completion import CompletionItem, FishComplete, add_completion_class
 
+from tacbench_cad.util.entries import entries
+
 Items = list[CompletionItem[str]]
 #: A function that returns the completions of an incomplete value. The context has the values that are already typed.
 Completer = Callable[[click.Context, str], Items]
@@ -47,6 +49,11 @@ def of_folders(ctx: click.Context, incomplete: str) -> Items:
 def of_words(*words: str) -> Completer:
     """Offer these words."""
     return lambda ctx, incomplete: [CompletionItem(word) for word in words if word.startswith(incomplete)]
+
+
+def of_features(ctx: click.Context, incomplete: str) -> Items:
+    """Offer the features of the analysis."""
+    return of_words(*entries("tacbench.features"))(ctx, incomplete)
 
 
 def of_words_or_files(*words: str) -> Completer:

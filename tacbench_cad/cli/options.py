@@ -15,6 +15,7 @@ from tacbench_cad.cli.completing import (
     Completer,
     Items,
     nothing,
+    of_features,
     of_files,
     of_folders,
     of_lists,
@@ -371,22 +372,13 @@ roi = option(
     "the region. Default: the region stored with the runs.",
     FRAMES,
 )
-marker_settings = together(
-    option(
-        "--marker-sigma",
-        NUMBER,
-        "Scale of the filter that finds the markers, in pixels: the width of a marker divided by 2.8. Default: "
-        "estimated.",
-        ADVANCED,
-    ),
-    option("--marker-threshold", NUMBER, "Minimum contrast of a marker, in counts. Default: estimated.", ADVANCED),
-)
 #: The options for what is used of each frame.
 look = together(
     option(
         "--features",
-        choice("pixels", "markers", "forces"),
-        "Analyse the pixels, the displacements of the markers, or with --series the forces during the motion.",
+        text("NAME", complete=of_features),
+        "Feature that is analysed: pixels, with --series also forces, or the feature of an extension, such as markers. "
+        "Its settings follow a colon: markers:sigma_px=3.5.",
         FRAMES,
         default="pixels",
     ),
@@ -397,7 +389,6 @@ look = together(
         FRAMES,
     ),
     roi,
-    marker_settings,
 )
 runs = argument("runs", file("RUNS", of_run_folders), "Run folders, or folders that contain run folders.", many=True)
 

@@ -60,11 +60,9 @@ def command(
     runs: tuple[Path, ...],
     protocol: Literal["paper", "as-published"],
     force_level: int | Literal["all"],
-    features: Literal["pixels", "markers", "forces"],
+    features: str,
     series: bool,
     roi: str | None,
-    marker_sigma: float | None,
-    marker_threshold: float | None,
     colour: bool,
     ddof: int,
     register: bool,
@@ -106,9 +104,8 @@ def command(
       tacbench variance slides --series
       tacbench variance runs --colour --ddof 1 --json
     """
-    from tacbench_cad.extensions.markers.markers import MarkerSettings
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.preprocess import preprocess_of
+    from tacbench_cad.lab.analysis.feature import fitted
     from tacbench_cad.lab.analysis.variance.registration import register as seats
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import VarianceView, write_all
@@ -125,11 +122,10 @@ def command(
     collection = Collection.open(runs)
     if isinstance(force_level, int):
         collection = collection.at_level(force_level)
-    collection = collection.viewed(features, series)
-    markers = MarkerSettings(sigma_px=marker_sigma, threshold=marker_threshold)
-    preprocess = None
+    collection = collection.viewed(series)
+    feature = None
     if protocol == "paper":
-        preprocess = preprocess_of(collection, features, roi, colour=colour, markers=markers)
+        feature = fitted(collection, features, roi, colour=colour)
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
             pass
@@ -141,10 +137,10 @@ def command(
 
         if register:
             progress.show("registering")
-            seatings = seats(collection, preprocess, ddof=ddof, jobs=jobs, dask=dask)
+            seatings = seats(collection, feature, ddof=ddof, jobs=jobs, dask=dask)
         result = variance_table(
             collection,
-            preprocess if protocol == "paper" else None,
+            feature,
             protocol=protocol,
             ddof=ddof,
             jobs=jobs,

@@ -17,8 +17,10 @@ from .analysis.collection import Collection as Collection
 from .analysis.compare import compare as compare
 from .analysis.compare import read_side as read_side
 from .analysis.comparison_files import write_comparison as write_comparison
-from .analysis.preprocess import Preprocess as Preprocess
-from .analysis.preprocess import preprocess_of as preprocess_of
+from .analysis.feature import Feature as Feature
+from .analysis.feature import fitted as fitted
+from .analysis.forces import Forces as Forces
+from .analysis.pixels import Pixels as Pixels
 from .analysis.published import PAPER_FLOORS as PAPER_FLOORS
 from .analysis.published import PAPER_ROW_NAMES as PAPER_ROW_NAMES
 from .analysis.published import PAPER_VARIANCE as PAPER_VARIANCE

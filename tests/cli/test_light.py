@@ -66,7 +66,6 @@ def test_no_help_loads_numpy_or_a_device_library() -> None:
         "from tacbench_cad.cli import main, tacbench\n"
         "words = [[name] for name in tacbench.list_commands(None)]\n"
         "words += [['rig', name] for name in ('probe', 'align', 'calibrate-force')]\n"
-        "words += [['runs', name] for name in ('roi', 'markers')]\n"
         "assert [main([*command, '--help']) for command in words] == [0] * len(words)\n"
         "print(*({name.split('.')[0] for name in sys.modules} & {'numpy', 'OCP', 'cv2', 'serial'}), file=sys.stderr)\n"
     )

@@ -26,6 +26,7 @@ from tacbench_cad.extensions.slicing.printers import printer_named, printers
 from tacbench_cad.geometry.textured.frame import axes_of
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, Sweep
+from tacbench_cad.lab.analysis.feature import feature_of
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.runs.importing.sources import FIELDS
 from tacbench_cad.lab.runs.region import parse_region
@@ -229,6 +230,7 @@ READERS: Mapping[str, Callable[[str], object]] = {
     "study": study_of,
     "look": look_named,
     "roi": _region,
+    "features": feature_of,
     "variance protocol": past(lambda word: variance_table(None, protocol=word)),  # type: ignore[arg-type]
     "classify protocol": lambda word: from_plain(ClassificationSettings, {"protocol": word, "components": 25}),
     "estimators": lambda word: ClassificationSettings(estimators=(word,)),

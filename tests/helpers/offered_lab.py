@@ -28,6 +28,7 @@ from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS, Sweep
+from tacbench_cad.lab.analysis.feature import feature_of
 from tacbench_cad.lab.analysis.report.cite import citations
 from tacbench_cad.lab.analysis.report.page import write_report
 from tacbench_cad.lab.analysis.variance.table import variance_table
@@ -175,6 +176,15 @@ ROWS: Rows = {
     "lab.analysis.classification.sweep:Sweep.parsed 2": lambda _: [
         Offer(attempt=lambda name: Sweep.parsed(f"{name}=1:3"), wrong="xyz"),
         *(_sweep(name) for name in PARAMETERS),
+    ],
+    "lab.analysis.feature:feature_of 3": lambda _: [
+        Offer(attempt=feature_of, wrong="xyz"),
+        Offer(attempt=lambda key: feature_of(f"markers:{key}=3"), wrong="xyz"),
+        Offer(
+            attempt=lambda value: feature_of(f"markers:dark={value}"),
+            wrong="red",
+            things={"a number": "3", "true": "true", "false": "false"},
+        ),
     ],
     "lab.analysis.report.cite:citations": lambda _: [Offer(attempt=citations, wrong="xyz")],
     "lab.analysis.report.page:write_report": lambda _: [

@@ -11,7 +11,15 @@ from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_n
 @options.command("markers", "Press")
 @options.runs
 @options.roi
-@options.marker_settings
+@options.option(
+    "--sigma-px",
+    options.NUMBER,
+    "Scale of the filter that finds the markers, in pixels: the width of a marker divided by 2.8. Default: estimated.",
+    options.ADVANCED,
+)
+@options.option(
+    "--threshold", options.NUMBER, "Minimum contrast of a marker, in counts. Default: estimated.", options.ADVANCED
+)
 @options.option(
     "--reference",
     options.file("FRAMES"),
@@ -24,8 +32,8 @@ from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_n
 def command(
     runs: tuple[Path, ...],
     roi: str | None,
-    marker_sigma: float | None,
-    marker_threshold: float | None,
+    sigma_px: float | None,
+    threshold: float | None,
     reference: Path | None,
     out: Path,
     json: bool,
@@ -44,11 +52,11 @@ def command(
     the runs, and all commands use them from then on.
 
     The width and the contrast of the markers are estimated from the frames. You can replace the estimates with
-    --marker-sigma and --marker-threshold.
+    --sigma-px and --threshold.
 
     Examples:
       tacbench markers runs/ -o pictures
-      tacbench markers runs/ -o pictures --marker-sigma 3.5
+      tacbench markers runs/ -o pictures --sigma-px 3.5
       tacbench markers imported/ -o pictures --reference at_rest.png
     """
     from tacbench_cad.extensions.markers.displacements import MarkerFeatures
@@ -63,7 +71,7 @@ def command(
     opened = [Run.open(folder) for folder in find_runs(runs)]
     if reference is not None:
         opened = add_references(opened, reference)
-    settings = MarkerSettings(sigma_px=marker_sigma, threshold=marker_threshold)
+    settings = MarkerSettings(sigma_px=sigma_px, threshold=threshold)
     features = MarkerFeatures.learn(opened, settings, region_of(opened, roi))
     rows = []
     for run in opened:
@@ -86,7 +94,7 @@ def command(
         print_json({**look, "runs": [dict(zip(keys, row, strict=True)) for row in rows]})
         return
     kind = "dark" if finder.dark else "bright"
-    sizes = f"--marker-sigma {finder.sigma_px:.3g} --marker-threshold {finder.threshold:.3g}"
+    sizes = f"--features markers:sigma_px={finder.sigma_px:.3g},threshold={finder.threshold:.3g}"
     print_lines(f"{features.count} {kind} markers of about {expected} that their spacing suggests ({sizes})")
     print_lines(
         f"displacements are measured from the {features.origin} of each marker",

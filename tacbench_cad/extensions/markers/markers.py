@@ -331,7 +331,7 @@ class MarkerFinder:
 
 
 def _no_markers(reason: str) -> InputError:
-    advice = "use --features pixels, or give --marker-sigma if the sensor has markers"
+    advice = "use --features pixels, or give sigma_px if the sensor has markers: --features markers:sigma_px=3.5"
     return InputError("markers", None, f"there are no markers in these frames: {reason}; {advice}")
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.displacements import MIN_FOUND, MarkerFeatures
+from tacbench_cad.extensions.markers import MIN_FOUND, MarkerFeatures
 from tacbench_cad.lab.acquire.events import KEPT_PRESSES, PROGRESS_FILE, Progress, ProgressReader
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.checking import Finding, check_run

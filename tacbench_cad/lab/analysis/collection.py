@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,6 @@ from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 Chosen = Ints | Bools
-#: The features of a press that are analysed.
-FeatureName = Literal["pixels", "markers", "forces"]
 #: The facts that may be unknown for an imported press, with their fields: in its row, and in the printed block.
 _OF_ROWS = {"position": "position", "force": "force_level", "repeat": "repeat"}
 _OF_PRINTS = {name: name for name in ("printer", "filament", "session")} | {"label": "texture", "print": "copy"}
@@ -91,8 +89,6 @@ class Collection:
         runs: The runs.
         run: The index into ``runs``, shape (n,).
         number: The press number within the run, shape (n,).
-        features: The analysed features: the pixel values of a frame, the displacements of the markers in its image, or
-            the forces during a press's motion.
         series: Whether the series of moving frames of each press are analysed instead of the frames of the presses.
         frames: The number of frames that are used from the start of each series; None for all.
     """
@@ -100,7 +96,6 @@ class Collection:
     runs: tuple[Run, ...]
     run: Ints
     number: Ints
-    features: FeatureName = "pixels"
     series: bool = False
     frames: int | None = None
 
@@ -143,20 +138,16 @@ class Collection:
             raise InputError("force-level", level, f"must be a level of the runs: {', '.join(map(str, self.levels))}")
         return self.chosen(self.level == level)
 
-    def viewed(self, features: FeatureName, series: bool, frames: int | None = None) -> Collection:
-        """Return the same presses with other features, or with the series of moving frames.
+    def viewed(self, series: bool, frames: int | None = None) -> Collection:
+        """Return the same presses, with or without the series of moving frames.
 
         Args:
-            features: See :class:`Collection`.
             series: See :class:`Collection`.
             frames: See :class:`Collection`.
 
         Raises:
-            InputError: The forces are analysed without the series, a run has no series, two runs have different
-                motions, or the series have fewer frames.
+            InputError: A run has no series, two runs have different motions, or the series have fewer frames.
         """
-        if features == "forces" and not series:
-            raise InputError("features", features, "are recorded during a motion; also give --series")
         for run in self.runs if series else ():
             if not run.info.series_frames:
                 what = "has no series of frames: its protocol has no motion, or it was imported; leave out --series"
@@ -171,7 +162,7 @@ class Collection:
                     )
         if frames is not None and not 1 <= frames <= self.info.series_frames:
             raise InputError("frames", frames, f"must be from 1 to {self.info.series_frames}, the length of a series")
-        return replace(self, features=features, series=series, frames=frames)
+        return replace(self, series=series, frames=frames)
 
     @staticmethod
     def _motion(run: Run) -> dict[str, object]:
@@ -233,9 +224,8 @@ class Collection:
 
     @property
     def units(self) -> str:
-        """The unit of the values: ``counts`` of images, ``px`` for displacements of their markers, ``N`` for forces."""
-        units = {"markers": "px", "forces": "N"}
-        return units.get(self.features) or str(self.info.sensor.get("units", "counts"))
+        """The unit of the sensor's frames: ``counts`` for images."""
+        return str(self.info.sensor.get("units", "counts"))
 
     @cached_property
     def beside_paper(self) -> bool:
@@ -253,7 +243,7 @@ class Collection:
 
     @property
     def in_counts(self) -> bool:
-        """Whether the values are counts of images, as in the paper."""
+        """Whether the frames have counts of images, as in the paper."""
         return self.units == "counts"
 
     @cached_property
@@ -335,15 +325,13 @@ class Collection:
     def paths(self, index: int) -> tuple[str, ...]:
         """Return the paths of the files of a press that are analysed, relative to its run folder.
 
-        These are the frame of the press (``sensor_images/image_7.png``), all frames of its series
-        (``series/press_7/frame_01.png`` and so on), or the table of its series, which has the forces.
+        These are the frame of the press (``sensor_images/image_7.png``), or all frames of its series
+        (``series/press_7/frame_01.png`` and so on).
         """
         run, number = int(self.run[index]), int(self.number[index])
         if not self.series:
             return (self._rows[run][number].path,)
         folder = schema.series_folder(number)
-        if self.features == "forces":
-            return (f"{folder}/{schema.SERIES_FILE}",)
         count, suffix = self.info.series_frames, Path(self._rows[run][number].path).suffix
         used = range(1, (self.frames or count) + 1)
         return tuple(f"{folder}/{schema.moving_name(i, count, suffix)}" for i in used)

@@ -15,7 +15,7 @@ from helpers.studies import write_study
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, Preprocess
+from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED, Pixels
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.rig.sensor import Frame
@@ -133,7 +133,7 @@ def test_without_stationary_frames_there_is_no_noise_floor(make_study: Callable[
 
 def test_other_settings_are_refused(study: Collection) -> None:
     with pytest.raises(InputError, match="always uses grey images at 40 % of their size and ddof 0"):
-        variance_table(study, Preprocess(), protocol="as-published")
+        variance_table(study, Pixels(), protocol="as-published")
     with pytest.raises(InputError, match="always uses grey images at 40 % of their size and ddof 0"):
         variance_table(study, protocol="as-published", ddof=1)
     with pytest.raises(InputError, match="protocol"):
@@ -146,8 +146,8 @@ def test_grey_is_not_rounded_and_has_the_notebooks_weights() -> None:
     assert AS_PUBLISHED(image[..., 0]).dtype == np.float64
     pure = np.zeros(SHAPE, np.uint8)
     pure[..., 2] = 100  # OpenCV stores red last
-    assert Preprocess(notebook=True)(pure)[0, 0] == pytest.approx(11.4)
-    assert Preprocess()(pure)[0, 0] == 30
+    assert Pixels(notebook=True)(pure)[0, 0] == pytest.approx(11.4)
+    assert Pixels()(pure)[0, 0] == 30
 
 
 def test_the_command_shows_the_papers_row_next_to_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

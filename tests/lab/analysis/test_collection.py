@@ -1,4 +1,4 @@
-"""Test collections of runs as a table of presses, and the preprocessing of frames."""
+"""Test collections of runs as a table of presses, and the pixels of frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from helpers.printers import PRINTER
 from helpers.studies import GRID, Plan, write_run, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.runs.reading import find_runs
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
@@ -106,20 +106,20 @@ def test_simulated_devices_are_listed_once(tmp_path: Path) -> None:
 def test_grey_and_resolution_equal_opencv() -> None:
     image = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    assert np.array_equal(Preprocess()(image), grey)
-    assert np.array_equal(Preprocess(colour=True)(image), image)
-    small = Preprocess(resolution=0.5)(image)
+    assert np.array_equal(Pixels()(image), grey)
+    assert np.array_equal(Pixels(colour=True)(image), image)
+    small = Pixels(resolution=0.5)(image)
     assert small.shape == (24, 32) and small.dtype == np.uint8
     # At half the resolution a pixel is the mean of four pixels.
     assert np.abs(small - grey.reshape(24, 2, 32, 2).mean(axis=(1, 3))).max() <= 0.5
-    assert Preprocess(resolution=0.4)(np.zeros((480, 640), np.uint8)).shape == (192, 256)
+    assert Pixels(resolution=0.4)(np.zeros((480, 640), np.uint8)).shape == (192, 256)
 
 
 def test_other_arrays_are_not_changed() -> None:
     taxels = np.arange(16.0).reshape(4, 4)
-    assert np.array_equal(Preprocess(resolution=0.5)(taxels), taxels)
+    assert np.array_equal(Pixels(resolution=0.5)(taxels), taxels)
     with pytest.raises(InputError, match="resolution"):
-        Preprocess(resolution=0.0)
+        Pixels(resolution=0.0)
 
 
 def test_corrected_and_plain_prints_do_not_mix(tmp_path: Path) -> None:

@@ -28,8 +28,9 @@ from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.compare import compare, read_side
+from tacbench_cad.lab.analysis.feature import fitted
 from tacbench_cad.lab.analysis.figures import styled
-from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.variance.figures import motion_figure
 from tacbench_cad.lab.analysis.variance.registration import register
@@ -73,7 +74,7 @@ def slides(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def study(slides: Path) -> Collection:
-    return Collection.open([slides]).viewed("pixels", True)
+    return Collection.open([slides]).viewed(True)
 
 
 def arrays_of(collection: Collection, which: np.ndarray) -> Floats:
@@ -96,9 +97,9 @@ def cells_of(collection: Collection) -> Iterator[tuple[int, int, tuple[str, str]
                     yield level, position, (combination, texture), np.flatnonzero(here)
 
 
-def passed(collection: Collection, preprocess: Preprocess | None = None) -> Pass:
+def passed(collection: Collection, feature: Pixels | None = None) -> Pass:
     with workers() as team:
-        return stream(collection, preprocess or Preprocess(), team)
+        return stream(collection, feature or Pixels(), team)
 
 
 def colours(printed: PrintedBlock, press: Press, step: int, rng: np.random.Generator) -> Frame:
@@ -125,8 +126,8 @@ def test_each_cell_has_numpys_variance(
         return moving(printed, press, 0, rng)
 
     write_slides(tmp_path, shape=shape, image=pressed, moving=moving, units=units, moving_frames=3, still=1)
-    collection = Collection.open([tmp_path]).viewed("pixels", True)
-    places = {(place.level, place.position): place for place in passed(collection, Preprocess(colour=colour)).places}
+    collection = Collection.open([tmp_path]).viewed(True)
+    places = {(place.level, place.position): place for place in passed(collection, Pixels(colour=colour)).places}
     for level, position, key, which in cells_of(collection):
         frames = arrays_of(collection, which)
         assert frames.shape == (4, 3, *shape)
@@ -156,7 +157,7 @@ def test_all_sums_of_a_place_equal_those_of_the_stacked_arrays(study: Collection
 
 def test_a_press_with_a_damaged_frame_is_left_out_with_its_whole_series(tmp_path: Path) -> None:
     write_slides(tmp_path, textures=(1,), prints=PRINTERS[:1], copies=3)
-    collection = Collection.open([tmp_path]).viewed("pixels", True)
+    collection = Collection.open([tmp_path]).viewed(True)
     damaged = int(np.flatnonzero((collection.copy == 2) & (collection.position == 3))[0])
     arrays = {position: arrays_of(collection, which) for _, position, _, which in cells_of(collection)}
     run = collection.runs[int(collection.run[damaged])]
@@ -172,7 +173,7 @@ def test_a_press_with_a_damaged_frame_is_left_out_with_its_whole_series(tmp_path
         assert cell.presses == len(frames)
         assert cell.variance() == pytest.approx(frames.var(axis=0).mean(), rel=1e-9)
     with pytest.raises(CheckFailedError, match=r"frame_04\.png"):
-        read_features(collection, Preprocess())
+        read_features(collection, Pixels())
 
 
 def test_memory_does_not_grow_with_the_length_of_the_series(tmp_path: Path) -> None:
@@ -193,7 +194,7 @@ def test_memory_does_not_grow_with_the_length_of_the_series(tmp_path: Path) -> N
             image=lambda printed, press, rng: np.zeros(shape, np.uint8),
             prints=PRINTERS[:1],
         )
-        collection = Collection.open([tmp_path / str(steps)]).viewed("pixels", True)
+        collection = Collection.open([tmp_path / str(steps)]).viewed(True)
         collection.level, collection.repeat, collection.position  # noqa: B018 the presses are read before
         tracemalloc.start()
         try:
@@ -228,13 +229,13 @@ def test_the_table_of_a_series_shows_the_variance_along_the_slide(study: Collect
     assert any("mean over the 4 frames of a series" in note for note in view.notes)
     assert not any("in the paper's text" in warning for warning in view.warnings)
     # The noise of one frame is also the noise of each frame of a series.
-    assert cell.floor == variance_table(study.viewed("pixels", False)).cell(1, "ender-3_pla-plus", "texture-2").floor
+    assert cell.floor == variance_table(study.viewed(False)).cell(1, "ender-3_pla-plus", "texture-2").floor
 
 
 def test_forces_are_analysed_like_a_frame_with_a_number_for_each_time(slides: Path) -> None:
-    collection = Collection.open([slides]).viewed("forces", True)
-    result = variance_table(collection, preprocess_of(collection, "forces"))
-    assert result.collection.units == "N"
+    collection = Collection.open([slides]).viewed(True)
+    result = variance_table(collection, fitted(collection, "forces"))
+    assert result.units == "N"
     mine = (
         (collection.level == 3) & (collection.combination == "ender-3_pla-plus") & (collection.texture == "texture-1")
     )
@@ -259,8 +260,8 @@ def test_markers_are_followed_in_each_frame_of_a_series(tmp_path: Path) -> None:
 
     plan = {"shape": DOTS_SHAPE, "image": dots_image, "resting": dots_at_rest, "moving": moving, "moving_frames": 2}
     write_slides(tmp_path, textures=(1,), prints=PRINTERS[:1], still=0, **plan)
-    collection = Collection.open([tmp_path]).viewed("markers", True)
-    result = variance_table(collection, preprocess_of(collection, "markers"))
+    collection = Collection.open([tmp_path]).viewed(True)
+    result = variance_table(collection, fitted(collection, "markers"))
     truth = []
     for _, _, _, which in cells_of(collection):
         shifts = np.array(
@@ -311,10 +312,10 @@ def test_predictions_are_those_of_scikit_learn_on_the_training_series_only(slide
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.preprocessing import StandardScaler
 
-    collection = Collection.open([slides]).viewed("pixels", True)
+    collection = Collection.open([slides]).viewed(True)
     presses = PressTable.of(collection)
     settings = ClassificationSettings(components=3, resolution=1.0, series=True, augmentation=Augmentation())
-    features = read_features(collection, Preprocess(resolution=0.5))
+    features = read_features(collection, Pixels(resolution=0.5))
     assert features.shape == (STEPS, SHAPE[0] // 2, SHAPE[1] // 2)
     arrays = arrays_of(collection, np.arange(len(collection)))
     halves = arrays.reshape(len(collection), STEPS, SHAPE[0] // 2, 2, SHAPE[1] // 2, 2).mean(axis=(3, 5))
@@ -350,13 +351,13 @@ def test_series_of_noise_are_predicted_at_chance(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("single_thread", "few_trees")
 def test_a_sweep_shows_how_far_the_sensor_must_slide(few_slides: Path, tmp_path: Path) -> None:
     collection = Collection.open([few_slides])
-    alone = read_features(collection.viewed("pixels", True, 1), Preprocess())
+    alone = read_features(collection.viewed(True, 1), Pixels())
     assert alone.shape == (1, *SHAPE)
     np.testing.assert_array_equal(alone.rows[3].reshape(SHAPE), collection.runs[0].series(collection.rows[3]).frames[0])
-    forces = read_features(collection.viewed("forces", True, 3), Preprocess(forces=True))
+    forces = read_features(collection.viewed(True, 3), fitted(collection.viewed(True, 3), "forces"))
     assert forces.rows[5].tolist() == collection.runs[0].series(collection.rows[5]).force_n[:3].tolist()
     with pytest.raises(InputError, match="frames = 5: must be from 1 to 4, the length of a series"):
-        collection.viewed("pixels", True, 5)
+        collection.viewed(True, 5)
     settings = ClassificationSettings(resolution=1.0, components=3, hold_out=("copy",), series=True)
     sweep = Sweep.parsed("frames=1,3")
     with workers() as executor:
@@ -371,8 +372,8 @@ def test_a_sweep_shows_how_far_the_sensor_must_slide(few_slides: Path, tmp_path:
 def test_what_series_cannot_be_used_for_is_refused(slides: Path, tmp_path: Path) -> None:
     collection = Collection.open([slides])
     with pytest.raises(InputError, match="features = 'forces': are recorded during a motion; also give --series"):
-        collection.viewed("forces", False)
-    moving = collection.viewed("pixels", True)
+        fitted(collection, "forces")
+    moving = collection.viewed(True)
     with pytest.raises(InputError, match="is for the frames of presses; leave out --series"):
         variance_table(moving, protocol="as-published")
     with pytest.raises(InputError, match="is for the frames of presses; leave out --series"):
@@ -383,15 +384,15 @@ def test_what_series_cannot_be_used_for_is_refused(slides: Path, tmp_path: Path)
     with pytest.raises(
         InputError, match="has no series of frames: its protocol has no motion, or it was imported; leave out"
     ):
-        Collection.open([tmp_path / "pressed"]).viewed("pixels", True)
+        Collection.open([tmp_path / "pressed"]).viewed(True)
     write_slides(tmp_path / "short", moving_frames=2, moving_force=None, still=0, copies=3, textures=(3,))
     with pytest.raises(InputError, match=r"need a force gauge, but .* has no forces"):
-        preprocess_of(Collection.open([tmp_path / "short"]).viewed("forces", True), "forces")
+        fitted(Collection.open([tmp_path / "short"]).viewed(True), "forces")
     both = Collection.open([slides, tmp_path / "short"])  # the frames of the presses are comparable
     with pytest.raises(
         InputError, match=r"motion_frames = 2: in .*, but 4 in .*; analyse the series of these runs separ"
     ):
-        both.viewed("pixels", True)
+        both.viewed(True)
 
 
 def test_imported_arrays_with_an_axis_of_time_are_analysed_without_series(tmp_path: Path) -> None:
@@ -406,7 +407,7 @@ def test_imported_arrays_with_an_axis_of_time_are_analysed_without_series(tmp_pa
     cell = variance_table(collection).cells[0]
     assert cell.variance == pytest.approx(samples[::2].var(axis=0).mean(), rel=1e-9)
     with pytest.raises(InputError, match=r"has no series of frames: .* it was imported"):
-        collection.viewed("pixels", True)
+        collection.viewed(True)
 
 
 STUDY = """
@@ -431,7 +432,7 @@ def test_a_virtual_slide_study_is_analysed(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     Path("study.toml").write_text(STUDY)
     assert main(["simulate", "--study", "study.toml", "--jobs", "1"]) == 0
-    collection = Collection.open([Path("runs")]).viewed("pixels", True)
+    collection = Collection.open([Path("runs")]).viewed(True)
     distance_mm = collection.courses.distance_mm
     np.testing.assert_allclose(distance_mm, np.tile([0.0, 2.0, 4.0, 6.0, 8.0], (8, 1)), atol=1e-3)
     cell = variance_table(collection).cells[0]
@@ -473,7 +474,7 @@ def test_a_comparison_says_that_one_side_used_the_series(few_slides: Path, tmp_p
 
 
 def test_a_report_shows_the_variance_along_the_slide(few_slides: Path, tmp_path: Path) -> None:
-    view = variance_table(Collection.open([few_slides]).viewed("pixels", True))
+    view = variance_table(Collection.open([few_slides]).viewed(True))
     write_all(view, tmp_path / "variance")
     report = ["report", str(few_slides), "--variance", str(tmp_path / "variance"), "--no-classify", "--jobs", "1"]
     assert main([*report, "-o", str(tmp_path / "report.html")]) == 0

@@ -12,7 +12,7 @@ import pytest
 from helpers.studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.variance.moments import FRAMES, MAP_SIDE, moments, running_moments, small_map
 from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream
 from tacbench_cad.lab.parallel import workers
@@ -25,7 +25,7 @@ from tacbench_cad.util.types import Floats, Ints
 
 def passed(collection: Collection, jobs: int = 1) -> Pass:
     with workers(jobs) as team:
-        return stream(collection, Preprocess(), team)
+        return stream(collection, Pixels(), team)
 
 
 def at(collection: Collection, level: int, position: int) -> Ints:
@@ -121,7 +121,7 @@ def test_worker_processes_change_no_digit(study: Collection, streamed: Pass) -> 
 def test_progress_ends_at_the_number_of_frames(study: Collection) -> None:
     updates: list[tuple[int, int]] = []
     with workers(1) as team:
-        stream(study, Preprocess(), team, lambda done, total: updates.append((done, total)))
+        stream(study, Pixels(), team, lambda done, total: updates.append((done, total)))
     assert updates[-1] == (len(study) + 12 * 6, len(study) + 12 * 6)
 
 

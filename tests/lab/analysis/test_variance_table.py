@@ -10,7 +10,7 @@ from helpers.studies import PRINTERS, SHAPE, texture_image, write_run, write_stu
 from helpers.studies import Plan as StudyPlan
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, shown_levels
 from tacbench_cad.lab.analysis.variance.table import VarianceResult, holm, variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
@@ -32,7 +32,7 @@ def draw_image(printed: PrintedBlock, press: Press | None, rng: np.random.Genera
 
 
 def table(folder: Path, **changes: object) -> VarianceResult:
-    options = {name: changes.pop(name) for name in ("ddof", "jobs", "seed", "preprocess") if name in changes}
+    options = {name: changes.pop(name) for name in ("ddof", "jobs", "seed", "feature") if name in changes}
     write_study(folder, **changes)  # type: ignore[arg-type]
     return variance_table(Collection.open([folder]), **options)  # type: ignore[arg-type]
 
@@ -115,7 +115,7 @@ def test_colour_keeps_differences_that_grey_averages(tmp_path: Path) -> None:
         return rng.integers(100, 120, (*SHAPE, 3), dtype=np.uint8)
 
     grey = table(tmp_path, image=image, shape=(*SHAPE, 3))
-    colour = variance_table(grey.collection, Preprocess(colour=True))
+    colour = variance_table(grey.collection, Pixels(colour=True))
     ratio = grey.cells[0].variance / colour.cells[0].variance
     assert ratio == pytest.approx(0.114**2 + 0.587**2 + 0.299**2, rel=0.1)
     assert grey.maps["ender-3_pla-plus", "texture-1"].shape == SHAPE

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.markers import MarkerSettings
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.answers import Answer
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
@@ -22,10 +21,9 @@ from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
 from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, preprocess_of
 from tacbench_cad.lab.analysis.tables import percent
 from tacbench_cad.lab.parallel import Executor
-from tacbench_cad.lab.runs.region_search import NO_REGION, region_of
+from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
@@ -71,7 +69,7 @@ def classify(
     if trials < 1:
         raise InputError("trials", trials, "must be at least 1")
     collection.require("classification", "label", *(["print"] if settings.protocol == "as-published" else []))
-    collection = collection.viewed(settings.features, settings.series, settings.frames)
+    collection = collection.viewed(settings.series, settings.frames)
     presses = PressTable.of(collection)
     if settings.protocol != "leak-free":
         settings = replace(settings, train_on=settings.train_on or default_train_on(collection))
@@ -131,9 +129,8 @@ def _outcomes(
 ) -> Iterator[Outcome]:
     """Yield the outcomes of all trials. Each is read from its file, or computed and stored there."""
     region = region_of(collection.runs, settings.roi)
-    data = f"{collection.data_key} {region.digest if region else ''}"
-    if settings.features == "markers":  # whose displacements are measured from the frames without contact
-        data += " ".join(frame.image_sha256 for run in collection.runs for frame in run.references)
+    references = " ".join(frame.image_sha256 for run in collection.runs for frame in run.references)
+    data = f"{collection.data_key} {region.digest if region else ''} {references}"
     key = f"{settings.protocol}-{replace(settings, train_on=()).key(data)}"
     groups = {name: f"{key}-{name}" for name in settings.train_on} or {"": key}
     files = {
@@ -147,13 +144,8 @@ def _outcomes(
     }
     done = len(files) - sum(map(len, missing.values()))
     if done < len(files):
-        markers = MarkerSettings(sigma_px=settings.marker_sigma, threshold=settings.marker_threshold)
-        prepare = preprocess_of(
-            collection, settings.features, region or NO_REGION, resolution=settings.resolution, markers=markers
-        )
-        if settings.protocol == "as-published":
-            prepare = replace(AS_PUBLISHED, resolution=settings.resolution, edges=True)
-        features = read_features(collection, prepare, executor.jobs, lambda *counts: show("frames", *counts))
+        feature = settings.feature.fit(collection, region)
+        features = read_features(collection, feature, executor.jobs, lambda *counts: show("frames", *counts))
         study = Study(features=features, presses=presses, settings=settings)
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls
         show("trials", done, len(files))

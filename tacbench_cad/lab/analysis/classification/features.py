@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
+from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Bytes, Floats
 
@@ -41,7 +41,7 @@ class Features:
 
 def read_features(
     collection: Collection,
-    preprocess: Preprocess,
+    feature: Feature,
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Features:
@@ -49,7 +49,7 @@ def read_features(
 
     Args:
         collection: The presses.
-        preprocess: The preprocessing of the frames.
+        feature: The fitted feature.
         jobs: The number of threads that decode at the same time.
         progress: Receives progress updates: the number of presses done and their total number.
 
@@ -63,10 +63,8 @@ def read_features(
     def read(index: int) -> tuple[NDArray[Any] | None, str]:
         run = collection.runs[int(collection.run[index])]
         try:
-            frames = [read_usable(run, path, preprocess) for path in collection.paths(index)]
-            if collection.features == "forces":  # all forces of a series are in one file
-                return frames[0][: collection.frames], ""
-            return np.stack(frames) if collection.series else frames[0], ""
+            frames = [read_usable(run, path, feature) for path in feature.paths(collection, index)]
+            return np.stack(frames) if collection.series and feature.from_frames else frames[0], ""
         except CheckFailedError as error:
             return None, str(error)
 
@@ -81,7 +79,7 @@ def read_features(
             rows = np.empty((count, row.size), row.dtype)
         if row is not None and rows is not None:
             if row.shape != shape or row.dtype != rows.dtype:
-                path = f"{collection.runs[int(collection.run[index])].folder}/{collection.paths(index)[0]}"
+                path = f"{collection.runs[int(collection.run[index])].folder}/{feature.paths(collection, index)[0]}"
                 fault = f"{path}: is {row.dtype} {row.shape}, but the other frames are {rows.dtype} {shape}"
             else:
                 rows[index] = row.ravel()

@@ -82,7 +82,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
                 f", {fold.group} held out" if fold.group else ""
             )
             model = settings.estimator(name, seed, study.features.shape if pool is None else None)
-            if pool is not None or settings.features == "forces":
+            if pool is not None or settings.feature.few_numbers:
                 model = make_pipeline(StandardScaler(), model)
             with guarded(name, where):
                 model.fit(train, labels)

@@ -17,7 +17,8 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, UNITS
-from tacbench_cad.lab.analysis.collection import FeatureName
+from tacbench_cad.lab.analysis.feature import Feature, feature_of
+from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.convert import Bounds, Length, check_fields
@@ -64,12 +65,10 @@ class ClassificationSettings:
         batch_size: The number of rows in a step of the network.
         depth: The maximum depth of the forest's trees.
         train_on: The training combinations, used one at a time (not ``leak-free``).
-        features: The analysed features, see :class:`~tacbench_cad.lab.analysis.collection.Collection`.
+        features: The feature that is classified, see :func:`~tacbench_cad.lab.analysis.feature.feature_of`.
         series: Whether all frames of a press's series are classified together, instead of the frame of the press.
         frames: The number of frames that are used from the start of each series; None for all.
         roi: The region of interest in the form of ``--roi``; None for the region that is stored with the runs.
-        marker_sigma: The width of a marker divided by 2.8, in pixels; None for an estimate.
-        marker_threshold: The minimum contrast of a marker, in counts; None for an estimate.
 
     Raises:
         InputError: A value is not allowed.
@@ -89,12 +88,10 @@ class ClassificationSettings:
     batch_size: Annotated[int, Bounds(1)] = 200
     depth: Annotated[int, Bounds(1)] = 50
     train_on: tuple[str, ...] = ()
-    features: FeatureName = "pixels"
+    features: str = "pixels"
     series: bool = False
     frames: Annotated[int, Bounds(1)] | None = None
     roi: str | None = None
-    marker_sigma: float | None = None
-    marker_threshold: float | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -119,6 +116,13 @@ class ClassificationSettings:
         if self.protocol == "as-published" and len(self.estimators) > 1:
             what = "must be a single name, because the saved cells have other settings for each; classify twice"
             raise InputError("estimator", ",".join(self.estimators), what)
+
+    @property
+    def feature(self) -> Feature:
+        """The feature, not fitted yet."""
+        if self.protocol == "as-published":
+            return replace(AS_PUBLISHED, resolution=self.resolution, edges=True)
+        return feature_of(self.features, resolution=self.resolution)
 
     def key(self, data: str) -> str:
         """Return a key of the results that follow from these settings, the data and the versions of the programs.
@@ -180,7 +184,8 @@ class ClassificationRecord(ClassificationSettings):
         trials: The number of trials.
         textures: The names of the textures, sorted.
         sensor: The name of the sensor.
-        units: The unit of the frames.
+        units: The unit of the numbers that were classified.
+        summary: What these numbers are, for texts.
         simulated: The simulated parts of the data.
         data: The key of the data, see :attr:`~tacbench_cad.lab.analysis.collection.Collection.data_key`.
         unknown_groups: See :attr:`~tacbench_cad.lab.analysis.collection.Collection.unknown_groups`.
@@ -193,6 +198,7 @@ class ClassificationRecord(ClassificationSettings):
     textures: Annotated[tuple[str, ...], Length(2)]
     sensor: str
     units: str
+    summary: str
     simulated: tuple[str, ...]
     data: str
     unknown_groups: tuple[str, ...] = ()
@@ -222,7 +228,7 @@ def usual(
     *,
     image: bool = True,
     readings: int | None = None,
-    forces: bool = False,
+    few: bool = False,
 ) -> dict[str, Any]:
     """Return the default settings of a protocol, as arguments of :class:`ClassificationSettings`.
 
@@ -232,14 +238,14 @@ def usual(
         image: Whether the frames are images.
         readings: The number of frames, if known. The leak-free protocol then uses at most a quarter of this number of
             principal components, so that even its smallest training sets have enough rows.
-        forces: Whether forces are classified. A series has few of them, so the leak-free protocol takes them all,
-            without principal components.
+        few: Whether a press has few numbers, such as the forces of a series. The leak-free protocol then takes them
+            all, without principal components.
     """
     copies = PAPER_COPIES if image and protocol != "leak-free" else Augmentation()
     values: dict[str, Any] = {"protocol": protocol, "estimators": estimators, "augmentation": copies}
     if protocol == "as-published":
         return {**values, "augmentation": replace(copies, brightness=()), **SAVED.get(estimators[0], {})}
-    if protocol == "leak-free" and (forces or any(is_plugin(name) for name in estimators)):
+    if protocol == "leak-free" and (few or any(is_plugin(name) for name in estimators)):
         values["components"] = None
     elif protocol == "leak-free" and readings is not None:
         values["components"] = max(1, min(ClassificationSettings.components or 1, readings // 4))

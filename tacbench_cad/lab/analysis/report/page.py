@@ -118,7 +118,7 @@ def _require_same(option: str, folder: Path, settings: Settings | Classification
     Raises:
         InputError: The analysis used other presses.
     """
-    viewed = collection.viewed(settings.features, settings.series)
+    viewed = collection.viewed(settings.series)
     parts = (viewed, *(viewed.at_level(level) for level in viewed.levels))
     if all(settings.data != part.data_key for part in parts):
         raise InputError(option, str(folder), "must be an analysis of all presses of these runs; repeat the analysis")
@@ -126,7 +126,7 @@ def _require_same(option: str, folder: Path, settings: Settings | Classification
 
 def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
     """Write or copy the files of the variance table; return the fields of :class:`Results` about it."""
-    from tacbench_cad.lab.analysis.preprocess import preprocess_of
+    from tacbench_cad.lab.analysis.feature import fitted
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
 
@@ -136,7 +136,7 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
         try:
             result = variance_table(
                 collection,
-                preprocess_of(collection),
+                fitted(collection),
                 jobs=options.jobs,
                 dask=options.dask,
                 progress=lambda done, total: progress("variance", done, total),

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad import __version__
-from tacbench_cad.extensions.markers.displacements import origin_of
 from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.result import level_column, recall_table
@@ -164,7 +163,6 @@ def _maps(results: Results) -> Iterator[Part]:
     if results.variance is None:
         return
     settings = results.variance.settings
-    markers = settings.features == "markers"
     if settings.roi:
         contact = " without contact" if results.collection.runs[0].references else ""
         where = f"The region of interest, {settings.roi}, in a frame{contact}. Only its pixels are analysed."
@@ -172,12 +170,10 @@ def _maps(results: Results) -> Iterator[Part]:
     if settings.series:
         caption = "Variance of each frame of the series, along the motion of the sensor: mean over positions."
         yield figure_part("variance/variance_motion", caption, "variance/motion.csv")
-    if markers:
-        origin = f"each from its {origin_of(results.collection.runs)}"
-        caption = f"Displacements of the markers at the largest force, {origin}; mean over positions, prints, repeats."
-        yield figure_part("variance/displacements", caption, "variance/displacements.csv")
-    what = "markers" if markers else "pixels"
-    yield figure_part("variance/variance_pixels", f"Variance of the {what}: mean over positions and forces.")
+    if settings.exhibit:
+        yield figure_part(f"variance/{settings.exhibit}", settings.caption, f"variance/{settings.exhibit}.csv")
+    what = f"Variance of the {settings.words.one}s: mean over positions and forces."
+    yield figure_part("variance/variance_pixels", what)
     caption = "Variance at the positions: mean over forces."
     yield figure_part("variance/variance_positions", caption, "variance/positions.csv")
     caption = (

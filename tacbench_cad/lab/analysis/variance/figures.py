@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.variance.cells import (
@@ -61,11 +60,11 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
     }
     if result.steps:
         figures["variance_motion"] = motion_figure
-    if result.fields:
-        figures["displacements"] = displacement_figure
+    if result.feature.exhibit is not None:
+        figures[result.feature.exhibit.name] = exhibit_figure
     if result.protocol == "as-published":
         figures = {"variance": table_figure}
-    if result.preprocess.region is not None:
+    if result.feature.region is not None:
         figures["region"] = region_figure
     simulated = result.collection.simulated
     with styled():
@@ -74,7 +73,7 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
 
 def squared_unit(result: VarianceResult) -> str:
     """Return the unit of a variance for labels."""
-    return f"{result.collection.units}$^2$"
+    return f"{result.units}$^2$"
 
 
 def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
@@ -223,13 +222,18 @@ def pixel_figure(result: VarianceResult) -> Figure:
     pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
     height, width = next(iter(pictures.values())).shape
     ratio = min(2.0, max(0.25, height / width))  # the limits fit on a page
-    what = "marker" if result.fields else "pixel"
-    return _mosaic(result, pictures, f"variance of a {what} ({squared_unit(result)})", ratio=ratio, outline=False)
+    return _mosaic(
+        result,
+        pictures,
+        f"variance of a {result.feature.words.one} ({squared_unit(result)})",
+        ratio=ratio,
+        outline=False,
+    )
 
 
 def region_figure(result: VarianceResult) -> Figure:
     """Draw the region of interest in a frame, if possible without contact."""
-    region = result.preprocess.region
+    region = result.feature.region
     assert region is not None  # the figure is only drawn with a region
     figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
     axes = figure.add_subplot()
@@ -239,35 +243,26 @@ def region_figure(result: VarianceResult) -> Figure:
     return figure
 
 
-def displacement_figure(result: VarianceResult) -> Figure:
-    """Draw the displacements at the largest force as arrows, for each combination and texture, mean over positions."""
-    markers = result.preprocess.markers
-    assert markers is not None  # because there are fields
-    places = next(iter(markers.references_px.values()))
+def exhibit_figure(result: VarianceResult) -> Figure:
+    """Draw the mean numbers at the largest force, as the feature does, for each combination and texture."""
+    exhibit = result.feature.exhibit
+    assert exhibit is not None  # the figure is only drawn with an exhibit
     textures, combinations = result.collection.textures, compared(result)
-    level = max(at for at, _ in result.fields)
-    longest = max(float(np.max(np.hypot(*shift.T))) for (at, _), shift in result.fields.items() if at == level)
-    spacing = MarkerTracker(reference_px=places).spacing_px
-    longer = float(max(1, round(1.5 * spacing / longest))) if longest else 1.0  # so that the arrows can be seen well
+    level = max(at for at, _ in result.means)
     side = min(2.4, (PAGE_IN - 0.9) / len(textures))
     figure = new_figure(max(4.0, 0.9 + side * len(textures)), 0.5 + side * len(combinations))
     panels = figure.subplots(len(combinations), len(textures), squeeze=False, sharex=True, sharey=True)
-    for axes, key in zip(panels.flat, product(combinations, textures), strict=True):
-        shifts = result.fields.get((level, key))
-        if shifts is not None:
-            arrows = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / longer, "width": 0.006}
-            axes.quiver(*places.T, *shifts.T, np.hypot(*shifts.T), clim=(0.0, longest), **arrows)
-        axes.set(xticks=[], yticks=[], aspect="equal")
+    for axes in panels.flat:
+        axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
-    low, high = places.min(axis=0) - spacing, places.max(axis=0) + spacing
-    panels[0, 0].set(xlim=(low[0], high[0]), ylim=(high[1], low[1]))
+    cells = zip(panels.flat, product(combinations, textures), strict=True)
+    label = exhibit.draw([(axes, result.means[level, key]) for axes, key in cells if (level, key) in result.means])
     _name_panels(panels, textures, combinations)
     drawn = [collection for axes in figure.axes for collection in axes.collections]
     bar = figure.colorbar(drawn[-1], ax=figure.axes, pad=0.01, shrink=0.9)
-    bar.set_label(f"displacement from the {markers.origin} (px)")
+    bar.set_label(label)
     bar.outline.set_linewidth(0.5)
-    scale = "" if longer == 1.0 else f", arrows {longer:g} times as long"
-    figure.suptitle(f"{_title(result, level)}{scale}", x=0.01, ha="left", fontsize=8.0)
+    figure.suptitle(_title(result, level), x=0.01, ha="left", fontsize=8.0)
     return figure
 
 

@@ -34,7 +34,8 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
+from tacbench_cad.lab.analysis.feature import Feature, read_usable
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.variance.streaming import Press, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
@@ -86,7 +87,7 @@ class Seating:
 
 def register(
     collection: Collection,
-    preprocess: Preprocess | None = None,
+    feature: Feature | None = None,
     *,
     ddof: int = 0,
     jobs: int = 1,
@@ -96,7 +97,7 @@ def register(
 
     Args:
         collection: The study.
-        preprocess: The preprocessing of the frames; None for grey at full size.
+        feature: The fitted feature; None for grey pixels at full size.
         ddof: The ddof of the variance table.
         jobs: The number of worker processes on this machine.
         dask: The address of a Dask scheduler, whose workers are then used instead.
@@ -112,19 +113,20 @@ def register(
         raise InputError("register", None, "needs the coordinates of the positions in mm, unknown for these runs")
     if len(grid.x_mm) < 2 and len(grid.y_mm) < 2:
         raise InputError("register", len(grid.positions_mm), "needs positions in at least two columns or two rows")
-    cells = list(_cells(collection))
+    feature = feature or Pixels()
+    cells = list(_cells(collection, feature))
     if not cells:
         raise InputError("register", None, "needs a printer-filament with at least two prints of one texture")
     runs = runs_to_send(collection)
-    work = partial(_seating, runs=runs, grid=grid, preprocess=preprocess or Preprocess(), ddof=ddof)
+    work = partial(_seating, runs=runs, grid=grid, feature=feature, ddof=ddof)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
         return tuple(seating for seating in executor.map(work, cells) if seating is not None)
 
 
-def _cells(collection: Collection) -> Iterator[list[Press]]:
+def _cells(collection: Collection, feature: Feature) -> Iterator[list[Press]]:
     """Yield the presses of each cell with two or more prints at each level, sorted by position."""
     cells: dict[tuple[int, str, str], list[Press]] = defaultdict(list)
-    for press in sorted(presses_of(collection), key=lambda press: (press.position, press.copy)):
+    for press in sorted(presses_of(collection, feature), key=lambda press: (press.position, press.copy)):
         cells[press.level, press.combination, press.texture].append(press)
     for key in product(collection.levels, collection.combinations, collection.textures):
         if len({press.copy for press in cells[key]}) > 1:
@@ -132,14 +134,14 @@ def _cells(collection: Collection) -> Iterator[list[Press]]:
 
 
 def _seating(
-    presses: Sequence[Press], *, runs: Sequence[Run], grid: PressGrid, preprocess: Preprocess, ddof: int
+    presses: Sequence[Press], *, runs: Sequence[Run], grid: PressGrid, feature: Feature, ddof: int
 ) -> Seating | None:
     """Estimate the offsets of one cell; return None if too few of its frames can be read."""
     count = len(grid.positions_mm)
     sums: Floats32 | None = None
     numbers = np.zeros(count, dtype=np.int64)
     squares = np.zeros(count)
-    for _, position, values in _frames(presses, runs, preprocess):
+    for _, position, values in _frames(presses, runs, feature):
         if sums is None:
             sums = np.zeros((count, values.size), dtype=np.float32)
         sums[position] += values
@@ -151,7 +153,7 @@ def _seating(
     # These are sums of squares about the mean. 32 bits are enough for a fraction; the table is computed in 64 bits.
     squares -= numbers * np.einsum("ij,ij->i", sums, sums, dtype=np.float64) / sums.shape[1]
     copies = sorted({press.copy for press in presses})
-    offsets, explained = _fit(_frames(presses, runs, preprocess), sums, grid, copies, numbers - ddof)
+    offsets, explained = _fit(_frames(presses, runs, feature), sums, grid, copies, numbers - ddof)
     printed = runs[presses[0].run].info.printed
     return Seating(
         printer=printed.printer or UNKNOWN,
@@ -164,11 +166,11 @@ def _seating(
     )
 
 
-def _frames(presses: Sequence[Press], runs: Sequence[Run], preprocess: Preprocess) -> Iterator[_Frame]:
+def _frames(presses: Sequence[Press], runs: Sequence[Run], feature: Feature) -> Iterator[_Frame]:
     """Yield the copy, the position from 0 and the numbers of each frame; unusable frames are left out."""
     for press in presses:
         with contextlib.suppress(CheckFailedError):  # the computation of the table has already named it
-            values = read_usable(runs[press.run], press.paths[0], preprocess)
+            values = read_usable(runs[press.run], press.paths[0], feature)
             yield press.copy, press.position - 1, values.reshape(-1).astype(np.float32)
 
 

@@ -41,7 +41,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess, read_usable
+from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments
@@ -106,8 +106,8 @@ class Pass:
             prints, at a resolution for figures, and the number of places.
         floors: The stationary frames, by run; runs without such frames are missing.
         left_out: The frames that could not be used, with the reason.
-        fields: For each level and cell, the mean frame, summed over places, and the number of places. Only for markers,
-            because their displacements are drawn.
+        means: For each level and cell, the mean numbers, summed over places, and the number of places. Only for a
+            feature that exhibits them.
         frames: The number of decoded frames.
         seconds: The time of all processes, in s: ``decode`` (reading and decoding files, grey), ``sums``.
     """
@@ -116,7 +116,7 @@ class Pass:
     maps: dict[CellKey, tuple[Floats, int]] = field(default_factory=dict)
     floors: list[Floor] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-    fields: dict[tuple[int, CellKey], tuple[Floats, int]] = field(default_factory=dict)
+    means: dict[tuple[int, CellKey], tuple[Floats, int]] = field(default_factory=dict)
     frames: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"decode": 0.0, "sums": 0.0})
 
@@ -125,10 +125,10 @@ class Pass:
         before, places = self.maps.get(key, (0.0, 0))
         self.maps[key] = (before + picture, places + count)
 
-    def add_field(self, key: tuple[int, CellKey], mean: Floats, count: int = 1) -> None:
-        """Add a mean frame."""
-        before, places = self.fields.get(key, (0.0, 0))
-        self.fields[key] = (before + mean, places + count)
+    def add_mean(self, key: tuple[int, CellKey], mean: Floats, count: int = 1) -> None:
+        """Add mean numbers."""
+        before, places = self.means.get(key, (0.0, 0))
+        self.means[key] = (before + mean, places + count)
 
     def add(self, part: Pass) -> None:
         """Add another part of the same pass."""
@@ -140,8 +140,8 @@ class Pass:
             self.seconds[name] += seconds
         for key, (picture, count) in part.maps.items():
             self.add_map(key, picture, count)
-        for place, (mean, count) in part.fields.items():
-            self.add_field(place, mean, count)
+        for place, (mean, count) in part.means.items():
+            self.add_mean(place, mean, count)
 
 
 class Press(NamedTuple):
@@ -173,7 +173,7 @@ class _Sums:
         distances: The textures of each combination.
         squares: The squared differences between the means of these textures.
         pictures: The sums of squared deviations of each cell as a picture.
-        fields: The mean displacements of the markers of each cell.
+        means: The mean numbers of each cell, if the feature exhibits them.
         steps: The sum of squared deviations of each cell at each time step, mean over pixels.
     """
 
@@ -183,7 +183,7 @@ class _Sums:
     distances: dict[str, tuple[str, ...]] = field(default_factory=dict)
     squares: dict[str, Floats] = field(default_factory=dict)
     pictures: dict[CellKey, Floats] = field(default_factory=dict)
-    fields: dict[CellKey, Floats] = field(default_factory=dict)
+    means: dict[CellKey, Floats] = field(default_factory=dict)
     steps: list[dict[CellKey, Floats]] = field(default_factory=list)
 
     def add(self, step: _Sums) -> None:
@@ -195,7 +195,7 @@ class _Sums:
             (self.grams, step.grams),
             (self.squares, step.squares),
             (self.pictures, step.pictures),
-            (self.fields, step.fields),
+            (self.means, step.means),
         )
         for sums, more in pairs:
             for key, values in more.items():
@@ -208,7 +208,7 @@ class _Task:
 
     Args:
         runs: The runs, without any data that was read from them.
-        preprocess: The preprocessing of the frames.
+        feature: The fitted feature.
         designs: The copy numbers of the presses at a place without missing presses, by level and cell.
         places: The presses of each place of the task.
         still: The indices of the runs whose stationary frames are read.
@@ -216,7 +216,7 @@ class _Task:
     """
 
     runs: tuple[Run, ...]
-    preprocess: Preprocess
+    feature: Feature
     designs: Mapping[tuple[int, CellKey], tuple[int, ...]]
     places: tuple[tuple[Press, ...], ...]
     still: tuple[int, ...]
@@ -232,7 +232,7 @@ class _Task:
         began = time.perf_counter()
         values: Frame | None = None
         try:
-            values = read_usable(self.runs[run], path, self.preprocess)
+            values = read_usable(self.runs[run], path, self.feature)
         except CheckFailedError as error:
             self.passed.left_out.append(str(error))
         self.passed.frames += values is not None
@@ -260,8 +260,8 @@ class _Task:
         for key, of_cell in groupby(presses, lambda press: press.cell):
             copies = [press.copy for press in of_cell]
             cells[key] = CellSums.of(sums.grams[key] / count, copies, self.designs[level, key])
-            if key in sums.fields:
-                self.passed.add_field((level, key), sums.fields[key] / count)
+            if key in sums.means:
+                self.passed.add_mean((level, key), sums.means[key] / count)
             if key in sums.pictures:
                 self.passed.add_map(key, sums.pictures[key] / (count * len(copies)))
         squares = (
@@ -296,14 +296,14 @@ class _Task:
                 shape = used[0][1].shape
                 summed = moments([values for _, values in used])
                 sums.grams[key] = summed.gram
-                # The numbers of a series of forces are its time steps.
-                squares[key] = summed.squares if self.preprocess.forces else summed.squares.mean()
+                # The numbers of the table of a series are its time steps.
+                squares[key] = summed.squares.mean() if self.feature.from_frames else summed.squares
                 textures.setdefault(key[1], Running()).add(len(used), summed.mean, 0.0)
                 means[key[1]] = summed.mean
-                if self.preprocess.markers is not None:
-                    sums.fields[key] = summed.mean
+                if self.feature.exhibit is not None:
+                    sums.means[key] = summed.mean
                 if len(used) > 1 and presses[0].level in self.drawn[key]:
-                    sums.pictures[key] = self.preprocess.picture(summed.squares, shape)
+                    sums.pictures[key] = self.feature.picture(summed.squares, shape)
             if means:
                 sums.distances[combination] = tuple(means)
                 sums.squares[combination] = _distances(list(means.values()))
@@ -342,7 +342,7 @@ class _Task:
 
 def stream(
     collection: Collection,
-    preprocess: Preprocess,
+    feature: Feature,
     executor: Executor,
     progress: Callable[[int, int], None] | None = None,
 ) -> Pass:
@@ -350,13 +350,13 @@ def stream(
 
     Args:
         collection: The study.
-        preprocess: The preprocessing of the frames.
+        feature: The fitted feature.
         executor: The worker processes.
         progress: Receives progress updates: the number of frames done and their total number.
     """
-    tasks = _tasks(collection, preprocess, executor.jobs)
-    still = 0 if preprocess.forces else sum(_still_frames(run) for run in collection.runs)
-    total = len(collection) * len(collection.paths(0)) + still
+    tasks = _tasks(collection, feature, executor.jobs)
+    still = sum(_still_frames(run) for run in collection.runs) if feature.from_frames else 0
+    total = len(collection) * len(feature.paths(collection, 0)) + still
     passed = Pass()
     for part in executor.map(_Task.done, tasks):
         passed.add(part)
@@ -367,14 +367,14 @@ def stream(
     return passed
 
 
-def presses_of(collection: Collection) -> list[Press]:
-    """Return the presses of a study, in the order of the study."""
+def presses_of(collection: Collection, feature: Feature) -> list[Press]:
+    """Return the presses of a study, in the order of the study, with the files that a feature transforms."""
     columns = (
         *(collection.level, collection.position, collection.combination, collection.texture),
         *(collection.print_number, collection.repeat, collection.run),
     )
     values = zip(*(column.tolist() for column in columns), strict=True)
-    return [Press._make((*press, collection.paths(i))) for i, press in enumerate(values)]
+    return [Press._make((*press, feature.paths(collection, i))) for i, press in enumerate(values)]
 
 
 def runs_to_send(collection: Collection) -> tuple[Run, ...]:
@@ -397,20 +397,20 @@ def _still_frames(run: Run) -> int:
     return sum(1 for stationary_frame in run.stationary_frames if stationary_frame.in_contact)
 
 
-def _tasks(collection: Collection, preprocess: Preprocess, jobs: int) -> list[_Task]:
-    presses = sorted(presses_of(collection))
+def _tasks(collection: Collection, feature: Feature, jobs: int) -> list[_Task]:
+    presses = sorted(presses_of(collection, feature))
     places = [tuple(members) for _, members in groupby(presses, lambda press: (press.level, press.position))]
     there: dict[tuple[int, CellKey], set[tuple[int, int]]] = defaultdict(set)
     for press in presses:
         there[press.level, press.cell].add((press.copy, press.repeat))
     designs = {key: tuple(copy for copy, _ in sorted(repeats)) for key, repeats in there.items()}
-    still = [i for i, run in enumerate(collection.runs) if _still_frames(run) and not preprocess.forces]
+    still = [i for i, run in enumerate(collection.runs) if _still_frames(run) and feature.from_frames]
     count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(places))
     runs = runs_to_send(collection)
     return [
         _Task(
             runs=runs,
-            preprocess=preprocess,
+            feature=feature,
             designs=designs,
             places=tuple(places[i::count]),
             still=tuple(still[i::count]),

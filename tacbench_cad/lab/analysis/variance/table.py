@@ -30,7 +30,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import AS_PUBLISHED, Preprocess
+from tacbench_cad.lab.analysis.feature import Feature
+from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED, Pixels
 from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.analysis.variance.between import TextureMatrix, texture_matrices
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level, Quantity, parts_of
@@ -90,7 +91,7 @@ class VarianceResult:
     Args:
         collection: The study; with the protocol ``as-published``, its presses at one force level.
         protocol: The protocol, which defines the quantity of the table.
-        preprocess: The preprocessing of the frames.
+        feature: The fitted feature.
         ddof: 0 as in the paper, or 1.
         seed: The seed of the intervals and permutations.
         cells: The cells of the table, by level (``all`` last), combination and texture.
@@ -100,8 +101,8 @@ class VarianceResult:
         positions: The variance at each position, by level and cell, shape (positions,); NaN if unknown.
         maps: The variance of each pixel (same ddof as the table), mean over positions and over the levels at which the
             cell has the most prints, at a resolution for figures.
-        fields: The mean displacement of each marker over positions, prints and repeats, by level and cell, shape
-            (n, 2); empty for pixels.
+        means: The mean of each number over positions, prints and repeats, by level and cell; empty unless the feature
+            exhibits them.
         steps: For series, the variance at each time step (same ddof as the table), mean over pixels and positions, by
             level and cell, shape (frames of a press,).
         outside: The fraction of the pixels that lie outside of the sensor. None if a region of interest leaves them
@@ -113,7 +114,7 @@ class VarianceResult:
 
     collection: Collection
     protocol: Protocol
-    preprocess: Preprocess
+    feature: Feature
     ddof: int
     seed: int
     cells: tuple[Cell, ...]
@@ -122,12 +123,17 @@ class VarianceResult:
     tests: tuple[PrinterTest, ...]
     positions: Mapping[tuple[int, CellKey], Floats]
     maps: Mapping[CellKey, Floats]
-    fields: Mapping[tuple[int, CellKey], Floats]
+    means: Mapping[tuple[int, CellKey], Floats]
     steps: Mapping[tuple[int, CellKey], Floats]
     outside: float | None
     sums: _Sums
     left_out: tuple[str, ...]
     passed: Pass
+
+    @property
+    def units(self) -> str:
+        """The unit of the numbers."""
+        return self.feature.unit or self.collection.units
 
     def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
         """Return a cell of the table, or None if the table does not have it."""
@@ -140,7 +146,7 @@ class VarianceResult:
 
 def variance_table(
     collection: Collection,
-    preprocess: Preprocess | None = None,
+    feature: Feature | None = None,
     *,
     protocol: Protocol = "paper",
     ddof: int = 0,
@@ -153,7 +159,7 @@ def variance_table(
 
     Args:
         collection: The study. If it has series, the variance is computed for each pixel of each frame of a series.
-        preprocess: The preprocessing of the frames; None for grey at full size.
+        feature: The fitted feature; None for grey pixels at full size.
         protocol: ``paper`` for the variance over prints and repeats; ``as-published`` for the quantity that the paper
             printed: the variance over the repeats on one print at the lowest force level, for images at 40 % of their
             size, in grey without rounding, ``ddof`` 0.
@@ -171,22 +177,21 @@ def variance_table(
         raise InputError("ddof", ddof, "must be 0 or 1")
     one_of("protocol", protocol, get_args(Protocol))
     collection.require("the variance", "position", "print or repeat")
-    settings, quantity = preprocess or Preprocess(), OF_ALL
+    used, quantity = feature or Pixels(), OF_ALL
     if protocol == "as-published":
-        if preprocess not in (None, AS_PUBLISHED) or ddof:
+        if feature not in (None, AS_PUBLISHED) or ddof:
             raise InputError(
                 "protocol",
                 protocol,
-                "always uses grey images at 40 % of their size and ddof 0; leave out preprocess and ddof",
+                "always uses grey images at 40 % of their size and ddof 0; leave out feature and ddof",
             )
         if collection.series:
             raise InputError("protocol", protocol, "is for the frames of presses; leave out --series")
         collection.require("the published quantity", "print")
-        settings, quantity = AS_PUBLISHED, OF_REPEATS
+        used, quantity = AS_PUBLISHED, OF_REPEATS
         collection = collection.at_level(collection.levels[0])
-    collection = collection.viewed(settings.features, collection.series)
     with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
-        passed = stream(collection, settings, executor, progress)
+        passed = stream(collection, used, executor, progress)
     sums = _summed(collection, passed.places, quantity)
     if not sums:
         raise InputError("presses", 1, _NOT_REPEATED[quantity])
@@ -210,7 +215,7 @@ def variance_table(
     return VarianceResult(
         collection=collection,
         protocol=protocol,
-        preprocess=settings,
+        feature=used,
         ddof=ddof,
         seed=seed,
         cells=cells,
@@ -227,18 +232,18 @@ def variance_table(
         tests=tuple(_tests(collection, sums, seed)),
         positions=_positions(collection, passed.places, ddof, quantity),
         maps={key: _map(*passed.maps[key], of_levels.values(), ddof) for key, of_levels in sums.items()},
-        fields={place: (total / count).reshape(-1, 2) for place, (total, count) in passed.fields.items()},
+        means={place: total / count for place, (total, count) in passed.means.items()},
         steps=_steps(passed.places, ddof) if collection.series else {},
-        outside=_outside(collection, settings),
+        outside=_outside(collection, used),
         sums=sums,
         left_out=tuple(passed.left_out),
         passed=passed,
     )
 
 
-def _outside(collection: Collection, preprocess: Preprocess) -> float | None:
+def _outside(collection: Collection, feature: Feature) -> float | None:
     """Return the fraction of the pixels that do not show the sensor; None if its place in the images is not sure."""
-    if preprocess.region is not None or not collection.in_counts:
+    if feature.region is not None or feature.unit is not None or not collection.in_counts:
         return None
     try:
         region = found_region(collection.runs)

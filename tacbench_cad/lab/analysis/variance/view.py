@@ -15,9 +15,10 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad import __version__
-from tacbench_cad.extensions.markers.displacements import origin_of
 from tacbench_cad.lab.analysis import answers
-from tacbench_cad.lab.analysis.collection import Collection, FeatureName
+from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.feature import Words
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
@@ -103,11 +104,6 @@ COLUMNS: Mapping[str, tuple[Column, ...]] = {
         Column("frame", int),
         *(Column(name, float) for name in ("time_s", "distance_mm", "rotation_deg", "variance")),
     ),
-    "displacements": (
-        *_CELL,
-        Column("marker", int),
-        *(Column(name, float) for name in ("x_px", "y_px", "dx_px", "dy_px")),
-    ),
     "permutation": (
         Column("force_level", _level),
         Column("first"),
@@ -146,9 +142,12 @@ class Settings:
     registered: bool
     left_out: tuple[str, ...]
     data: str
-    features: FeatureName = "pixels"
+    features: str = "pixels"
+    units: str
+    words: Words
+    exhibit: str = ""
+    caption: str = ""
     series: bool = False
-    markers: int = 0
     roi: str = ""
     outside: float | None = None
 
@@ -187,34 +186,45 @@ class VarianceView:
             "positions": list(_positions(result)),
             "print_distances": list(_print_distances(result)),
             "motion": list(_motion(result)),
-            "displacements": list(_displacements(result)),
             "permutation": result.tests,
             "registration": [row for seating in seatings for row in seating.rows()],
         }
-        preprocess = result.preprocess
+        feature, exhibit = result.feature, result.feature.exhibit
+        pixels = feature if isinstance(feature, Pixels) else Pixels()
+        tables = {
+            name: Table.of(COLUMNS[name], rows)
+            for name, rows in items.items()
+            if result.protocol == "paper" or name in AS_PUBLISHED_FILES
+        }
+        if exhibit is not None:
+            means = [
+                {**parts_of(combination), "texture": texture, "force_level": level, **row}
+                for (level, (combination, texture)), mean in result.means.items()
+                for row in exhibit.rows(mean)
+            ]
+            tables[exhibit.name] = Table.of((*_CELL, *exhibit.columns), means)
         return cls(
             collection=result.collection,
             settings=Settings(
                 protocol=result.protocol,
-                colour=preprocess.colour,
-                resolution=preprocess.resolution,
+                colour=pixels.colour,
+                resolution=pixels.resolution,
                 ddof=result.ddof,
                 seed=result.seed,
                 registered=bool(seatings),
                 left_out=result.left_out,
                 data=result.collection.data_key,
-                features=preprocess.features,
+                features=feature.name,
+                units=result.units,
+                words=feature.words,
+                exhibit=exhibit.name if exhibit else "",
+                caption=exhibit.caption if exhibit else "",
                 series=result.collection.series,
-                markers=preprocess.markers.count if preprocess.markers else 0,
-                roi=preprocess.region.text if preprocess.region else "",
+                roi=feature.region.text if feature.region else "",
                 outside=result.outside,
             ),
             cells=result.cells,
-            tables={
-                name: Table.of(COLUMNS[name], rows)
-                for name, rows in items.items()
-                if result.protocol == "paper" or name in AS_PUBLISHED_FILES
-            },
+            tables=tables,
         )
 
     @classmethod
@@ -243,7 +253,7 @@ class VarianceView:
             )
         except (InputError, TypeError, ValueError) as error:
             raise InputError("table", str(folder / "variance.csv"), f"contains a wrong value: {error}") from None
-        collection = collection.viewed(settings.features, settings.series)
+        collection = collection.viewed(settings.series)
         return cls(collection=collection, settings=settings, cells=cells, tables=tables)
 
     def write(self, folder: Path) -> list[Path]:
@@ -254,7 +264,6 @@ class VarianceView:
         """
         optional = {
             "registration": self.settings.registered,
-            "displacements": self.settings.features == "markers",
             "motion": self.settings.series,
         }
         names = [name for name in self.tables if optional.get(name, True)]
@@ -270,7 +279,8 @@ class VarianceView:
             "units": self.unit,
             "grey": not self.settings.colour,
             "ddof": self.settings.ddof,
-            **{key: getattr(self.settings, key) for key in ("features", "series", "markers", "roi", "outside")},
+            **{key: getattr(self.settings, key) for key in ("features", "series", "roi", "outside")},
+            "numbers": self.settings.words.numbers,
             "variance": [
                 {
                     **{key: getattr(cell, key) for key in (*keys, "floor_from")},
@@ -281,7 +291,7 @@ class VarianceView:
             **{
                 name: self.tables[name].records()
                 for name in self.tables
-                if name not in (*AS_PUBLISHED_FILES, "displacements")
+                if name not in (*AS_PUBLISHED_FILES, self.settings.exhibit)
             },
             "warnings": list(self.warnings),
             "left_out": list(self.settings.left_out),
@@ -290,7 +300,12 @@ class VarianceView:
     @property
     def unit(self) -> str:
         """The unit of a variance: ``counts^2``."""
-        return squared(self.collection.units)
+        return squared(self.settings.units)
+
+    @property
+    def in_counts(self) -> bool:
+        """Whether the values are counts of images, as in the paper."""
+        return self.settings.units == "counts"
 
     @property
     def floor_sources(self) -> list[str]:
@@ -320,20 +335,15 @@ class VarianceView:
                 f"Each figure is the mean over the {moving} of a series. They were taken while the sensor moved in "
                 "contact; the paper's sensor did not move."
             )
-        if self.settings.features == "markers":
-            notes.append(
-                f"The figures are variances of displacements: of each of {self.settings.markers} markers from its "
-                f"{origin_of(self.collection.runs)}, mean over the markers and both axes of the image. The position of "
-                "a hidden marker is predicted from its neighbours. Lighting does not change these figures. They cannot "
-                "be compared with the paper's figures in counts^2."
-            )
+        if self.settings.words.note:
+            notes.append(self.settings.words.note)
         if self.settings.roi:
             notes.append(f"The region of interest is {self.settings.roi}; pixels outside of it are not used.")
         elif self.settings.outside is not None:
             advice = "; --roi auto leaves them out" if self.settings.protocol == "paper" else ""
             outside = f"{100 * self.settings.outside:.0f} %"
             notes.append(f"{outside} of the pixels do not show the sensor, but are part of each variance{advice}.")
-        if self.collection.in_counts and self.collection.beside_paper:
+        if self.in_counts and self.collection.beside_paper:
             notes.append(self._on_the_paper)
         return notes
 
@@ -416,11 +426,11 @@ class VarianceView:
     @property
     def _kind(self) -> str:
         """The preprocessing in a few words, for titles."""
-        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if self.collection.in_counts else ""
+        kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if self.in_counts else ""
         if self.settings.protocol == "as-published":
             kind = f"; grey not rounded, {100.0 * self.settings.resolution:g} % of the size" if kind else ""
         kind += "; series of moving frames" if self.settings.series else ""
-        kind += "; displacement of markers" if self.settings.features == "markers" else ""
+        kind += f"; {self.settings.words.title}" if self.settings.words.title else ""
         return kind + (f"; inside {self.settings.roi}" if self.settings.roi else "")
 
     def _component_table(self) -> Table:
@@ -437,7 +447,7 @@ class VarianceView:
                 value = by_key[level, name]["variance"]
                 sd = None if value is None else math.sqrt(value)
                 texts[str(level)] = "" if sd is None else f"{short(sd)} (limit {short(LIMIT_FACTOR * sd)})"
-            rows.append({"name": f"{name} SD ({self.collection.units})", **texts})
+            rows.append({"name": f"{name} SD ({self.settings.units})", **texts})
         columns = [Column("name", head="")]
         columns += [Column(str(level), head=self._level_name(level), right=True) for level in levels]
         return _filled(columns, rows, f"variance components of the nested design ({self.unit}, unbiased) and ISO 5725")
@@ -517,16 +527,6 @@ def _print_distances(result: VarianceResult) -> Iterator[Row]:
             for copy, square in cell.from_others().items():
                 place = {**parts_of(combination), "texture": texture, "force_level": level}
                 yield {**place, "copy": copy, "from_others": square}
-
-
-def _displacements(result: VarianceResult) -> Iterator[Row]:
-    """Yield the rows of ``displacements.csv``: each marker's mean displacement and its position in run 1."""
-    markers = result.preprocess.markers
-    places = [] if markers is None else next(iter(markers.references_px.values())).tolist()
-    for (level, (combination, texture)), shifts in result.fields.items():
-        for number, ((x, y), (dx, dy)) in enumerate(zip(places, shifts.tolist(), strict=True), start=1):
-            cell = {**parts_of(combination), "texture": texture, "force_level": level, "marker": number}
-            yield {**cell, "x_px": x, "y_px": y, "dx_px": dx, "dy_px": dy}
 
 
 def _motion(result: VarianceResult) -> Iterator[Row]:

@@ -24,7 +24,7 @@ from tacbench_cad.lab.analysis.classification.pca import Pool
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.parallel import Executor, workers
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -60,7 +60,7 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     settings = ClassificationSettings(
         estimators=("forest", "network"), augmentation=PAPER_COPIES, resolution=1.0, components=12, epochs=15, seed=4
     )
-    features = read_features(study, Preprocess(resolution=0.5))
+    features = read_features(study, Pixels(resolution=0.5))
     task, pool = Study(features=features, presses=presses, settings=settings), Pool.of(features.rows, components=12)
     assert pool.factor is None  # few pixels: noise is drawn for each pixel
     outcomes = leak_free_trial(task, pool, 1)[0]
@@ -91,7 +91,7 @@ class _nothing:  # noqa: N801
 
 
 def test_augmentation_makes_the_named_copies(study: Collection) -> None:
-    features = read_features(study, Preprocess())
+    features = read_features(study, Pixels())
     augmentation = PAPER_COPIES
     assert augmentation.names == ("none", "noise 5", "+10", "-10")
     train = np.arange(3, 40)

@@ -22,7 +22,7 @@ from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Strings
@@ -45,7 +45,7 @@ def run(collection: Collection, out: Path, settings: ClassificationSettings, tri
 def test_without_noise_results_equal_the_script_from_the_text(study: Collection, tmp_path: Path) -> None:
     settings = replace(PAPER, estimators=("forest",), augmentation=replace(PAPER_COPIES, noise=None), seed=3)
     result = run(study, tmp_path, settings)
-    rows = read_features(study, Preprocess()).rows.astype(float)
+    rows = read_features(study, Pixels()).rows.astype(float)
     seed = trial_seed(3, 1)
     outcomes = iter(result.outcomes)
     for train_on in ("bambu-p1p_pla-minus",):

@@ -1,4 +1,4 @@
-"""Test the variance and classification of regions of interest and markers against NumPy and true values."""
+"""Test the variance and classification of markers against their true displacements."""
 
 from __future__ import annotations
 
@@ -11,57 +11,15 @@ from helpers.dots import REST, SHAPE, dots_at_rest, dots_displacement, dots_imag
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.markers.displacements import MarkerFeatures
+from tacbench_cad.extensions.markers import MarkerDisplacements
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.feature import feature_of, fitted
 from tacbench_cad.lab.analysis.figures import save, styled
-from tacbench_cad.lab.analysis.preprocess import Preprocess, preprocess_of
-from tacbench_cad.lab.analysis.variance.figures import displacement_figure
+from tacbench_cad.lab.analysis.variance.figures import exhibit_figure
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
-from tacbench_cad.lab.runs.region import parse_region, store_region
-from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.util.errors import CheckFailedError, InputError
-
-
-@pytest.mark.parametrize("colour", [False, True])
-def test_variance_of_a_region_equals_numpys_of_its_pixels(tmp_path: Path, colour: bool) -> None:
-    shape = (24, 32, 3) if colour else (24, 32)
-    write_study(
-        tmp_path, shape=shape, image=lambda printed, press, rng: rng.integers(0, 256, shape, dtype=np.uint8), still=2
-    )
-    collection = Collection.open([tmp_path])
-    preprocess = preprocess_of(collection, roi="circle:15,11,7", colour=colour)
-    result = variance_table(collection, preprocess)
-    y, x = np.mgrid[:24, :32]
-    mask = (x - 15) ** 2 + (y - 11) ** 2 <= 49
-    for cell in result.cells[:-4]:
-        parts = []
-        for position in np.unique(collection.position):
-            here = (collection.texture == cell.texture) & (collection.combination == cell.combination)
-            frames = [collection.frame(i) for i in np.flatnonzero(here & (collection.position == position))]
-            parts.append(np.var([frame[mask] for frame in frames], axis=0).mean())
-        assert cell.variance == pytest.approx(np.mean(parts), rel=1e-9)
-    picture = next(iter(result.maps.values()))
-    assert picture.shape == (24, 32)
-    assert np.array_equal(np.isfinite(picture), mask)
-    assert not any(cell.published for cell in result.cells)
-
-
-def test_a_stored_region_is_used_unless_another_is_chosen(tmp_path: Path) -> None:
-    folders = write_study(tmp_path)
-    runs = Collection.open([tmp_path]).runs
-    for folder in folders[:-1]:
-        store_region(folder, parse_region("rect:2,2,20,20", 24, 32))
-    assert region_of(runs) is None
-    store_region(folders[-1], parse_region("rect:10,2,28,20", 24, 32))
-    region = region_of(runs)
-    assert region is not None
-    assert region.mask.sum() == 11 * 19
-    assert region_of(runs, "none") is None
-    store_region(folders[-1], parse_region("rect:10,2,28,20", 48, 64))
-    with pytest.raises(InputError, match="different sizes"):
-        region_of(runs)
 
 
 @pytest.fixture(scope="module")
@@ -73,11 +31,11 @@ def pressed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Path) -> None:
     collection = Collection.open([pressed])
-    preprocess = preprocess_of(collection, "markers")
-    result = variance_table(collection, preprocess)
-    assert preprocess.markers is not None
-    assert preprocess.markers.count == len(REST)
-    assert result.collection.units == "px"
+    feature = fitted(collection, "markers")
+    assert isinstance(feature, MarkerDisplacements)
+    result = variance_table(collection, feature)
+    assert feature.markers.count == len(REST)
+    assert result.units == "px"
     assert result.outside is None
     for cell in (cell for cell in result.cells if cell.force_level != "all"):
         truth = []
@@ -91,22 +49,22 @@ def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Pa
             ]
             truth.append(np.var(displacements, axis=0).mean())
         assert cell.variance == pytest.approx(np.mean(truth), rel=0.1)
-    assert len(result.fields) == 2 * 4
-    field = result.fields[2, ("ender-3_pla-plus", "texture-1")]
-    reference = next(iter(preprocess.markers.references_px.values()))
+    assert len(result.means) == 2 * 4
+    mean = result.means[2, ("ender-3_pla-plus", "texture-1")].reshape(-1, 2)
+    reference = next(iter(feature.markers.references_px.values()))
     nearest = np.argmin(np.hypot(*(reference[:, None] - REST[None]).transpose(2, 0, 1)), axis=1)
     run = next(run for run in collection.runs if run.info.printed.combination == "ender-3_pla-plus")
     press = plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)[-1]
-    assert np.corrcoef(field[:, 0], dots_displacement(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
+    assert np.corrcoef(mean[:, 0], dots_displacement(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
 
 
 def test_worker_processes_give_the_same_marker_table_and_a_figure(pressed: Path, tmp_path: Path) -> None:
     collection = Collection.open([pressed])
-    preprocess = preprocess_of(collection, "markers")
-    alone, together = (variance_table(collection, preprocess, jobs=jobs) for jobs in (1, 2))
+    feature = fitted(collection, "markers")
+    alone, together = (variance_table(collection, feature, jobs=jobs) for jobs in (1, 2))
     assert [cell.variance for cell in alone.cells] == pytest.approx([cell.variance for cell in together.cells])
     with styled():
-        for path in save(displacement_figure(together), tmp_path / "displacements", ()):
+        for path in save(exhibit_figure(together), tmp_path / "displacements", ()):
             assert path.stat().st_size > 5000
 
 
@@ -115,10 +73,10 @@ def test_the_results_say_where_the_displacements_begin(tmp_path: Path) -> None:
     folders = write_study(tmp_path, shape=SHAPE, image=dots_image, resting=dots_at_rest, **size)
     for origin in ("position without contact", "median position"):
         collection = Collection.open([tmp_path])
-        result = variance_table(collection, preprocess_of(collection, "markers"))
+        result = variance_table(collection, fitted(collection, "markers"))
         with styled():
-            labels = [axes.get_ylabel() for axes in displacement_figure(result).axes]
-        assert f"displacement from the {origin} (px)" in labels
+            labels = [axes.get_ylabel() for axes in exhibit_figure(result).axes]
+        assert any(label.startswith(f"displacement from the {origin} (px)") for label in labels)
         assert any(f"49 markers from its {origin}, mean" in note for note in VarianceView.of(result).notes)
         for folder in folders:  # without the frames at rest, as in an imported run
             table = folder / "references" / "references.csv"
@@ -163,10 +121,10 @@ def test_regions_and_markers_are_drawn_and_regions_stored(
 
 def test_a_frame_without_markers_is_excluded(pressed: Path) -> None:
     collection = Collection.open([pressed])
-    features = MarkerFeatures.learn(collection.runs)
+    feature = fitted(collection, "markers")
     run = collection.runs[0]
     with pytest.raises(CheckFailedError, match="0 of 49 markers were found"):
-        Preprocess(markers=features).of(_Black(run), collection.paths(0)[0])  # type: ignore[arg-type]
+        feature.transform(_Black(run), collection.paths(0)[0])  # type: ignore[arg-type]
 
 
 class _Black:
@@ -180,3 +138,12 @@ class _Black:
 
     def read(self, path: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
         return np.zeros(SHAPE, dtype=np.uint8)
+
+
+def test_settings_of_the_markers_follow_the_name() -> None:
+    feature = feature_of("markers:sigma_px=3.5,dark=true", colour=True)
+    assert isinstance(feature, MarkerDisplacements)
+    assert (feature.sigma_px, feature.threshold, feature.dark) == (3.5, None, True)
+    for wrong in ("markers:sigma_px=99", "markers:sigma_px=wide", "markers:learned=1", "marker"):
+        with pytest.raises(InputError):
+            feature_of(wrong)
