@@ -33,7 +33,7 @@ from helpers.simulated_markers import detection_rates, simulated_frames
 from tacbench_cad.extensions.markers.markers import MarkerFinder, Markers
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import grey
+from tacbench_cad.lab.runs.frame_files import grey
 
 #: For each look: the smallest fraction found and the largest fraction false; threshold, areas and circularity of the
 #: blob detector.

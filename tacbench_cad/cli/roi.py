@@ -37,7 +37,7 @@ def command(runs: tuple[Path, ...], roi: str | None, out: Path | None, json: boo
       tacbench roi runs/ --roi auto
       tacbench roi runs/ --roi circle:304,248,210
     """
-    from tacbench_cad.lab.runs.pictures import write_png
+    from tacbench_cad.lab.runs.frame_files import write_png
     from tacbench_cad.lab.runs.reading import Run, find_runs
     from tacbench_cad.lab.runs.region import remove_region, store_region
     from tacbench_cad.lab.runs.region_search import NO_REGION, NONE_FOUND, found_region, region_of

@@ -80,8 +80,8 @@ from .runs.info import RunInfo as RunInfo
 from .runs.reading import Run as Run
 from .runs.reading import find_runs as find_runs
 from .runs.region_search import find_region as find_region
+from .runs.run_writer import RunWriter as RunWriter
 from .runs.schema import Row as Row
-from .runs.writing import RunWriter as RunWriter
 from .simulate.blockrun import SimulationOptions as SimulationOptions
 from .simulate.contact import DomeContact as DomeContact
 from .simulate.contact import contact_for as contact_for

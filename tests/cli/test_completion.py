@@ -124,8 +124,8 @@ def test_an_unknown_or_old_command_completes_to_nothing(capsys: Capture, monkeyp
 
 
 def test_the_completed_words_agree_with_the_program() -> None:
-    from tacbench_cad.extensions.exchange.exporting.formats import FORMATS as EXPORTS
-    from tacbench_cad.extensions.exchange.exporting.formats import TACTILE_DATA
+    from tacbench_cad.extensions.exchange.exporting.export_formats import FORMATS as EXPORTS
+    from tacbench_cad.extensions.exchange.exporting.export_formats import TACTILE_DATA
     from tacbench_cad.extensions.simulators import SIMULATOR_TARGETS
     from tacbench_cad.formats import FORMATS
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS

@@ -16,7 +16,7 @@ from helpers.rigs import printed, rig_settings, small_protocol
 from helpers.rigs import study_of as small_study
 from helpers.wrong_drivers import GoodSensor
 from tacbench_cad.extensions.devices.klipper import KlipperStage
-from tacbench_cad.extensions.exchange.exporting.formats import export_runs as export_runs_to
+from tacbench_cad.extensions.exchange.exporting.export_formats import export_runs as export_runs_to
 from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing
 from tacbench_cad.extensions.exchange.importing.authors import _options_of as authors_options
 from tacbench_cad.extensions.exchange.publishing.publication import Author, Publication
@@ -43,11 +43,11 @@ from tacbench_cad.lab.rig.ports import resolve
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.rig.samples import require_stuck_samples
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.frame_files import write_png
 from tacbench_cad.lab.runs.importing.array_files import array_name
 from tacbench_cad.lab.runs.importing.import_formats import _Formats
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions
 from tacbench_cad.lab.runs.importing.sources import columns_of_fields, field_of
-from tacbench_cad.lab.runs.pictures import write_png
 from tacbench_cad.lab.runs.region import parse_region
 from tacbench_cad.lab.simulate.looks import LOOKS, look_named
 from tacbench_cad.lab.simulate.study import study_of
@@ -249,7 +249,7 @@ ROWS: Rows = {
     "lab.rig.samples:require_stuck_samples": lambda _: [
         Offer(attempt=require_stuck_samples, wrong=1, things={"at least 2": 2, "0 to switch": 0})
     ],
-    "extensions.exchange.exporting.formats:export_runs": lambda _: [
+    "extensions.exchange.exporting.export_formats:export_runs": lambda _: [
         Offer(attempt=lambda word: export_runs_to([Path("none")], word, Path("out")), wrong="xyz", later="none")
     ],
     "extensions.exchange.exporting.tactile_data:Processing.__post_init__": lambda _: [

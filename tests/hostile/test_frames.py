@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
+from tacbench_cad.lab.runs.frame_files import decoded
 from tacbench_cad.lab.runs.npyfile import array_of, mapped
-from tacbench_cad.lab.runs.pictures import decoded
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 

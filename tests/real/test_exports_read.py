@@ -14,10 +14,10 @@ pytest.importorskip("cv2")
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
-from tacbench_cad.extensions.exchange.exporting.formats import export_runs
+from tacbench_cad.extensions.exchange.exporting.export_formats import export_runs
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid

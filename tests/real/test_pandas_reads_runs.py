@@ -17,7 +17,7 @@ import pandas as pd
 from tacbench_cad.extensions.exchange.exporting.tactile_data import export_tactile_data
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 

@@ -1,6 +1,6 @@
 """The names of :mod:`tacbench_cad.extensions.exchange`, for type checkers and for its lazy loading alike."""
 
-from .exporting.formats import export_runs as export_runs
+from .exporting.export_formats import export_runs as export_runs
 from .exporting.tactile_data import Processing as Processing
 from .exporting.tactile_data import export_tactile_data as export_tactile_data
 from .publishing.crate import publish as publish

@@ -80,8 +80,8 @@ def command(
       tacbench export-runs --to tactile-data runs/ --out data --bbox 110,0,550,440
     """
     from tacbench_cad.extensions.exchange.exporting.card import NO_SERIES
-    from tacbench_cad.extensions.exchange.exporting.formats import FORMATS as COMMON_FORMATS
-    from tacbench_cad.extensions.exchange.exporting.formats import TACTILE_DATA, export_runs
+    from tacbench_cad.extensions.exchange.exporting.export_formats import FORMATS as COMMON_FORMATS
+    from tacbench_cad.extensions.exchange.exporting.export_formats import TACTILE_DATA, export_runs
 
     if one_of("to", to, (*COMMON_FORMATS, TACTILE_DATA)) == TACTILE_DATA:
         _export_tactile_data(runs, out, bbox, size or (128, 128), colour)

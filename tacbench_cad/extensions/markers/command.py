@@ -64,7 +64,7 @@ def command(
     from tacbench_cad.extensions.markers.pattern import circle_around, expected_count
     from tacbench_cad.extensions.markers.pictures import markers_drawn
     from tacbench_cad.extensions.markers.references import add_references
-    from tacbench_cad.lab.runs.pictures import write_png
+    from tacbench_cad.lab.runs.frame_files import write_png
     from tacbench_cad.lab.runs.reading import Run, find_runs
     from tacbench_cad.lab.runs.region_search import region_of
 

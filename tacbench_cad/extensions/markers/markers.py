@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.extensions.markers.pattern import MIN_MARKERS, no_pattern
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import grey, noise_counts
+from tacbench_cad.lab.runs.frame_files import grey, noise_counts
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Floats32
 

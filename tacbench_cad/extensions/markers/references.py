@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tacbench_cad.lab.runs.pictures import decoded
+from tacbench_cad.lab.runs.frame_files import decoded
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES
-from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError
 

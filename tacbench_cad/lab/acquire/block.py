@@ -32,9 +32,9 @@ from tacbench_cad.lab.rig.errors import (
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.rig.stage import measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
 from tacbench_cad.lab.runs.series import MovingFrame
-from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import TacbenchError
@@ -55,7 +55,7 @@ class BlockResult:
         folder: The complete run folder.
         presses: The number of presses in this session.
         missed: The number of presses in this session whose force is outside the band.
-        seconds: The time spent in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.writing.RunWriter`
+        seconds: The time spent in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.run_writer.RunWriter`
             measures it.
     """
 
@@ -85,7 +85,7 @@ def press_block(
         signals: Receives the signals, which then go to this block's carriage.
         progress: Receives progress updates.
         taught_mm: The heights of first touch that a person taught (``touch = "taught"``), in mm.
-        durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
+        durable: See :meth:`tacbench_cad.lab.runs.run_writer.RunWriter.open`.
         confirm: Asks the person whether a block at an unexpected height is pressed. The sensor is lifted meanwhile.
 
     Raises:

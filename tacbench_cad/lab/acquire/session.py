@@ -108,7 +108,7 @@ def acquire_study(
         out: The folder of the run folders.
         person: Puts the blocks in.
         progress: Receives progress updates.
-        durable: See :meth:`tacbench_cad.lab.runs.writing.RunWriter.open`.
+        durable: See :meth:`tacbench_cad.lab.runs.run_writer.RunWriter.open`.
         opener: Opens the devices.
         give_up: Called in another thread before the process ends, because a device does not return after a signal.
 

@@ -6,11 +6,11 @@ from .importing.array_files import array_source as array_source
 from .importing.array_files import require_frames as require_frames
 from .importing.companions import columns_of_array as columns_of_array
 from .importing.companions import describes_frames as describes_frames
-from .importing.images import files_below as files_below
-from .importing.images import is_image_file as is_image_file
-from .importing.images import name_fault as name_fault
-from .importing.images import natural_path as natural_path
-from .importing.images import table_source as table_source
+from .importing.image_folders import files_below as files_below
+from .importing.image_folders import is_image_file as is_image_file
+from .importing.image_folders import name_fault as name_fault
+from .importing.image_folders import natural_path as natural_path
+from .importing.image_folders import table_source as table_source
 from .importing.import_formats import ImportFormat as ImportFormat
 from .importing.import_options import ImportOptions as ImportOptions
 from .importing.import_options import Paths as Paths

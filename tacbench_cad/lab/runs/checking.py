@@ -15,15 +15,15 @@ import numpy as np
 from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
+from tacbench_cad.lab.runs.frame_files import decoded, sha256
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.pictures import decoded, sha256
 from tacbench_cad.lab.runs.quality import MIN_FRAMES, Judge, Measured, beside_each_other
 from tacbench_cad.lab.runs.reading import Run, good_checks, planned, shape_fault
 from tacbench_cad.lab.runs.region import REGION_FILE, SURE, Region
 from tacbench_cad.lab.runs.region_search import found_region, region_of
+from tacbench_cad.lab.runs.run_tables import cut_torn_line, read_table
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import series_rows
-from tacbench_cad.lab.runs.table import cut_torn_line, read_table
 from tacbench_cad.lab.runs.typical_frame import TypicalFrame
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.door import read_bytes

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import MAX_MEGAPIXELS, decoded, write_png
+from tacbench_cad.lab.runs.frame_files import MAX_MEGAPIXELS, decoded, write_png
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, read_json
 from tacbench_cad.util.errors import CheckFailedError, InputError

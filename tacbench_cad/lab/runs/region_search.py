@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import grey
+from tacbench_cad.lab.runs.frame_files import grey
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.region import SURE, Region, parse_region, stored_region
 from tacbench_cad.util.errors import InputError

@@ -13,9 +13,9 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.pictures import FrameFile
+from tacbench_cad.lab.runs.frame_files import FrameFile
+from tacbench_cad.lab.runs.run_tables import read_table, sync_folder, table_text
 from tacbench_cad.lab.runs.schema import MovingRow, PoseFrom
-from tacbench_cad.lab.runs.table import read_table, sync_folder, table_text
 from tacbench_cad.lab.study.spec import Angles, Point
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import write_text

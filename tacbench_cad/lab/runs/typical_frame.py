@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import grey, noise_counts
+from tacbench_cad.lab.runs.frame_files import grey, noise_counts
 from tacbench_cad.util.types import Bools, Floats, Floats32
 
 #: The fraction of the pixels of a binary image that are 0 or 255. Few others come from scaling and compression.

@@ -15,8 +15,8 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.run_writer import RunWriter, timed
 from tacbench_cad.lab.runs.series import MovingFrame
-from tacbench_cad.lab.runs.writing import RunWriter, timed
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.frame_files import encoded
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.pictures import encoded
 from tacbench_cad.lab.simulate.blockrun import (
     FrameSource,
     SimulatedBlock,

@@ -12,8 +12,8 @@ import pytest
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing, export_tactile_data
-from tacbench_cad.lab.runs.pictures import decoded
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.frame_files import decoded
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 Capture = pytest.CaptureFixture[str]

@@ -21,12 +21,12 @@ from tacbench_cad.cli import main
 from tacbench_cad.extensions.exchange.export_command import command
 from tacbench_cad.extensions.exchange.exporting import hugging_face, npz, web_dataset, zarr_group
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, values_of
-from tacbench_cad.extensions.exchange.exporting.formats import FORMATS, TACTILE_DATA, export_runs
+from tacbench_cad.extensions.exchange.exporting.export_formats import FORMATS, TACTILE_DATA, export_runs
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED, folder_names
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import COLUMNS as TARGETS_COLUMNS
-from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 Capture = pytest.CaptureFixture[str]

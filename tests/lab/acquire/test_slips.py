@@ -19,7 +19,7 @@ from tacbench_cad.lab.rig.errors import SlipError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.study.spec import Point
 
 
@@ -177,7 +177,7 @@ def test_an_end_stop_that_closes_too_early_is_found_before_the_first_move(tmp_pa
 
 def test_an_interrupted_setting_aside_is_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     trial = Trial(texture=1, folder=tmp_path / "run", slip=(0, 0.5))
-    name = "tacbench_cad.lab.runs.writing.RunWriter._set_aside"
+    name = "tacbench_cad.lab.runs.run_writer.RunWriter._set_aside"
     with monkeypatch.context() as patched:
 
         def power_cut(_: object, wrong: list[object]) -> None:

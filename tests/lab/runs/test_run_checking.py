@@ -13,9 +13,9 @@ import pytest
 from tacbench_cad.cli import main
 from tacbench_cad.cli.check_runs import _devices
 from tacbench_cad.lab.runs.checking import check_run, ranges
-from tacbench_cad.lab.runs.pictures import encoded, sha256
+from tacbench_cad.lab.runs.frame_files import encoded, sha256
 from tacbench_cad.lab.runs.reading import find_runs
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]

@@ -21,11 +21,11 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.rig.errors import SensorError
-from tacbench_cad.lab.runs import table
+from tacbench_cad.lab.runs import run_tables
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import COLUMNS
-from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import InputError
 
 NOW = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
@@ -294,7 +294,7 @@ def test_a_full_disk_loses_nothing(
     with RunWriter.open(tmp_path / "run", info) as writer:
         filled(writer, count=3)
         before = (tmp_path / "run" / "targets.csv").read_bytes()
-        monkeypatch.setattr(table.os, "write", full)
+        monkeypatch.setattr(run_tables.os, "write", full)
         with pytest.raises(InputError, match="is full"):
             writer.press(info.presses[3], (4.0, 18.0, -1.0), noise(4))
         monkeypatch.undo()
@@ -439,7 +439,7 @@ import sys
 sys.path[:0] = {path!r}
 from helpers.run_fixtures import press_all
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.writing import RunWriter
+from tacbench_cad.lab.runs.run_writer import RunWriter
 import json, pathlib
 info = RunInfo.from_dict(json.loads(pathlib.Path({info!r}).read_text()))
 print("ready", flush=True)

@@ -20,8 +20,8 @@ from tacbench_cad.extensions.exchange.publishing.crate import _copy_run
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
-from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import CheckFailedError, InputError
 

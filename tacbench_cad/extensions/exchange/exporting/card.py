@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.util.text import counted, natural
 
 #: The sentence about data that no format contains, for runs with series.

@@ -10,7 +10,7 @@ from typing import Any
 
 from tacbench_cad.extensions.exchange.exporting.card import summary
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.util.files import write_json
 
 #: The sizes of a file and of a group of rows in bytes of images, and the largest number of rows of a group. Only one

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.lab.runs.schema import cell
 from tacbench_cad.util.text import file_name
 

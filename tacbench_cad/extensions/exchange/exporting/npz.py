@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.extensions.exchange.exporting.arrays import ArrayColumns
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.array_columns import ArrayColumns
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 
 #: The names of the file and of the array with the frames.
 FILE, FRAMES = "frames.npz", "frames"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tacbench_cad.extensions.exchange.exporting.card import summary
 from tacbench_cad.extensions.exchange.exporting.columns import json_values
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 
 #: The size at which a new tar file is started, in bytes.
 SHARD_BYTES = 500_000_000

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.extensions.exchange.exporting.arrays import ArrayColumns
+from tacbench_cad.extensions.exchange.exporting.array_columns import ArrayColumns
 from tacbench_cad.extensions.exchange.exporting.card import summary
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.lab.rig.colours import OUTSIDE, has_colours
 from tacbench_cad.lab.rig.sensor import Frame
 

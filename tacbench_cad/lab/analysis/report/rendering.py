@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.lab.analysis.report import facts
-from tacbench_cad.lab.runs.pictures import PNG
+from tacbench_cad.lab.runs.frame_files import PNG
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.importing import array_files, companions, images
+from tacbench_cad.lab.runs.importing import array_files, companions, image_folders
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
 from tacbench_cad.lab.runs.importing.sources import LeftOut, Source
 from tacbench_cad.util.entries import entries, load
@@ -50,13 +50,13 @@ CORE: Mapping[str, ImportFormat] = {
         recognises=lambda path, paths, _: (
             (path.is_dir() or path.suffix.lower() == ".csv") and paths.table(path) is not None
         ),
-        read=images.of_images,
+        read=image_folders.of_images,
         suffixes=(".csv",),
         together=True,
     ),
     "folders": ImportFormat(
-        recognises=lambda path, *_: path.is_dir() and any(map(images.is_image_file, images.files_below(path))),
-        read=lambda path, *_: images.of_classes(path),
+        recognises=lambda path, *_: path.is_dir() and image_folders.has_images(path),
+        read=lambda path, *_: image_folders.of_classes(path),
     ),
     "arrays": ImportFormat(
         recognises=lambda path, *_: path.suffix.lower() in array_files.SUFFIXES,
@@ -192,10 +192,12 @@ def _unfolded(path: Path, paths: Paths, options: ImportOptions, formats: _Format
             folders, left_out = each.folders(path)
             if folders:
                 return folders, left_out
-    files = sorted((each for each in path.iterdir() if not images.is_hidden(each)), key=images.natural_path)
+    files = sorted(
+        (each for each in path.iterdir() if not image_folders.is_hidden(each)), key=image_folders.natural_path
+    )
     suffixes = formats.suffixes(together=False)
     found = [each for each in files if each.suffix.lower() in suffixes]
     # Beside arrays, the folder may have tables and notes. If it has images or folders, the user must say the kind.
-    if found and (options.kind or not any(each.is_dir() or images.is_image_file(each) for each in files)):
+    if found and (options.kind or not any(each.is_dir() or image_folders.is_image_file(each) for each in files)):
         return list(companions.pairs(found)), []
     return [path], []

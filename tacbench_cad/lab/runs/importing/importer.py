@@ -12,16 +12,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tacbench_cad.lab.runs.importing.frame_files import Prepared, prepared
 from tacbench_cad.lab.runs.importing.grouping import Group, Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import sources_of
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions
+from tacbench_cad.lab.runs.importing.imported_frames import Prepared, prepared
 from tacbench_cad.lab.runs.importing.sources import LeftOut, Sample, Source
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.origins import IMAGE, write_origins
 from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, RUN_FILE
-from tacbench_cad.lab.runs.writing import RunWriter
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import sha256
 from tacbench_cad.util.packages import quiet_opencv, require

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.exchange.exporting.formats import export_runs
+from tacbench_cad.extensions.exchange.exporting.export_formats import export_runs
 from tacbench_cad.lab import ImportOptions, Run, find_runs, import_samples
 
 #: Red, green and blue of the lower half of every frame; the upper half is noise.

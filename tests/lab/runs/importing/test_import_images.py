@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import import_frames, main
-from tacbench_cad.extensions.exchange.exporting.formats import export_runs
+from tacbench_cad.extensions.exchange.exporting.export_formats import export_runs
 from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED
 from tacbench_cad.extensions.exchange.exporting.tactile_data import export_tactile_data
 from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
-from tacbench_cad.lab.runs import writing
+from tacbench_cad.lab.runs import run_writer
 from tacbench_cad.lab.runs.importing.import_formats import CORE
 from tacbench_cad.util.errors import InputError
 
@@ -307,14 +307,14 @@ def test_an_interrupted_import_is_resumed(
 ) -> None:
     folder, out = images(24), tmp_path / "out"
     labels = table(tmp_path / "labels.csv", HEADER, rows_of(24))
-    real = writing.RunWriter.sample
+    real = run_writer.RunWriter.sample
 
     def interrupted(self: Any, number: int, *rest: Any, **values: Any) -> None:
         if number == 4:
             raise KeyboardInterrupt
         real(self, number, *rest, **values)
 
-    monkeypatch.setattr(writing.RunWriter, "sample", interrupted)
+    monkeypatch.setattr(run_writer.RunWriter, "sample", interrupted)
     with pytest.raises(KeyboardInterrupt):
         import_samples([folder, labels], out, OPTIONS)
     assert len((out / "cork_b0" / "source.csv").read_text().splitlines()) == 1 + 3

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.colours import INSIDE, Channels, from_outside
 from tacbench_cad.lab.rig.sensor import is_image
+from tacbench_cad.lab.runs.frame_files import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
 from tacbench_cad.lab.runs.importing.sources import Loaded
-from tacbench_cad.lab.runs.pictures import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
 from tacbench_cad.util.errors import CheckFailedError
 
 _BMP, _TIFF = b"BM", (b"II*\0", b"MM\0*")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tacbench_cad.extensions.exchange.exporting import hugging_face, image_folder, npz, web_dataset, zarr_group
 from tacbench_cad.extensions.exchange.exporting.card import card
-from tacbench_cad.extensions.exchange.exporting.samples import Progress, Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Progress, Samples
 from tacbench_cad.util.errors import one_of
 from tacbench_cad.util.files import replacing_folder
 from tacbench_cad.util.packages import require

@@ -23,12 +23,12 @@ from tacbench_cad.lab.rig.errors import SensorError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
+from tacbench_cad.lab.runs.frame_files import FrameFile, encoded
 from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
-from tacbench_cad.lab.runs.pictures import FrameFile, encoded
 from tacbench_cad.lab.runs.reading import Run, planned, since_good_check
+from tacbench_cad.lab.runs.run_tables import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationary, T, When
 from tacbench_cad.lab.runs.series import MovingFrame, require_complete, write_series
-from tacbench_cad.lab.runs.table import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.rotation import UPRIGHT
 from tacbench_cad.lab.study.spec import Angles, Point

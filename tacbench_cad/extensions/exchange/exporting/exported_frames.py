@@ -11,7 +11,7 @@ from typing import Any
 
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, Column, values_of
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.pictures import decoded
+from tacbench_cad.lab.runs.frame_files import decoded
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, Row
 from tacbench_cad.util.errors import InputError

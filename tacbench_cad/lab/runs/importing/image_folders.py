@@ -32,6 +32,11 @@ def is_image_file(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES and not is_hidden(path)
 
 
+def has_images(folder: Path) -> bool:
+    """Return whether a folder, or a folder within it, has an image."""
+    return any(map(is_image_file, files_below(folder)))
+
+
 def is_hidden(path: Path) -> bool:
     """Return whether the name of a file says that people should not see it: ``.DS_Store``."""
     return path.name.startswith(".")

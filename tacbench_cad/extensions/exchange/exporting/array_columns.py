@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.exchange.exporting.columns import json_values
-from tacbench_cad.extensions.exchange.exporting.samples import Samples
+from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.lab.rig.colours import outside
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.util.errors import InputError
