@@ -38,9 +38,10 @@ from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.net import lattice
 from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.sampled import height_map
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.types import Floats
 
 #: The numbers of samples of the start mesh along x and y.

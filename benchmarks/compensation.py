@@ -39,9 +39,10 @@ from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.simulating import ScanTruth, Transfer, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import Print, corrected_for, in_file
+from tacbench_cad.spec.families import series
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
 from tacbench_cad.spec.skin import SKIN_MM, pin_shifts_px
-from tacbench_cad.spec.textures import Texture, series
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.topgrid import EDGE_MM, points_of, without_edge
 
 NOZZLE_MM, SCALE, NOISE_MM = 0.4, 0.996, 0.02

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from housing import Holder, Jig
-from tacbench_cad import Block, InputError, TacbenchError, as_part, catalogue, export, textured_part
+from tacbench_cad import Block, InputError, TacbenchError, as_part, export, textured_part
 from tacbench_cad.geometry.part import rgb_of
 from tacbench_cad.geometry.texturing import texturing
-from tacbench_cad.spec.later import EQUATIONS
+from tacbench_cad.spec.families import BUILT_IN_NAMES
 
 
 def block_of(options: dict[str, Any]) -> Block:
@@ -86,8 +86,7 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     """Do what a request asks for, and return the facts about the part."""
     if request["action"] == "catalogue":
         kinds = ("block", "holder", "jig", "textured")
-        names = [*(texture.name for texture in catalogue()), *EQUATIONS]
-        return {"textures": names, "rgb": {kind: rgb_of(kind) for kind in kinds}}
+        return {"textures": list(BUILT_IN_NAMES), "rgb": {kind: rgb_of(kind) for kind in kinds}}
     if "texturing" in request:
         return answer_for_face(request)
     part = part_of(request)

@@ -13,12 +13,11 @@ from tacbench_cad.checks.body_shape import BodyShape
 from tacbench_cad.checks.claim import claimed_block, claimed_correction, corrected_preset
 from tacbench_cad.checks.match import Candidate, Placement
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.later import EQUATIONS
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import Texture, catalogue
-from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.spec.texture_files import find_textures
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, one_of
 
 #: The largest difference of the scales along x and y of a scaled block, as a fraction of the scale.
@@ -69,9 +68,7 @@ class Expectation:
 
     def textures(self, preset: str) -> tuple[Texture, ...]:
         """Return the possible textures of a preset."""
-        if self.texture is None:
-            return tuple(find_texture(name) for name in EQUATIONS) if self.later else catalogue(preset)
-        return (find_texture(self.texture, preset),)
+        return tuple(find_textures((self.texture or ("later" if self.later else "all"),), preset))
 
     @property
     def claimed(self) -> Block | None:

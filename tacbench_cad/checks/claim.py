@@ -17,8 +17,8 @@ from tacbench_cad.spec.outlines import outline_of_word
 from tacbench_cad.spec.presets import PRESETS, VALUES, with_table
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.textures import BlockTable, Texture, is_texture_name
-from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.spec.texture_files import find_texture, is_texture_name
+from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import open_input, read_document
 from tacbench_cad.util.errors import InputError

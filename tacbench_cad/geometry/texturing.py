@@ -9,8 +9,8 @@ from typing import Any
 
 from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM
+from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.spec.textures import Texture, require_own_unit
-from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, require_between
 
 #: The default height of the lowest point of a raised texture above the face, and the smallest that is allowed, in mm.

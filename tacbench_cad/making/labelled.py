@@ -14,7 +14,7 @@ from tacbench_cad.spec.block import CORRECTED, Block
 from tacbench_cad.spec.compensation import corrected_for
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.printermodel import PrinterModel
-from tacbench_cad.spec.textures import is_texture_name
+from tacbench_cad.spec.texture_files import is_texture_name
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME

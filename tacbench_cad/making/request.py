@@ -12,13 +12,13 @@ from housing.fits import require_key
 from housing.fixture import Fixture
 from housing.kinds import FIXTURES
 from tacbench_cad.formats import FORMATS
-from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
 from tacbench_cad.spec.block import MAX_COPIES, Block
 from tacbench_cad.spec.compensation import corrected_for, for_fixtures
 from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.spec.printermodel import PrinterModel, read_printer_model
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.texture_files import find_textures
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, MissingToolError, one_of, require_between
 from tacbench_cad.util.packages import require, why_missing
@@ -203,7 +203,7 @@ def blocks_of(request: Request) -> list[Block]:
     """
     if request.copies is not None:
         require_between("copies", request.copies, 1, MAX_COPIES)
-    textures = textures_of(request.textures, request.preset)
+    textures = find_textures(request.textures, request.preset)
     blocks: dict[str, Block] = {}
     # The highest relief comes first, so that an error message suggests a height that is sufficient for all blocks.
     for texture in sorted(textures, key=lambda texture: -texture.surface.amplitude_sum):

@@ -13,9 +13,9 @@ from tacbench_cad.making.plan import Source
 from tacbench_cad.making.request import PARTS, Request, plan
 from tacbench_cad.render.viewing.page import write_page
 from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing
-from tacbench_cad.spec.later import EQUATIONS
-from tacbench_cad.spec.textures import catalogue, file_hint, is_texture_name, texture_path
-from tacbench_cad.util.errors import InputError, MissingToolError, nearest
+from tacbench_cad.spec.texture_files import find_textures
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.processes import why_not_importable
 from tacbench_cad.util.text import report_rows
 
@@ -31,16 +31,13 @@ def request_of(words: Sequence[str], options: Request) -> Request:
     Raises:
         InputError: A word is unknown.
     """
-    textures, parts = [], []
+    textures: list[Texture] = []
+    parts: list[str] = []
     for word in words:
         if word in PARTS:
             parts.append(word)
-        elif is_texture_name(word) or texture_path(word):
-            textures.append(word)
         else:
-            names = [*PARTS, *(texture.name for texture in catalogue(options.preset)), *EQUATIONS]
-            hint = file_hint(word) or nearest(word, names)
-            raise InputError("parts", word, f"{hint}; 1 to 6 and TOML files are also allowed")
+            textures += find_textures((word,), options.preset, others=PARTS)
     if not words:
         return replace(options, textures=("all",), parts=None)
     if textures:

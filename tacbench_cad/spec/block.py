@@ -22,8 +22,8 @@ from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_t
 from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, attainable_mm, highest_sample
 from tacbench_cad.spec.surface import Surface
+from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.spec.textures import BlockTable, Texture, require_own_unit
-from tacbench_cad.spec.textures import texture as find_texture
 from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.text import decimal, mm, report
 from tacbench_cad.util.types import Floats

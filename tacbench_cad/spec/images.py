@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.spec.sampled import MAX_SAMPLES
+from tacbench_cad.spec.sampled import MAX_SAMPLES, height_map, smoothed
+from tacbench_cad.spec.textures import Texture
+from tacbench_cad.spec.wavefit import fit_waves
 from tacbench_cad.util.door import open_input
-from tacbench_cad.util.errors import InputError, one_line
+from tacbench_cad.util.errors import InputError, located, one_line
 from tacbench_cad.util.numbers import read_numbers
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.processes import read_isolated
@@ -65,6 +67,53 @@ def read_heights(path: Path) -> HeightFile:
         _require_size(path, *values.shape)
         return HeightFile(values=values, in_mm=True)
     return _instrument(path)
+
+
+def image_texture(
+    name: str,
+    path: Path,
+    *,
+    mm_per_pixel: float | tuple[float, float] | None = None,
+    height_mm: float | tuple[float, float] | None = None,
+    smooth_mm: float = 0.0,
+    repeats: bool = False,
+    waves: int | None = None,
+) -> Texture:
+    """Make a texture from a height map in a file: a picture, an array, a table, or the file of an instrument.
+
+    Args:
+        name: The name of the texture.
+        path: The file; :func:`read_heights` lists the formats.
+        mm_per_pixel: The distance of neighbouring columns, or of columns and rows, in mm; None if the file says it.
+        height_mm: The heights of the lowest and the highest value, or their difference; None if the values of the file
+            are heights in mm.
+        smooth_mm: The standard deviation of a Gaussian filter, in mm. It smooths the steps of a picture with 8 bits.
+        repeats: Whether the height map repeats beyond its ends.
+        waves: The number of waves that are fitted; None for a spline through all samples.
+
+    Raises:
+        InputError: The file cannot be read, or a number is missing or not allowed.
+        MissingToolError: A package that reads the file is not installed.
+    """
+    file = read_heights(path)
+    steps = mm_per_pixel if mm_per_pixel is not None else file.mm_per_pixel
+    if steps is None:
+        raise InputError("mm_per_pixel", None, f"is missing; {path.name} does not say how far apart its samples are")
+    if height_mm is None and not file.in_mm:
+        raise InputError(
+            "height_mm", None, "is missing; give the height in mm of the brightest pixel above the darkest"
+        )
+    heights = file.values
+    with located(f"{path.name}: "):
+        if smooth_mm:
+            heights = smoothed(heights, smooth_mm, steps, repeats or waves is not None)
+        if waves is not None:
+            fit = fit_waves(heights, waves=waves, mm_per_pixel=steps, height_mm=height_mm)
+            return Texture(name=name, surface=fit.surface, equation=f"{path.name} as {fit}")
+        surface = height_map(heights, mm_per_pixel=steps, height_mm=height_mm, repeats=repeats)
+    rows, columns = np.shape(heights)
+    text = f"{path.name}, {columns} x {rows} samples"
+    return Texture(name=name, surface=surface, equation=text)
 
 
 def _require_size(path: Path, rows: int, columns: int) -> None:

@@ -13,7 +13,6 @@ import pytest
 from helpers.cases import mostly_long
 from helpers.shapes import box_mesh, changed, mesh_part, published, write_soup
 
-from tacbench_cad.checks import candidates
 from tacbench_cad.checks.candidates import scale_of
 from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.identify import examine
@@ -23,6 +22,7 @@ from tacbench_cad.formats.threemf import write_plate
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
+from tacbench_cad.spec import texture_files
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.errors import InputError
@@ -58,7 +58,7 @@ def _turn(mesh: Mesh, quarters: int, upside_down: bool = False) -> Mesh:
 def three_later_textures() -> Iterator[None]:
     """Compare files with three of the later textures. A test in tests/hostile compares a file with all fourteen."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(candidates, "EQUATIONS", ("dunes", "diamond", "coral"))
+        patch.setattr(texture_files, "LATER_NAMES", ("dunes", "diamond", "coral"))
         yield
 
 
@@ -336,13 +336,13 @@ def test_unknown_texture_or_preset_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_expected_texture_can_come_from_a_file(tmp_path: Path) -> None:
-    from tacbench_cad.spec.textures import read_texture
+    from tacbench_cad.spec.texture_files import read_texture
 
     toml = tmp_path / "hex.toml"
     waves = [(0.5, 1.0, 0.0), (0.5, -0.5, 0.866), (0.5, -0.5, -0.866)]
     tables = "".join(f"[[wave]]\namplitude = {a}\nf = {f}\ng = {g}\n" for a, f, g in waves)
     toml.write_text(f'[texture]\nname = "hex"\nfamily = "plane-waves"\n{tables}')
-    part = block_part(Block.of(read_texture(toml).texture))
+    part = block_part(Block.of(read_texture(toml)))
     FORMATS["stl"].write(part, tmp_path / "a.stl")
     report = examine(tmp_path / "a.stl", texture=str(toml), full=False)
     assert report.ok, report.faults

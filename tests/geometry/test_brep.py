@@ -24,8 +24,9 @@ from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape
 from tacbench_cad.geometry.brep import solid_block, solid_refusal, texture_face
 from tacbench_cad.geometry.splines.patches import MAX_POLES, patches
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.families import series
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import Texture, series
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.errors import InputError
 

@@ -12,9 +12,10 @@ from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.brep import solid_block, texture_face
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.outlines import Polygon
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 
 WEAVE = Texture(name="weave", surface=plane_waves((0.6, 1.0, 0.5), (0.6, 1.0, -0.5)))
 CORNER = Polygon(points_mm=((0, 0), (14, 0), (14, 6), (6, 6), (6, 14), (0, 14)))

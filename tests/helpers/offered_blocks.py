@@ -42,13 +42,15 @@ from tacbench_cad.making.request import Request, _formats, _kinds, blocks_of
 from tacbench_cad.making.showing import request_of
 from tacbench_cad.render.snapshot import _pieces
 from tacbench_cad.render.viewing.page import require_page
-from tacbench_cad.spec import textures as families
+from tacbench_cad.spec import families
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm
 from tacbench_cad.spec.label import engrave
 from tacbench_cad.spec.outlines import Disc, Polygon, RegularPolygon, Ring, outline_of
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampled import checked_heights, height_map, pixel_steps, sampled
+from tacbench_cad.spec.texture_files import find_texture, texture_of_document
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import Wave, WaveSum
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import read_rows
@@ -97,7 +99,7 @@ def _upload(ending: str) -> Upload:
 
 
 def _family(word: str) -> object:
-    return families.texture_of_document({"texture": {"name": "mine"} | ({"family": word} if word else {})})
+    return texture_of_document({"texture": {"name": "mine"} | ({"family": word} if word else {})})
 
 
 def request_words(name: str, word: str) -> object:
@@ -124,7 +126,7 @@ def _surfaces() -> dict[str, object]:
 def _ridges(depth_mm: float) -> Texturing:
     """Return ridges in mm, whose depth follows from their amplitude."""
     wave = Wave(amplitude=depth_mm / 2.0, f=1.0, g=0.0)
-    return texturing(families.Texture(name="ridges-in-mm", surface=WaveSum((wave,), "mm")))
+    return texturing(Texture(name="ridges-in-mm", surface=WaveSum((wave,), "mm")))
 
 
 def _fields(factory: Callable[..., object], wrong: float, later: str, *names: str, **others: Any) -> list[Offer]:
@@ -193,10 +195,6 @@ ROWS: Rows = {
     "making.request:blocks_of": lambda _: _fields(
         lambda **values: blocks_of(Request(textures=(1,), **values)), 0, "", "copies"
     ),
-    "making.showing:request_of 2": lambda folder: [
-        Offer(attempt=lambda word: request_of((word,), Request(textures=(1,))), wrong="xyzxyz", things=things)
-        for things in (None, {"1 to 6": ["1", "6"], "TOML files": str(texture_file(folder))})
-    ],
     "making.texturing:textured_mesh 2": lambda _: [
         *_fields(
             lambda **values: texturing_files.textured_mesh("none.stl", (0, 0, 0), "1", **values), 0.0, "none", "scale"
@@ -334,31 +332,37 @@ ROWS: Rows = {
     ],
     "spec.sampled:pixel_steps": lambda _: [Offer(attempt=pixel_steps, wrong=0.0, things={"1e-6": 1e-6, "1000": 1e3})],
     "spec.textures:Texture.__post_init__": lambda _: [
-        Offer(attempt=lambda surface: families.Texture(name="mine", surface=surface), wrong=5, things=_surfaces())
+        Offer(attempt=lambda surface: Texture(name="mine", surface=surface), wrong=5, things=_surfaces())
     ],
-    "spec.textures:series 3": lambda _: [
+    "spec.families:series 3": lambda _: [
         Offer(attempt=lambda word: families.series(word, 3), wrong="xyz"),
         Offer(attempt=lambda word: families.series("square", 3, terms=word), wrong="xyz"),
         Offer(attempt=lambda word: families.series("square", 3, axes=word), wrong="q"),
     ],
-    "spec.textures:harmonics": lambda _: [Offer(attempt=lambda word: families.harmonics([1.0], word), wrong="q")],
-    "spec.textures:plane_waves": lambda _: [
+    "spec.families:harmonics": lambda _: [Offer(attempt=lambda word: families.harmonics([1.0], word), wrong="q")],
+    "spec.families:plane_waves": lambda _: [
         Offer(
             attempt=families.plane_waves,
             wrong=(1.0,),
             things={"(amplitude, f, g)": (1.0, 1.0, 0.0), "(amplitude, f, g, phase)": (1.0, 1.0, 0.0, 0.5)},
         )
     ],
-    "spec.textures:texture 3": lambda folder: [
-        Offer(attempt=families.texture, wrong="texture-9"),
-        *(
-            Offer(
-                attempt=families.texture,
-                wrong=word,
-                things={"1 to 6": ["1", "6"], "dunes": "dunes", "a TOML file": str(texture_file(folder))},
-            )
-            for word in ("all", "later")
-        ),
+    "spec.texture_files:find_texture": lambda folder: [
+        Offer(
+            attempt=find_texture,
+            wrong=word,
+            things={"1 to 6": ["1", "6"], "dunes": "dunes", "a TOML file": str(texture_file(folder))},
+        )
+        for word in ("all", "later")
+    ],
+    "spec.texture_files:unknown_texture 2": lambda folder: [
+        Offer(attempt=attempt, wrong="xyzxyz", things=things)
+        for attempt in (
+            find_texture,
+            lambda word: first_state(str(word)),
+            lambda word: request_of((str(word),), Request(textures=(1,))),
+        )
+        for things in (None, {"1 to 6": ["1", "6"], "a TOML file": str(texture_file(folder))})
     ],
     "util.convert:_flag": lambda _: [
         Offer(attempt=lambda value: from_plain(bool, value), wrong="yes", things={"true": True, "false": False})
@@ -387,10 +391,6 @@ ROWS: Rows = {
     ],
     "extensions.design.app:Upload.of": lambda _: [Offer(attempt=_upload, wrong=".exe", things=list(IMAGES))],
     "extensions.design.document:start": lambda _: [Offer(attempt=start, wrong="xyz")],
-    "extensions.design.document:first_state 2": lambda folder: [
-        Offer(attempt=first_state, wrong="xyz"),
-        Offer(attempt=first_state, wrong="xyz", things={"1 to 6": ["1", "6"], "TOML files": str(texture_file(folder))}),
-    ],
     "extensions.serving.server:bound_socket 2": lambda _: [
         Offer(attempt=lambda port: bound_socket(port).close(), wrong=70_000, later="cannot be used"),
         Offer(

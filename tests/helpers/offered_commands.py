@@ -34,11 +34,11 @@ from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.names import own_name
-from tacbench_cad.making.choice import textures_of
 from tacbench_cad.making.request import Request
 from tacbench_cad.making.showing import request_of
 from tacbench_cad.spec.fits import clearance_mm
 from tacbench_cad.spec.outlines import outline_of
+from tacbench_cad.spec.texture_files import find_textures
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -212,11 +212,11 @@ def _own_word(word: str) -> str:
 
 #: The functions that read the words of options, by the command and the option, or by the option of all commands.
 READERS: Mapping[str, Callable[[str], object]] = {
-    "textures": lambda word: textures_of((word,), "paper"),
+    "textures": lambda word: find_textures((word,), "paper"),
     "design texture": first_state,
-    "texture": lambda word: textures_of((word,), "paper"),
+    "texture": lambda word: find_textures((word,), "paper"),
     "acquire texture": lambda word: virtual_study(texture=word),
-    "scan block": lambda word: textures_of((word,), "paper"),
+    "scan block": lambda word: find_textures((word,), "paper"),
     "outline": lambda word: outline_of(word, (20.0, 30.0)),
     "fit": clearance_mm,
     "make parts": partial(request_words, "parts"),

@@ -13,11 +13,13 @@ import numpy as np
 from scipy.interpolate import NdBSpline
 
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.outlines import Disc, Polygon, RegularPolygon, Ring
 from tacbench_cad.spec.sampled import height_map, spline_through
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.spline import SplineSurface
-from tacbench_cad.spec.textures import Texture, plane_waves, texture
+from tacbench_cad.spec.texture_files import find_texture
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.types import Floats
 
 #: The height of a formula in its own units, as a function of u and v.
@@ -101,13 +103,13 @@ def random_case(seed: int) -> Case:
         made, formula = plane_waves(*terms), waves(terms)
     elif kind == "catalogue":
         preset = ("paper", "released")[int(rng.integers(2))]
-        made = texture(int(rng.integers(1, 7)), preset)
+        made = find_texture(int(rng.integers(1, 7)), preset)
         formula = waves([(wave.amplitude, wave.f, wave.g, wave.phase) for wave in made.surface.waves])  # type: ignore[attr-defined]
         mm = Block.of(made, preset, sampling="grid").mm_per_unit
         size = tuple(float(side) * min(1.0, 5.0 * m) for side, m in zip(size, mm[:2], strict=True))
     elif kind == "later":
         name = list(LATER)[int(rng.integers(len(LATER)))]
-        made, formula = texture(name), LATER[name]
+        made, formula = find_texture(name), LATER[name]
     else:
         values = np.cumsum(rng.normal(0.0, 0.06, (14, 12)), axis=int(rng.integers(2)))
         if kind == "map":

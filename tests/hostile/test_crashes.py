@@ -18,8 +18,9 @@ from tacbench_cad.formats.stl import read_stl, write_stl
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.sampling import SampleGrid
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 
 

@@ -17,8 +17,9 @@ from tacbench_cad.making import printset, request
 from tacbench_cad.making import writing as making
 from tacbench_cad.making.manifest import read_rows
 from tacbench_cad.making.printset import Request, build, plan
+from tacbench_cad.spec.families import equation1
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.textures import Texture, equation1
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util import packages as tools
 from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.files import sha256

@@ -17,7 +17,8 @@ pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: 
 from PIL import Image
 from trimesh import load
 
-from tacbench_cad.spec.textures import equation1, read_texture
+from tacbench_cad.spec.families import equation1
+from tacbench_cad.spec.texture_files import read_texture
 from tacbench_cad.util.types import Bytes
 
 pytestmark = pytest.mark.real
@@ -144,7 +145,7 @@ def test_everything_works_with_the_keyboard(page: Any, out: Path) -> None:
     settle(page, "Wrote 2 files")
     assert page.locator("#files li").all_inner_texts() == ["typed_paper_x1.stl", "typed.toml"]
     assert load(out / "typed_paper_x1.stl").is_watertight
-    assert read_texture(out / "typed.toml").texture.surface == equation1(0.91, 1.0, 1.0, 1.0, np.pi / 2.0)
+    assert read_texture(out / "typed.toml").surface == equation1(0.91, 1.0, 1.0, 1.0, np.pi / 2.0)
     page.get_by_role("button", name="Copy the texture file").focus()
     page.keyboard.press("Enter")
     settle(page, "Copied")

@@ -22,9 +22,10 @@ from tacbench_cad.render.bodies import body_of, fine_body, relief_of
 from tacbench_cad.render.picture_sheet import Item
 from tacbench_cad.render.raster import BELOW, Body, Camera, extent_mm, render
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.protocol import contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.types import Bools, Bytes
 

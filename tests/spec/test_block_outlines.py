@@ -9,9 +9,10 @@ from tacbench_cad import Block
 from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.lab.runs.info import printed_block_from
 from tacbench_cad.lab.study.spec import block_values
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.outlines import Disc, Outline, Polygon, RegularPolygon, Ring, outline_of
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 
 CORNER = Polygon(points_mm=((0, 0), (25, 0), (25, 10), (10, 10), (10, 25), (0, 25)))

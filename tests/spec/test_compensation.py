@@ -20,9 +20,10 @@ from tacbench_cad.spec.compensation import (
     is_correctable,
     transfers,
 )
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.outlines import Disc, Outline, Polygon, RegularPolygon, Ring
 from tacbench_cad.spec.printermodel import PrinterModel
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 

@@ -11,8 +11,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.images import read_heights
-from tacbench_cad.spec.textures import Texture, image_texture, read_texture
+from tacbench_cad.spec.images import image_texture, read_heights
+from tacbench_cad.spec.texture_files import read_texture
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.types import Floats
@@ -66,7 +67,7 @@ def test_waves_of_a_height_map_fit_a_block_of_any_size(relief: Floats, tmp_path:
     write(relief, tmp_path / "16.png")
     text = '[texture]\nname = "own"\nfamily = "image"\nfile = "16.png"\nmm_per_pixel = 0.5\nheight_mm = [0, 1]\n'
     (tmp_path / "own.toml").write_text(text + 'fit = "waves"\nwaves = 80\n')
-    texture = read_texture(tmp_path / "own.toml").texture
+    texture = read_texture(tmp_path / "own.toml")
     assert isinstance(texture.surface, WaveSum)
     assert len(texture.surface.waves) == 80
     assert texture.equation.startswith("16.png as 80 waves, period 30 x 20 mm, rms error 0.0")

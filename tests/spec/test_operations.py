@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from tacbench_cad.spec.later import later_surface
+from tacbench_cad.spec.authors_later import later_surface
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.operations import added, masked, repeated, scaled, turned, windowed
 from tacbench_cad.spec.sampled import height_map, sampled
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.storage import surface_from, surface_values
-from tacbench_cad.spec.textures import plane_waves
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 

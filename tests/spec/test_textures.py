@@ -10,19 +10,11 @@ import pytest
 
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.lab.study.plate import block_of_word
-from tacbench_cad.making.choice import textures_of
+from tacbench_cad.spec.authors_later import EQUATIONS
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.later import EQUATIONS
-from tacbench_cad.spec.textures import (
-    Texture,
-    TextureFile,
-    catalogue,
-    equation1,
-    plane_waves,
-    read_texture,
-    series,
-    texture,
-)
+from tacbench_cad.spec.families import catalogue, equation1, plane_waves, series
+from tacbench_cad.spec.texture_files import find_texture, find_textures, read_texture
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 
@@ -54,13 +46,13 @@ def test_the_six_textures_are_the_equations_of_the_paper(preset: str, highest: i
 
 @pytest.mark.parametrize("name", [4, "4", "texture-4", " Texture-4 "])
 def test_a_texture_is_found_by_number_and_name(name: str | int) -> None:
-    assert texture(name).number == 4
+    assert find_texture(name).number == 4
 
 
 @pytest.mark.parametrize("name", [0, 7, "seven", "texture-", ""])
 def test_an_unknown_texture_is_refused(name: str | int) -> None:
     with pytest.raises(InputError, match="1 to 6"):
-        texture(name)
+        find_texture(name)
 
 
 def test_terms_can_be_the_number_of_waves() -> None:
@@ -69,7 +61,7 @@ def test_terms_can_be_the_number_of_waves() -> None:
     assert series("square", 25, terms="count", axes="x").waves[-1].f == 49.0
 
 
-def read(folder: Path, text: str) -> TextureFile:
+def read(folder: Path, text: str) -> Texture:
     return read_texture(write(folder, text))
 
 
@@ -83,13 +75,13 @@ def test_the_three_families_are_read(tmp_path: Path) -> None:
     definition = read_texture(
         write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nA1=1\nA2=0.5\nf1=1\nf2=2\nphase=0.3\n')
     )
-    np.testing.assert_allclose(definition.texture.surface(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
+    np.testing.assert_allclose(definition.surface(U, V), np.sin(U) + 0.5 * np.sin(2 * V + 0.3), atol=1e-12)
     two = read_texture(write(tmp_path, '[texture]\nname="b"\nfamily="series"\nlaw="square"\nN=5\naxes="y"\n'))
-    np.testing.assert_allclose(two.texture.surface(U, V), square(V, 5), atol=1e-12)
+    np.testing.assert_allclose(two.surface(U, V), square(V, 5), atol=1e-12)
     text = '[texture]\nname="c"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nf=1\ng=0.5\n'
     text += "[block]\nsize_mm=[20,25]\nheight_mm=6\nmm_per_unit=[1,1.5,0.5]\n"
     three = read_texture(write(tmp_path, text))
-    np.testing.assert_allclose(three.texture.surface(U, V), np.sin(U + 0.5 * V), atol=1e-12)
+    np.testing.assert_allclose(three.surface(U, V), np.sin(U + 0.5 * V), atol=1e-12)
     assert three.block.size_mm == (20.0, 25.0)
     assert three.block.mm_per_unit == (1.0, 1.5, 0.5)
     assert three.block.height_mm == 6.0
@@ -97,8 +89,8 @@ def test_the_three_families_are_read(tmp_path: Path) -> None:
 
 def test_the_default_amplitude_is_1_and_the_default_phase_is_0(tmp_path: Path) -> None:
     file = read_texture(write(tmp_path, '[texture]\nname="a"\nfamily="equation1"\nf1=2\nf2=3\n'))
-    assert file.texture.surface == equation1(1.0, 1.0, 2.0, 3.0)
-    np.testing.assert_allclose(file.texture.surface(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
+    assert file.surface == equation1(1.0, 1.0, 2.0, 3.0)
+    np.testing.assert_allclose(file.surface(U, V), np.sin(2 * U) + np.sin(3 * V), atol=1e-12)
 
 
 def test_plane_waves_are_triples_or_quadruples() -> None:
@@ -199,9 +191,9 @@ def test_a_function_instead_of_a_sum_of_waves_is_refused() -> None:
 
 
 def test_a_series_with_weights_and_a_sawtooth(tmp_path: Path) -> None:
-    weights = read(tmp_path, '[texture]\nname="w"\nfamily="series"\nweights=[1, 0, 0.25]\naxes="x"\n').texture
+    weights = read(tmp_path, '[texture]\nname="w"\nfamily="series"\nweights=[1, 0, 0.25]\naxes="x"\n')
     np.testing.assert_allclose(weights.surface(U, V), np.sin(U) + 0.25 * np.sin(3 * U), atol=1e-12)
-    saw = read(tmp_path, '[texture]\nname="s"\nfamily="series"\nlaw="sawtooth"\nN=400\naxes="x"\n').texture
+    saw = read(tmp_path, '[texture]\nname="s"\nfamily="series"\nlaw="sawtooth"\nN=400\naxes="x"\n')
     assert float(saw.surface(1.0, 0.0)) == pytest.approx(1.0 / math.pi, abs=3e-3)
 
 
@@ -209,17 +201,17 @@ def test_a_wave_with_an_angle(tmp_path: Path) -> None:
     head = '[texture]\nname="a"\nfamily="plane-waves"\n[[wave]]\namplitude=1\nangle_deg=60\n'
     units = read(tmp_path, head + "wavelength=2\n[block]\nmm_per_unit=[1.2, 1.5, 1]\n")
     along = U * 0.5 + V * math.sqrt(0.75)
-    np.testing.assert_allclose(units.texture.surface(U, V), np.sin(math.pi * along), atol=1e-12)
-    assert units.texture.surface.unit == "units"
+    np.testing.assert_allclose(units.surface(U, V), np.sin(math.pi * along), atol=1e-12)
+    assert units.surface.unit == "units"
     for block in ("", "[block]\nmm_per_unit=[1.2, 1.5, 1]\n"):
-        printed = read(tmp_path, head + "wavelength_mm=2\n" + block).texture
+        printed = read(tmp_path, head + "wavelength_mm=2\n" + block)
         assert (printed.surface.unit, printed.block.mm_per_unit) == ("mm", None)
         assert printed.equation == "1 mm sine of 2 mm at 60 degrees"
         np.testing.assert_allclose(printed.surface(U, V), np.sin(math.pi * along), atol=1e-12)
 
 
 def test_a_sum_of_textures(tmp_path: Path) -> None:
-    total = read(tmp_path, '[texture]\nname="t"\nfamily="sum"\nof=["1", "ripple"]\nweights=[1, 0.5]\n').texture
+    total = read(tmp_path, '[texture]\nname="t"\nfamily="sum"\nof=["1", "ripple"]\nweights=[1, 0.5]\n')
     expected = np.sin(U) + 0.5 * (np.sin(U + V) + 0.5 * np.cos(2 * U - 2 * V))
     np.testing.assert_allclose(total.surface(U, V), expected, atol=1e-12)
     assert total.equation == "1 texture-1 + 0.5 ripple"
@@ -247,7 +239,7 @@ def test_a_sum_that_fades_out_towards_the_edges(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\[block\] domain: is missing; fade needs"):
         read_texture(path)
     path.write_text(text + "[block]\ndomain = [[0, 8], [0, 9]]\n")
-    texture = read_texture(path).texture
+    texture = read_texture(path)
     assert texture.equation.endswith(", fading out over 2")
     edge = np.linspace(0.0, 8.0, 50)
     assert np.abs(texture.surface(edge, 0.0)).max() < 1e-9
@@ -260,12 +252,12 @@ OWN = '[texture]\nname="own"\nfamily="plane-waves"\n[[wave]]\namplitude=0.2\nang
 def test_a_path_is_accepted_wherever_a_texture_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path, OWN + "[block]\nsize_mm=[20, 21]\nheight_mm=6\n")
     monkeypatch.chdir(tmp_path)
-    own = read_texture(str(path)).texture
-    assert own == read_texture(path).texture and own.block.size_mm == (20.0, 21.0)
+    own = read_texture(str(path))
+    assert own == read_texture(path) and own.block.size_mm == (20.0, 21.0)
     for word in (str(path), path, "texture.toml", Path("texture.toml"), own):
-        assert texture(word) == own
+        assert find_texture(word) == own
         assert texturing(word).texture == own
-        assert textures_of((word,), "paper") == [own]
+        assert find_textures((word,), "paper") == [own]
         block = Block.of(word)
         assert (block.size_mm, block.height_mm) == ((20.0, 21.0), 6.0)
     assert block_of_word("texture.toml", "paper", 1.0, None, tmp_path) == Block.of(own)
@@ -273,10 +265,10 @@ def test_a_path_is_accepted_wherever_a_texture_is(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.parametrize("word", ["all", "later", "ALL"])
 def test_a_word_for_several_textures_is_refused_where_one_is_needed(word: str) -> None:
-    for ask in (texture, Block.of, texturing, lambda each: block_of_word(each, "paper", 1.0, None, Path())):
+    for ask in (find_texture, Block.of, texturing, lambda each: block_of_word(each, "paper", 1.0, None, Path())):
         with pytest.raises(InputError, match=rf"texture = '{word}': means several textures; name one: 1 to 6"):
             ask(word)
-    assert len(textures_of((word,), "paper")) == (14 if word == "later" else 6)
+    assert len(find_textures((word,), "paper")) == (14 if word == "later" else 6)
 
 
 def test_everything_that_the_messages_allow_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -285,15 +277,15 @@ def test_everything_that_the_messages_allow_is_allowed(tmp_path: Path, monkeypat
     with pytest.raises(
         InputError, match=r"allowed: texture-1, .*; a number from 1 to 6 and a TOML file are also allowed"
     ):
-        texture("xyz")
+        find_texture("xyz")
     with pytest.raises(InputError, match=r'did you mean "dunes"\?; a number'):
-        texture("dune")
+        find_texture("dune")
     with pytest.raises(InputError, match=r'did you mean the file "texture.toml"\?'):
-        texture("texture")
+        find_texture("texture")
     names = [f"texture-{i}" for i in range(1, 7)] + list(EQUATIONS) + [str(i) for i in range(1, 7)]
     for word in [*names, *range(1, 7), "texture.toml"]:
-        assert texture(word).surface is not None
-    assert textures_of(("all",), "paper") == list(catalogue())
+        assert find_texture(word).surface is not None
+    assert find_textures(("all",), "paper") == list(catalogue())
 
 
 def test_a_file_that_has_the_name_of_a_texture_does_not_hide_it(
@@ -302,10 +294,10 @@ def test_a_file_that_has_the_name_of_a_texture_does_not_hide_it(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "4").write_text(OWN, encoding="utf-8")
     (tmp_path / "own").write_text(OWN, encoding="utf-8")
-    assert texture("4").number == 4
-    assert texture("./4").name == texture("own").name == "own"
+    assert find_texture("4").number == 4
+    assert find_texture("./4").name == find_texture("own").name == "own"
     total = '[texture]\nname="t"\nfamily="sum"\nof=["4"]\n'
-    assert read(tmp_path, total).texture.surface == texture(4).surface
+    assert read(tmp_path, total).surface == find_texture(4).surface
 
 
 @pytest.mark.parametrize(
@@ -330,7 +322,7 @@ def test_files_that_name_each_other_are_refused(names: tuple[str, ...], where: s
 def test_a_file_may_be_named_twice(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
     (tmp_path / "half.toml").write_text('[texture]\nname="half"\nfamily="sum"\nof=["own.toml"]\nweights=[0.5]\n')
-    total = read(tmp_path, '[texture]\nname="t"\nfamily="sum"\nof=["own.toml", "half.toml"]\n').texture
+    total = read(tmp_path, '[texture]\nname="t"\nfamily="sum"\nof=["own.toml", "half.toml"]\n')
     expected = 0.3 * np.sin(math.pi * (0.5 * U + math.sqrt(0.75) * V))
     np.testing.assert_allclose(total.surface(U, V), expected, atol=1e-12)
 
@@ -341,7 +333,7 @@ def test_a_sum_of_mm_and_units_needs_the_mm_per_unit(tmp_path: Path) -> None:
     total = '[texture]\nname="t"\nfamily="sum"\nof=["own.toml", "1"]\n'
     with pytest.raises(InputError, match=r"\[block\] mm_per_unit: is missing; texture-1 has units"):
         read(tmp_path, total)
-    mixed = read(tmp_path, total + "[block]\nmm_per_unit=[1.2, 1.5, 0.5]\ndomain=[[1, 11], [2, 12]]\n").texture
+    mixed = read(tmp_path, total + "[block]\nmm_per_unit=[1.2, 1.5, 0.5]\ndomain=[[1, 11], [2, 12]]\n")
     expected = 0.2 * np.sin(math.pi * (0.5 * U + math.sqrt(0.75) * V)) + 0.5 * np.sin(U / 1.2)
     np.testing.assert_allclose(mixed.surface(U, V), expected, atol=1e-12)
     assert (mixed.surface.unit, mixed.block.domain) == ("mm", ((1.2, 13.2), (3.0, 18.0)))
@@ -363,9 +355,9 @@ def test_a_sum_of_mm_and_units_needs_the_mm_per_unit(tmp_path: Path) -> None:
 def test_the_title_of_waves_in_mm_has_wavelengths(tmp_path: Path) -> None:
     wave = "[[wave]]\namplitude={}\nangle_deg={}\nwavelength_mm={}\nphase={}\n"
     head = '[texture]\nname="a"\nfamily="plane-waves"\n'
-    three = read(tmp_path, head + "".join(wave.format(0.4, angle, 1.3, 0) for angle in (0, 60, 120))).texture
+    three = read(tmp_path, head + "".join(wave.format(0.4, angle, 1.3, 0) for angle in (0, 60, 120)))
     assert three.equation == "0.4 mm sine of 1.3 mm at 0, 60, 120 degrees"
-    two = read(tmp_path, head + wave.format(0.4, 0, 1.3, 0) + wave.format(0.1, 90, 2, 0.5)).texture
+    two = read(tmp_path, head + wave.format(0.4, 0, 1.3, 0) + wave.format(0.1, 90, 2, 0.5))
     assert two.equation == "0.4 mm sine of 1.3 mm at 0 degrees + 0.1 mm sine of 2 mm with phase 0.5 at 90 degrees"
-    many = read(tmp_path, head + "".join(wave.format(0.4, 0, length, 0) for length in (1, 2, 3, 4, 5))).texture
+    many = read(tmp_path, head + "".join(wave.format(0.4, 0, length, 0) for length in (1, 2, 3, 4, 5)))
     assert many.equation.endswith("0.4 mm sine of 3 mm at 0 degrees + 2 more waves")

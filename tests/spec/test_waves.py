@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import dblquad, quad
 
 from tacbench_cad.spec.extremes import HalfPlane
-from tacbench_cad.spec.textures import catalogue
+from tacbench_cad.spec.families import catalogue
 from tacbench_cad.spec.waves import EXTREMES_ERROR, EXTREMES_FRACTION, Sines, Wave, WaveSum
 from tacbench_cad.util.errors import InputError
 

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.extensions.design.model import PERIOD, RECTANGLE, Design
+from tacbench_cad.spec.families import LATER_NAMES, built_in_name
 from tacbench_cad.spec.images import PICTURES
-from tacbench_cad.spec.later import EQUATIONS, later_name
 from tacbench_cad.spec.outlines import NAMED
 from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.spline import SplineSurface
-from tacbench_cad.spec.textures import file_hint, texture_of_document
+from tacbench_cad.spec.texture_files import texture_of_document, texture_path, unknown_texture
 from tacbench_cad.util.door import parse_toml, read_text
-from tacbench_cad.util.errors import InputError, nearest, one_of
+from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal
 
 _HALF_TURN = round(math.pi, 6)
@@ -38,7 +38,7 @@ STARTS: dict[str, tuple[Mapping[str, Any], tuple[Mapping[str, Any], ...]]] = {
             for f, g in ((1.0, 0.0), (-0.5, math.sqrt(0.75)), (-0.5, -math.sqrt(0.75)))
         ),
     ),
-    **{name: ({"family": "sum", "of": [name], "weights": [1.0]}, ()) for name in EQUATIONS},
+    **{name: ({"family": "sum", "of": [name], "weights": [1.0]}, ()) for name in LATER_NAMES},
 }
 #: The wave that the page adds to a sum of waves.
 NEW_WAVE = {"amplitude": 0.3, "f": 2.0, "g": 0.0, "phase": 0.0}
@@ -91,17 +91,13 @@ def first_state(word: str) -> tuple[Design, str]:
     Raises:
         InputError: The word is not the number or the name of a texture, and not a readable texture file.
     """
-    names = {key: name for name in STARTS for key in (name, name.replace(" ", "-"), name.removeprefix("texture "))}
-    name = names.get(word.lower()) or later_name(word)
+    names = {name.replace(" ", "-"): name for name in STARTS}
+    name = names.get(built_in_name(word) or word.lower().replace(" ", "-"))
     if name is not None:
         return start(name), name
-    path = Path(word)
-    if path.suffix.lower() == ".toml" or path.exists():
+    if (path := texture_path(word)) is not None:
         return opened(read_text(path, "texture", "toml"), word, path.parent), ""
-    words = [name.replace(" ", "-") for name in STARTS]
-    raise InputError(
-        "texture", word, f"{file_hint(word) or nearest(word, words)}; 1 to 6 and TOML files are also allowed"
-    )
+    raise unknown_texture(word, others=list(names))
 
 
 def opened(text: str, name: str, folder: Path | None = None) -> Design:
@@ -126,23 +122,23 @@ def design_of(document: Mapping[str, Any], name: str, folder: Path | None = None
     if draft.files and folder is None:
         raise InputError(name, None, f'names other files: start the command with it, "tacbench design {name}"')
     draft.require_files()
-    file = texture_of_document(document, f"{name}: ", draft.folder)
+    texture = texture_of_document(document, f"{name}: ", draft.folder)
     paper = VALUES["paper"]
-    surface = file.texture.surface
-    size, unit, (u, v), _ = with_table(paper, file.block, surface)
+    surface = texture.surface
+    size, unit, (u, v), _ = with_table(paper, texture.block, surface)
     if surface.unit == "mm":  # the page keeps the waves of the file, and therefore also its units
         unit = tuple(document.get("block", {}).get("mm_per_unit") or unit)
         u, v = u / unit[0], v / unit[1]
     return replace(
         draft,
-        name=file.texture.name,
+        name=texture.name,
         wave=tuple(document.get("wave", ())),
         size_mm=size,
-        height_mm=file.block.height_mm or paper.height_mm,
+        height_mm=texture.block.height_mm or paper.height_mm,
         period_mm=(PERIOD * unit[0], PERIOD * unit[1]),
         unit_mm=unit[2],
         shift=(u, v),
-        outline=file.block.outline or RECTANGLE,
+        outline=texture.block.outline or RECTANGLE,
     )
 
 
@@ -159,7 +155,7 @@ def of_image(folder: Path, file: str) -> Design:
     table: dict[str, Any] = {"name": "my-texture", "family": "image", "file": file, "mm_per_pixel": 1.0}
     if Path(file).suffix.lower() in PICTURES:
         table["height_mm"] = [0.0, 1.0]
-    surface = texture_of_document({"texture": table}, folder=folder).texture.surface
+    surface = texture_of_document({"texture": table}, folder=folder).surface
     assert isinstance(surface, SplineSurface)
     longest = max(high - low for low, high in (surface.u.ends, surface.v.ends))
     table |= {"mm_per_pixel": float(f"{IMAGE_MM / longest:.4g}"), "smooth_mm": 0.0}

@@ -25,7 +25,8 @@ from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.spectrum import printable_heights, spectrum
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.textures import BlockTable, Texture, table_in_mm, texture_of_document
+from tacbench_cad.spec.texture_files import texture_of_document
+from tacbench_cad.spec.textures import BlockTable, Texture, table_in_mm
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.errors import InputError
@@ -187,7 +188,7 @@ class Design(Checked):
 @lru_cache(maxsize=16)
 def _texture(tables: str, folder: Path) -> Texture:
     """Return the texture of a document as JSON. A height map takes long to read, so the last textures are kept."""
-    return texture_of_document(json.loads(tables), folder=folder).texture
+    return texture_of_document(json.loads(tables), folder=folder)
 
 
 def picture(design: Design) -> bytes:

@@ -165,7 +165,7 @@ def _blocks(
     """Return the possible blocks, what is known about the print, and the run if the user named its folder."""
     from tacbench_cad.extensions.scan.result import PrintOrigin
     from tacbench_cad.making.labelled import blocks_named
-    from tacbench_cad.spec.textures import is_texture_name
+    from tacbench_cad.spec.texture_files import is_texture_name
 
     if word is not None and not is_texture_name(word) and (Path(word) / "run.json").is_file():
         from tacbench_cad.lab.runs.reading import Run

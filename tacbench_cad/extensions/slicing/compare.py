@@ -19,7 +19,8 @@ from tacbench_cad.extensions.slicing.surface import Frame, frames_of, places_of,
 from tacbench_cad.spec import crests
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.crests import Extrema
-from tacbench_cad.spec.textures import Texture, catalogue
+from tacbench_cad.spec.families import catalogue
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.topgrid import EDGE_MM, PITCH_MM, points_of, without_edge
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError

@@ -90,15 +90,15 @@ def command(
     from tacbench_cad.extensions.slicing.printers import printers as known_printers
     from tacbench_cad.extensions.slicing.writing import write_plates
     from tacbench_cad.lab.study.names import own_name
-    from tacbench_cad.making.choice import textures_of
     from tacbench_cad.spec.block import Block
     from tacbench_cad.spec.compensation import corrected_for
     from tacbench_cad.spec.printermodel import read_printer_model
+    from tacbench_cad.spec.texture_files import find_textures
 
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)
     material = own_name("filament", filament if filament is not None else machine.filaments[0])
-    blocks = [Block.of(texture, preset, scale=scale, key_mm=key_mm) for texture in textures_of(textures, preset)]
+    blocks = [Block.of(texture, preset, scale=scale, key_mm=key_mm) for texture in find_textures(textures, preset)]
     if compensate is not None:
         model = read_printer_model(compensate)
         model.require_for(own_name("printer", machine.name), material)

@@ -13,7 +13,7 @@ from tacbench_cad.formats import threemf
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.printrecord import form
-from tacbench_cad.spec.textures import read_texture
+from tacbench_cad.spec.texture_files import read_texture
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import locked, replacing
@@ -82,7 +82,7 @@ def write_plates(
     """
     if (reason := threemf.why_missing()) is not None:
         raise MissingToolError(f"3MF: {reason}")
-    names = {read_texture(path).texture.name: path.name for path in texture_files}
+    names = {read_texture(path).name: path.name for path in texture_files}
     if len(set(names.values())) < len(texture_files):
         raise InputError(
             "texture", [path.name for path in texture_files], "two files have the same name; rename one of them"

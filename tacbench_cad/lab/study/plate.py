@@ -11,7 +11,7 @@ from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.printermodel import read_printer_model
-from tacbench_cad.spec.textures import texture as find_texture
+from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError, located
 

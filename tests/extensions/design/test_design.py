@@ -25,9 +25,10 @@ from tacbench_cad.extensions.design import app
 from tacbench_cad.extensions.design.app import MAX_TEXT, DesignPage, Upload, question_of
 from tacbench_cad.extensions.design.document import STARTS, controls, first_state, opened, start, toml
 from tacbench_cad.extensions.design.model import CUT_POINTS, Design, facts, picture
+from tacbench_cad.spec.authors_later import EQUATIONS
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.later import EQUATIONS
-from tacbench_cad.spec.textures import catalogue, read_texture, texture
+from tacbench_cad.spec.families import catalogue
+from tacbench_cad.spec.texture_files import find_texture, read_texture
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -51,7 +52,7 @@ def test_the_first_six_are_those_of_the_catalogue(number: int) -> None:
 def test_all_later_textures_are_offered() -> None:
     assert set(EQUATIONS) <= set(STARTS)
     dunes, u = start("dunes").formula.surface, np.linspace(0.0, 9.0, 50)
-    assert dunes.grid(u, u) == pytest.approx(texture("dunes").surface.grid(u, u), abs=1e-12)
+    assert dunes.grid(u, u) == pytest.approx(find_texture("dunes").surface.grid(u, u), abs=1e-12)
 
 
 def test_a_picture_has_the_heights_of_the_block() -> None:
@@ -98,7 +99,7 @@ def test_the_texture_file_gives_the_same_block(name: str, tmp_path: Path) -> Non
     path.write_text(toml(design), encoding="utf-8")
     file = read_texture(path)
     x, y = np.linspace(0.0, 20.0, 30), np.linspace(0.0, 17.3, 20)
-    read = replace(design.block, texture=file.texture)
+    read = replace(design.block, texture=file)
     assert read.height_at(x[:, None], y) == pytest.approx(design.block.height_at(x[:, None], y), abs=1e-9)
     again = opened(path.read_text(encoding="utf-8"), "mine.toml")
     assert toml(again) == toml(design)
@@ -118,7 +119,7 @@ def test_every_number_of_a_state_has_a_control_with_its_value() -> None:
                 inner = inner[step]
             assert row["value"] == inner
     assert first_state("z13")[1] == "dunes"
-    with pytest.raises(InputError, match=r'did you mean "texture-4"\?; 1 to 6 and TOML files are also allowed'):
+    with pytest.raises(InputError, match=r'did you mean "texture-4"\?; a number from 1 to 6 and a TOML file are also'):
         first_state("texture-44")
 
 
@@ -224,7 +225,7 @@ def test_files_are_written_into_the_folder_of_the_command(page: Page, tmp_path: 
     answer = page.ask(do="write", design=design, formats=["stl"])
     assert answer == {"files": ["waves_paper_x1.stl", "waves.toml"], "failed": []}
     assert check(tmp_path / "out" / answer["files"][0]).ok
-    assert read_texture(tmp_path / "out" / "waves.toml").texture.surface == catalogue()[1].surface
+    assert read_texture(tmp_path / "out" / "waves.toml").surface == catalogue()[1].surface
     refused = page.ask(do="write", design=design, formats=["exe"])
     assert "formats = 'exe'" in refused["error"]
 

@@ -15,7 +15,7 @@ from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh, texture
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.presets import VALUES
-from tacbench_cad.spec.textures import texture as texture_named
+from tacbench_cad.spec.texture_files import find_texture as texture_named
 from tacbench_cad.util.errors import InputError
 
 Solid = manifold3d.Manifold

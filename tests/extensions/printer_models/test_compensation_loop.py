@@ -19,8 +19,9 @@ from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.compensation import Print, corrected_for, in_file
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.printermodel import Measured, PrinterModel
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "compensation.py"
 #: The printer shrinks 0.4 % and loses 30 % of the finest wave that a nozzle of 0.4 mm can print.

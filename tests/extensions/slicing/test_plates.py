@@ -184,9 +184,9 @@ def test_the_files_of_a_plate(folder: Path) -> None:
 
 
 def _blocks(folder: Path) -> list[Block]:
-    from tacbench_cad.spec.textures import read_texture
+    from tacbench_cad.spec.texture_files import read_texture
 
-    return [Block.of(1, key_mm=3.0, copy=1), Block.of(read_texture(folder / "hex.toml").texture, key_mm=3.0, copy=1)]
+    return [Block.of(1, key_mm=3.0, copy=1), Block.of(read_texture(folder / "hex.toml"), key_mm=3.0, copy=1)]
 
 
 def test_the_layout_names_blocks_as_acquire_asks_for_them(folder: Path) -> None:

@@ -23,6 +23,7 @@ from tacbench_cad.render.viewing import page
 from tacbench_cad.render.viewing.scene import Scene, Thing
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.texture_files import find_textures
 from tacbench_cad.util import packages as tools
 from tacbench_cad.util.errors import InputError, MissingToolError
 
@@ -60,7 +61,7 @@ def test_words_name_textures_and_parts(
     words: tuple[str, ...], textures: tuple[str, ...], parts: tuple[str, ...] | None
 ) -> None:
     request = request_of(words, Request())
-    assert request.textures == textures
+    assert find_textures(request.textures) == find_textures(textures)
     assert request.parts == parts
 
 
@@ -223,7 +224,7 @@ def test_the_page_takes_every_option_of_a_part(tmp_path: Path) -> None:
     ("argv", "needle"),
     [
         (["holdr"], 'did you mean "holder"'),
-        (["7"], "parts = '7'"),
+        (["7"], "texture = '7'"),
         (["1", "coupons"], 'did you mean "coupon"'),
         (["1", "-o", "view.stl"], "must end in .html"),
         (["1", "-o", "nowhere/view.html"], "nowhere"),

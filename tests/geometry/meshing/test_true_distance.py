@@ -27,8 +27,9 @@ from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.formats.threemf import write_3mf
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 
 #: The rounding of the test's own arithmetic, in mm.
 ROUNDING_MM = 1e-9

@@ -21,8 +21,9 @@ from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.textured.field import Avoid, lines_along
 from tacbench_cad.geometry.textured.solid import TexturedSolid, textured_solid
 from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
-from tacbench_cad.spec.textures import Texture, plane_waves
+from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 
 PLATE = cq.Workplane().box(40, 30, 5).faces(">Z").workplane().pushPoints([(-10, 5), (10, -5)]).hole(6)

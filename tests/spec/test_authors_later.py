@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tacbench_cad.geometry.brep import solid_refusal
+from tacbench_cad.spec.authors_later import EQUATIONS, later_surface
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.later import EQUATIONS, later_surface
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, TOLERANCE_MM, Tolerance
 from tacbench_cad.spec.spectrum import error_note
-from tacbench_cad.spec.textures import texture
+from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.util.types import Floats
 
 REFERENCE = {
@@ -64,8 +64,8 @@ def test_measured_errors_hold_next_to_cones_and_creases(name: str) -> None:
 
 
 def test_names_and_numbers() -> None:
-    assert texture("z13") is texture("dunes")
-    assert texture("Z19").name == "coral"
+    assert find_texture("z13") is find_texture("dunes")
+    assert find_texture("Z19").name == "coral"
     assert Block.of("dunes").texture.equation == "exp(sin u) cos v"
 
 

@@ -54,12 +54,6 @@ FIRST_NUMBER = 6
 _COS = math.pi / 2.0
 
 
-def later_name(word: str) -> str | None:
-    """Return the name of a later texture for its name or its number (``dunes``, ``z13``), or None."""
-    numbers = {f"z{FIRST_NUMBER + i}": name for i, name in enumerate(EQUATIONS)}
-    return numbers.get(word, word if word in EQUATIONS else None)
-
-
 @cache
 def later_surface(name: str) -> Surface:
     """Return the surface of a later texture by its name."""
