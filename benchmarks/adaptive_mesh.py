@@ -39,7 +39,7 @@ from tacbench_cad.geometry.meshing.net import lattice
 from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
-from tacbench_cad.spec.sampled import height_map
+from tacbench_cad.spec.interpolation import height_map
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.types import Floats

@@ -43,7 +43,7 @@ from tacbench_cad.spec.families import series
 from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
 from tacbench_cad.spec.skin import SKIN_MM, pin_shifts_px
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.topgrid import EDGE_MM, points_of, without_edge
+from tacbench_cad.spec.top_points import EDGE_MM, points_of, without_edge
 
 NOZZLE_MM, SCALE, NOISE_MM = 0.4, 0.996, 0.02
 #: The smallest factor by which a correction with a free relief must reduce the error of the printable waves.

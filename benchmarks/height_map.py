@@ -25,7 +25,7 @@ from tacbench_cad.geometry import relief
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampled import height_map
+from tacbench_cad.spec.interpolation import height_map
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.types import Floats

@@ -28,7 +28,7 @@ from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.sines import Sines
 from tacbench_cad.util.types import Floats
 
 #: Rounds of each search for the fewest triangles.

@@ -16,8 +16,8 @@ texture-2_paper_x1.5_key3 (34.95, 45.0) relief 6.000 mm
 ``print(block)`` prints the dimension report, and ``print(report)`` lists the checks. A texture of your own has a name
 and a sum of waves ``A sin(f u + g v + phase)``:
 
->>> from tacbench_cad import Texture, plane_waves
->>> weave = Texture(name="weave", surface=plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5)))
+>>> from tacbench_cad import Texture
+>>> weave = Texture.plane_waves((0.7, 1.0, 0.5), (0.7, 1.0, -0.5), name="weave")
 >>> weave.equation
 '0.7 sin(u + 0.5v) + 0.7 sin(u - 0.5v)'
 >>> Block.of(weave, scale=2.0).size_mm

@@ -82,7 +82,7 @@ def command(verify: str, json: bool, **request: Any) -> None:
     from tacbench_cad.making.printset import Request, build
     from tacbench_cad.making.request import blocks_of
     from tacbench_cad.spec.compensation import effect_of
-    from tacbench_cad.spec.spectrum import error_note, turned_note
+    from tacbench_cad.spec.wavelengths import error_note, turned_note
 
     options_of_call = Request(**options.request_fields(request), full=verify == "full")
     with ProgressLine(every_s=0.0) as progress:

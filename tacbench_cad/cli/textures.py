@@ -38,7 +38,7 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
       tacbench textures --texture hex.toml --json
     """
     from tacbench_cad.making.choice import described
-    from tacbench_cad.spec.spectrum import turned_note
+    from tacbench_cad.spec.wavelengths import turned_note
 
     if not (math.isfinite(nozzle) and 0.0 < nozzle <= 10.0):
         raise InputError("nozzle", nozzle, "must be above 0 and at most 10 mm")
@@ -91,7 +91,7 @@ def command(textures: tuple[str, ...], preset: str, scale: float, nozzle: float,
 
 def _row(block: Block, nozzle_mm: float) -> dict[str, Any]:
     """The row of a texture. ``lowest`` and ``highest`` are values of the formula over the block, without a unit."""
-    from tacbench_cad.spec.spectrum import spectrum
+    from tacbench_cad.spec.wavelengths import spectrum
 
     waves, unit = spectrum(block), block.mm_per_unit[2]
     return {

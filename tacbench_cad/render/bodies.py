@@ -22,7 +22,7 @@ from tacbench_cad.geometry.part import Part
 from tacbench_cad.render.raster import MATERIAL, Body, Colour, Relief
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.sines import Sines
 from tacbench_cad.util.types import Floats
 
 #: Facets are shown above this tolerance, as a fraction of the block's longer side: about a pixel of a large picture.

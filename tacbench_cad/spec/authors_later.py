@@ -14,10 +14,11 @@ from functools import cache
 
 import numpy as np
 
-from tacbench_cad.spec.sampled import measured_error, sampled, spline_through
+from tacbench_cad.spec.interpolation import measured_error, sampled, spline_through
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
 #: The highest order of the Bessel functions. For an argument of 1, the sum over all higher orders n of n J_n, and that

@@ -8,8 +8,9 @@ from functools import cache
 from typing import Literal
 
 from tacbench_cad.spec.authors_later import EQUATIONS, FIRST_NUMBER, later_surface
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, one_of
 
 Law = Literal["triangle", "square", "sawtooth"]
@@ -92,7 +93,7 @@ def harmonics(weights: Sequence[float], axes: Axes = "xy") -> WaveSum:
     return WaveSum(tuple(along_x + along_y))
 
 
-def plane_waves(*waves: tuple[float, float, float] | tuple[float, float, float, float]) -> WaveSum:
+def plane_waves(*waves: tuple[float, ...]) -> WaveSum:
     """Make a sum of any waves, each given as ``(amplitude, f, g)`` or ``(amplitude, f, g, phase)``.
 
     >>> print(plane_waves((0.6, 2.0, 1.0), (0.6, 2.0, -1.0)))
@@ -108,6 +109,33 @@ def plane_waves(*waves: tuple[float, float, float] | tuple[float, float, float, 
         amplitude, f, g, phase = (*one, 0.0)[:4]
         table.append(Wave(amplitude=amplitude, f=f, g=g, phase=phase))
     return WaveSum(tuple(table))
+
+
+def ridges(pitch_mm: float, height_mm: float) -> WaveSum:
+    """Make parallel round ridges at a distance along x, and the height from valley to ridge."""
+    return WaveSum((Wave(amplitude=height_mm / 2.0, f=2.0 * math.pi / pitch_mm, g=0.0),), "mm")
+
+
+def dots(pitch_mm: float, height_mm: float) -> WaveSum:
+    """Make round bumps on a square grid."""
+    k = 2.0 * math.pi / pitch_mm
+    return _cosines(height_mm / 4.0, (k, 0.0), (0.0, k))
+
+
+def checks(pitch_mm: float, height_mm: float) -> WaveSum:
+    """Make bumps and pits like the fields of a chessboard; two bumps along x are one pitch apart."""
+    k = 2.0 * math.pi / pitch_mm
+    return _cosines(height_mm / 4.0, (k, k), (k, -k))
+
+
+def hex_bumps(pitch_mm: float, height_mm: float) -> WaveSum:
+    """Make bumps that each have six neighbours at the distance of the pitch."""
+    k, half = 4.0 * math.pi / math.sqrt(3.0) / pitch_mm, math.sqrt(3.0) / 2.0
+    return _cosines(height_mm / 4.5, (0.0, k), (half * k, k / 2.0), (half * k, -k / 2.0))
+
+
+def _cosines(amplitude: float, *ways: tuple[float, float]) -> WaveSum:
+    return WaveSum(tuple(Wave(amplitude=amplitude, f=f, g=g, phase=math.pi / 2.0) for f, g in ways), "mm")
 
 
 def _series_texture(number: int, law: Law, highest: int, axes: Axes) -> Texture:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.spec.sampled import MAX_SAMPLES, height_map, smoothed
+from tacbench_cad.spec.interpolation import MAX_SAMPLES, height_map, smoothed
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.wavefit import fit_waves
 from tacbench_cad.util.door import open_input

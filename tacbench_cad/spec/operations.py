@@ -1,4 +1,4 @@
-"""Operations on surfaces: sum, scale, turn, window, mask, repeat.
+"""Operations on surfaces: sum, scale, turn, window, mask. They are methods of every surface.
 
 Where the result is exactly a sum of waves or a spline, it is calculated exactly. Otherwise the result is sampled, and
 its error is measured.
@@ -12,10 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tacbench_cad.spec.sampled import sampled
+from tacbench_cad.spec.interpolation import sampled
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
-from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Unit, Wave, WaveSum
+from tacbench_cad.spec.surface import Domain, Surface, Unit
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -23,9 +24,6 @@ from tacbench_cad.util.types import Floats
 SAMPLED_FRACTION = 1e-4
 #: Two lines that are nearer than this fraction of the domain are the same line.
 _SAME_LINE = 1e-6
-
-#: The ends of a domain along u and v.
-Domain = tuple[tuple[float, float], tuple[float, float]]
 
 
 def scaled(surface: Surface, factor: float) -> Surface:
@@ -118,27 +116,6 @@ def masked(surface: Surface, mask: Callable[[Floats, Floats], Floats], domain: D
         domain: The domain; None for the domain of a spline.
     """
     return _sampled(lambda u, v: surface(u, v) * mask(u, v), [surface], domain)
-
-
-def repeated(surface: SplineSurface, along: tuple[bool, bool] = (True, True)) -> SplineSurface:
-    """Return a spline that repeats beyond its ends.
-
-    Args:
-        surface: The spline.
-        along: Whether it repeats along u and along v.
-
-    Raises:
-        InputError: The heights at opposite ends differ, so there would be a step.
-    """
-    poles, axes = surface.poles, []
-    for which, (axis, wanted) in enumerate(zip((surface.u, surface.v), along, strict=True)):
-        first, last = np.moveaxis(poles, which, 0)[[0, -1]]
-        step = float(np.abs(first - last).max())
-        if wanted and step > 1e-9 * float(np.ptp(poles)):
-            advice = "make it seamless with fit_waves, or fade it out with windowed"
-            raise InputError("repeat", "uv"[which], f"there would be a step of {step:.3g} at the joint; {advice}")
-        axes.append(replace(axis, repeats=wanted or axis.repeats))
-    return replace(surface, u=axes[0], v=axes[1])
 
 
 def _sum(first: SplineSurface, second: SplineSurface) -> SplineSurface:

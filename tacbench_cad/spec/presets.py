@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.textures import BlockTable, require_own_unit
 from tacbench_cad.util.errors import InputError
@@ -97,9 +96,9 @@ def _own_domain(
     surface: Surface, size_mm: tuple[float, float] | None
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Return the domain of a height map in mm, or its lower left part of some size; None for other surfaces."""
-    if not isinstance(surface, SplineSurface) or surface.u.repeats or surface.v.repeats:
+    if surface.ends is None:
         return None
-    (x0, x1), (y0, y1) = surface.u.ends, surface.v.ends
+    (x0, x1), (y0, y1) = surface.ends
     width, depth = size_mm or (x1 - x0, y1 - y0)
     return ((x0, x0 + width), (y0, y0 + depth))
 

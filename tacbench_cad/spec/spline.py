@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, Region, search_cells
 from tacbench_cad.spec.intervals import Intervals
-from tacbench_cad.spec.waves import Sines, Unit
+from tacbench_cad.spec.sines import Sines
+from tacbench_cad.spec.surface import Domain, Surface, Unit
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -201,7 +202,7 @@ class SplineAxis:
 
 
 @dataclass(frozen=True, eq=False)
-class SplineSurface:
+class SplineSurface(Surface):
     """A tensor-product B-spline surface.
 
     Args:
@@ -466,6 +467,30 @@ class SplineSurface:
         )
         poles, error = self.poles * height_per_unit, self.error * abs(height_per_unit)
         return replace(self, u=u, v=v, poles=poles, error=error, unit=unit or self.unit)
+
+    @property
+    def ends(self) -> Domain | None:
+        """The domain; None if the surface repeats along u or v."""
+        return None if self.u.repeats or self.v.repeats else (self.u.ends, self.v.ends)
+
+    def repeated(self, along: tuple[bool, bool] = (True, True)) -> SplineSurface:
+        """Return a spline that repeats beyond its ends.
+
+        Args:
+            along: Whether it repeats along u and along v.
+
+        Raises:
+            InputError: The heights at opposite ends differ, so there would be a step.
+        """
+        poles, axes = self.poles, []
+        for which, (axis, wanted) in enumerate(zip((self.u, self.v), along, strict=True)):
+            first, last = np.moveaxis(poles, which, 0)[[0, -1]]
+            step = float(np.abs(first - last).max())
+            if wanted and step > 1e-9 * float(np.ptp(poles)):
+                advice = "make it seamless with fit_waves, or fade it out with windowed"
+                raise InputError("repeat", "uv"[which], f"there would be a step of {step:.3g} at the joint; {advice}")
+            axes.append(replace(axis, repeats=wanted or axis.repeats))
+        return replace(self, u=axes[0], v=axes[1])
 
     def over(self, u: tuple[float, float], v: tuple[float, float]) -> SplineSurface:
         """Return the part of the surface over a rectangle. It does not repeat.

@@ -9,10 +9,11 @@ from typing import Any, get_args
 
 import numpy as np
 
-from tacbench_cad.spec.sampled import MAX_POLES, MAX_SAMPLES
+from tacbench_cad.spec.interpolation import MAX_POLES, MAX_SAMPLES
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
-from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Unit, Wave, WaveSum
+from tacbench_cad.spec.surface import Surface, Unit
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, located, one_of
 from tacbench_cad.util.types import Floats
 

@@ -1,21 +1,29 @@
-"""The protocol of a surface: what the formula of a texture must offer.
+"""The protocol of a surface: what the formula of a texture must offer, and the operations on surfaces.
 
 A surface is a function ``z(u, v)`` with bounds of its derivatives. Meshes, solids, pictures, the simulated sensor and
-the checks use only these methods, so every implementation works with all of them.
+the checks use only these methods, so every implementation works with all of them. A class that inherits from
+:class:`Surface` has the operations: ``a + b``, ``a - b``, ``2 * a``, ``a.turned(30)``, ``a.windowed(2.0)``.
 :class:`tacbench_cad.spec.waves.WaveSum` is a formula, and :class:`tacbench_cad.spec.spline.SplineSurface` represents
 height maps, functions of Python and textures with creases.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
+# the operations make splines, which are surfaces, so their modules are loaded when they are used
+from tacbench_cad import spec
 from tacbench_cad.spec.extremes import Extremes, Region
-from tacbench_cad.spec.waves import Sines, Unit
+from tacbench_cad.spec.sines import Sines, Wave
 from tacbench_cad.util.types import Floats
+
+#: What the numbers of a surface are: ``units`` without a dimension, which a block maps to mm, or lengths in ``mm``.
+Unit = Literal["units", "mm"]
+#: The ends of a rectangle along u and v.
+Domain = tuple[tuple[float, float], tuple[float, float]]
 
 
 class Surface(Protocol):
@@ -143,3 +151,45 @@ class Surface(Protocol):
             InputError: The surface is not known over the whole rectangle.
         """
         ...
+
+    @property
+    def plane_waves(self) -> tuple[Wave, ...] | None:
+        """The plane waves whose sum the surface is exactly; None if it is not such a sum."""
+        return None
+
+    @property
+    def ends(self) -> Domain | None:
+        """The rectangle outside of which the surface is not known; None if it is known in the whole plane."""
+        return None
+
+    def __add__(self, other: Surface) -> Surface:
+        """Return the sum; see :func:`tacbench_cad.spec.operations.added`."""
+        return spec.added([self, other])
+
+    def __sub__(self, other: Surface) -> Surface:
+        """Return the difference."""
+        return self + -1.0 * other
+
+    def __mul__(self, factor: float) -> Surface:
+        """Return the surface with its height multiplied by a factor."""
+        return spec.scaled(self, factor)
+
+    def __rmul__(self, factor: float) -> Surface:
+        """Return the surface with its height multiplied by a factor."""
+        return spec.scaled(self, factor)
+
+    def turned(self, angle_deg: float, domain: Domain | None = None) -> Surface:
+        """Return the surface turned counter-clockwise; see :func:`tacbench_cad.spec.operations.turned`."""
+        return spec.turned(self, angle_deg, domain)
+
+    def windowed(self, margin: float | tuple[float, float], domain: Domain | None = None) -> Surface:
+        """Return the surface that fades out towards its edges; see :func:`tacbench_cad.spec.operations.windowed`."""
+        return spec.windowed(self, margin, domain)
+
+    def masked(self, mask: Callable[[Floats, Floats], Floats], domain: Domain | None = None) -> Surface:
+        """Return the surface multiplied by a mask; see :func:`tacbench_cad.spec.operations.masked`."""
+        return spec.masked(self, mask, domain)
+
+    def repeated(self, along: tuple[bool, bool] = (True, True)) -> Surface:
+        """Return the surface that repeats beyond its ends; a surface that is known in the whole plane is returned."""
+        return self

@@ -23,10 +23,10 @@ from tacbench_cad.spec.families import (
     series,
 )
 from tacbench_cad.spec.images import image_texture
-from tacbench_cad.spec.operations import added, scaled, turned, windowed
-from tacbench_cad.spec.spline import SplineSurface
+from tacbench_cad.spec.operations import added
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import WAVE_BOUNDS, BlockTable, Texture, require_own_unit, table_in_mm
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, located, nearest
@@ -339,16 +339,15 @@ class _Combined:
         for part in parts[1:]:
             table = _merged(table, part.block)
         table = _merged(table, own)
-        surface = added([scaled(part.surface, weight) for part, weight in zip(parts, weights, strict=True)])
+        surface = added([weight * part.surface for part, weight in zip(parts, weights, strict=True)])
         if self.turn_deg:
-            surface = turned(surface, self.turn_deg)
+            surface = surface.turned(self.turn_deg)
         named = [f"{weight:g} {part.name}" for part, weight in zip(parts, weights, strict=True)]
         text = " + ".join(named) + (f", turned by {self.turn_deg:g} degrees" if self.turn_deg else "")
         if self.fade is not None:
-            ends = isinstance(surface, SplineSurface) and not (surface.u.repeats or surface.v.repeats)
-            if table.domain is None and not ends:
+            if table.domain is None and surface.ends is None:
                 raise InputError("[block] domain", None, "is missing; fade needs [[u low, u high], [v low, v high]]")
-            surface = windowed(surface, self.fade, table.domain)
+            surface = surface.windowed(self.fade, table.domain)
             text += f", fading out over {self.fade:g}"
         return Texture(name=self.name, surface=surface, equation=text), table
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.sampled import checked_heights, pixel_steps
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.interpolation import checked_heights, pixel_steps
+from tacbench_cad.spec.sines import Wave
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -59,7 +60,7 @@ def fit_waves(
     the largest amplitudes.
 
     Args:
-        heights: The heights, as for :func:`tacbench_cad.spec.sampled.height_map`.
+        heights: The heights, as for :func:`tacbench_cad.spec.interpolation.height_map`.
         waves: The number of waves.
         mm_per_pixel: The distance of neighbouring columns, or of neighbouring columns and rows, in mm.
         height_mm: The heights to which the lowest and the highest value are scaled, or their difference; None if the

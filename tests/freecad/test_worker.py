@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tacbench_cad import __version__, catalogue
+from tacbench_cad import Texture, __version__
 from tacbench_cad.spec.block import Block
 
 ROOT = Path(__file__).parents[2]
@@ -76,7 +76,7 @@ def test_each_request_gets_an_answer(tmp_path: Path) -> None:
     assert second["name"].startswith("own_paper_x1_20x26x")
     assert refused == {"error": "scale = 500.0: must be from 0.01 to 100"}
     assert fault == {"error": "KeyError: 'block'"}
-    assert choices["textures"][:6] == [texture.name for texture in catalogue()]
+    assert choices["textures"][:6] == [texture.name for texture in Texture.catalogue()]
     assert "dunes" in choices["textures"]
 
 

@@ -16,8 +16,9 @@ from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import BlockTable, Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 

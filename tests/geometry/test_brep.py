@@ -26,8 +26,9 @@ from tacbench_cad.geometry.splines.patches import MAX_POLES, patches
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import series
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 
 OBLIQUE = Texture(

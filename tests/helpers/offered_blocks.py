@@ -45,13 +45,14 @@ from tacbench_cad.render.viewing.page import require_page
 from tacbench_cad.spec import families
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm
+from tacbench_cad.spec.interpolation import checked_heights, height_map, pixel_steps
 from tacbench_cad.spec.label import engrave
 from tacbench_cad.spec.outlines import Disc, Polygon, RegularPolygon, Ring, outline_of
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.spec.sampled import checked_heights, height_map, pixel_steps, sampled
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.texture_files import find_texture, texture_of_document
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import read_rows
 from tacbench_cad.util.plotting import SUFFIXES as PICTURES
@@ -112,14 +113,9 @@ def _texture_words(folder: Path) -> dict[str, Any]:
 
 
 def _surfaces() -> dict[str, object]:
-    wave = (1.0, 1.0, 0.0)
     return {
-        "plane_waves": families.plane_waves(wave),
-        "series": families.series("square", 3),
-        "equation1": families.equation1(1.0, 1.0, 1.0, 1.0),
         "WaveSum": WaveSum((Wave(amplitude=1.0, f=1.0, g=0.0),)),
-        "sampled": sampled(lambda u, v: 0.1 * u * v, u=(0.0, 1.0), v=(0.0, 1.0)),
-        "height_map": height_map(np.outer(np.arange(5.0), np.arange(5.0))),
+        "SplineSurface": height_map(np.outer(np.arange(5.0), np.arange(5.0))),
     }
 
 
@@ -323,14 +319,16 @@ ROWS: Rows = {
     ],
     "spec.outlines:_require_length": lambda _: [Offer(attempt=lambda value: Disc(diameter_mm=value), wrong=1e-6)],
     "spec.protocol:PressGrid.paper": lambda _: [Offer(attempt=lambda word: PressGrid.paper(spacing=word), wrong="xyz")],
-    "spec.sampled:checked_heights": lambda _: [
+    "spec.interpolation:checked_heights": lambda _: [
         Offer(
             attempt=lambda heights: checked_heights(np.eye(5), heights),
             wrong=0.0,
             things={"above 0": 1.0, "two heights with the smaller one first": (-1.0, 1.0)},
         )
     ],
-    "spec.sampled:pixel_steps": lambda _: [Offer(attempt=pixel_steps, wrong=0.0, things={"1e-6": 1e-6, "1000": 1e3})],
+    "spec.interpolation:pixel_steps": lambda _: [
+        Offer(attempt=pixel_steps, wrong=0.0, things={"1e-6": 1e-6, "1000": 1e3})
+    ],
     "spec.textures:Texture.__post_init__": lambda _: [
         Offer(attempt=lambda surface: Texture(name="mine", surface=surface), wrong=5, things=_surfaces())
     ],

@@ -16,7 +16,7 @@ from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
-from tacbench_cad.spec.sampled import height_map
+from tacbench_cad.spec.interpolation import height_map
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.textures import Texture

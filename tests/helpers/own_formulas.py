@@ -14,8 +14,8 @@ from scipy.interpolate import NdBSpline
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
+from tacbench_cad.spec.interpolation import height_map, spline_through
 from tacbench_cad.spec.outlines import Disc, Polygon, RegularPolygon, Ring
-from tacbench_cad.spec.sampled import height_map, spline_through
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.texture_files import find_texture

@@ -8,8 +8,9 @@ import numpy as np
 from helpers.own_formulas import largest_distance
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 
 

@@ -22,7 +22,7 @@ from helpers.millimetres import KNOWN, PLATE_MM, REGION_MM, off_mm, stl_points
 cq = pytest.importorskip("cadquery", reason="solids need the extra cad")
 bd = pytest.importorskip("build123d", reason="solids need the extra cad")
 
-from tacbench_cad import Block, InputError, Texture, export, height_map, textured_part
+from tacbench_cad import Block, InputError, Texture, export, textured_part
 from tacbench_cad.bd import TextureBlock
 from tacbench_cad.bd import textured as bd_textured
 from tacbench_cad.cli import main
@@ -189,7 +189,7 @@ def test_a_block_has_the_millimetres_of_the_file(way: str, name: str, tmp_path: 
 def test_a_surface_in_mm_without_a_file(tmp_path: Path) -> None:
     """The same millimetres for an array in Python, whatever the preset; only the scale enlarges it."""
     KNOWN["height map"].write(tmp_path)
-    texture = Texture(name="own", surface=height_map(np.load(tmp_path / "map.npy"), mm_per_pixel=0.1))
+    texture = Texture.from_heights(np.load(tmp_path / "map.npy"), mm_per_pixel=0.1, name="own")
     pattern = KNOWN["height map"].pattern
     x, y = np.random.default_rng(0).uniform(0.0, 9.0, (2, 1000))
     for block in (

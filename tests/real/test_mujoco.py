@@ -13,8 +13,9 @@ from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places
 from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
 pytestmark = pytest.mark.real

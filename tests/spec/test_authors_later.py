@@ -11,8 +11,8 @@ from tacbench_cad.geometry.brep import solid_refusal
 from tacbench_cad.spec.authors_later import EQUATIONS, later_surface
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, TOLERANCE_MM, Tolerance
-from tacbench_cad.spec.spectrum import error_note
 from tacbench_cad.spec.texture_files import find_texture
+from tacbench_cad.spec.wavelengths import error_note
 from tacbench_cad.util.types import Floats
 
 REFERENCE = {

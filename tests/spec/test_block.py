@@ -18,8 +18,9 @@ from tacbench_cad.spec.block import MIN_BASE_MM, Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import BlockTable, Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import decimal
 

@@ -55,12 +55,12 @@ def test_a_file_with_a_height_map_and_its_block(relief: Floats, tmp_path: Path) 
     text = '[texture]\nname = "own"\nfamily = "image"\nfile = "16.png"\nmm_per_pixel = [0.5, 0.6]\nheight_mm = [0, 1]\n'
     (tmp_path / "own.toml").write_text(text)
     file = read_texture(tmp_path / "own.toml")
-    assert Block.of(file.texture, table=file.block).size_mm == (29.5, 23.4)
+    assert Block.of(file).size_mm == (29.5, 23.4)
     (tmp_path / "own.toml").write_text(text + "[block]\nsize_mm = [20, 15]\n")
     file = read_texture(tmp_path / "own.toml")
-    assert Block.of(file.texture, table=file.block).size_mm == (20.0, 15.0)
+    assert Block.of(file).size_mm == (20.0, 15.0)
     with pytest.raises(InputError, match=r"domain = 'u 0 to 40': is larger than the surface"):
-        Block.of(file.texture, size_mm=(40.0, 15.0)).extremes  # noqa: B018
+        Block.of(file, size_mm=(40.0, 15.0)).extremes  # noqa: B018
 
 
 def test_waves_of_a_height_map_fit_a_block_of_any_size(relief: Floats, tmp_path: Path) -> None:

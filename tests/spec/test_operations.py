@@ -11,8 +11,7 @@ import pytest
 
 from tacbench_cad.spec.authors_later import later_surface
 from tacbench_cad.spec.families import plane_waves
-from tacbench_cad.spec.operations import added, masked, repeated, scaled, turned, windowed
-from tacbench_cad.spec.sampled import height_map, sampled
+from tacbench_cad.spec.interpolation import height_map, sampled
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.storage import surface_from, surface_values
 from tacbench_cad.spec.waves import WaveSum
@@ -64,10 +63,10 @@ def test_functions_that_make_no_surface_are_refused(function: object, message: s
 
 
 def test_sums_of_waves_stay_sums_of_waves() -> None:
-    total = added([WAVES, scaled(WAVES, 2.0)])
+    total = WAVES + 2.0 * WAVES
     assert isinstance(total, WaveSum)
     np.testing.assert_allclose(total(U, V), 3.0 * WAVES(U, V), atol=1e-12)
-    turned_waves = turned(WAVES, 30.0)
+    turned_waves = WAVES.turned(30.0)
     c, s = math.cos(math.radians(30.0)), math.sin(math.radians(30.0))
     np.testing.assert_allclose(turned_waves(c * U - s * V, s * U + c * V), WAVES(U, V), atol=1e-12)
 
@@ -75,7 +74,7 @@ def test_sums_of_waves_stay_sums_of_waves() -> None:
 def test_splines_with_the_same_domain_are_added_exactly() -> None:
     first = sampled(smooth, u=(0.0, 6.0), v=(0.0, 6.0), error=1e-3)
     second = sampled(lambda u, v: np.abs(u - 2.0) + v, u=(0.0, 6.0), v=(0.0, 6.0), creases=([2.0], []))
-    total = added([first, second])
+    total = first + second
     np.testing.assert_allclose(total(U, V), first(U, V) + second(U, V), atol=1e-12)
     assert total.creases[0].tolist() == [2.0]
     assert total.error == first.error + second.error
@@ -84,48 +83,48 @@ def test_splines_with_the_same_domain_are_added_exactly() -> None:
 def test_waves_and_a_spline_are_added_within_the_error() -> None:
     spline = height_map(TABLE, mm_per_pixel=0.6)
     with pytest.raises(InputError, match="surfaces: some are in mm and others in units"):
-        added([WAVES, spline])
-    total = added([replace(WAVES, unit="mm"), spline])
+        WAVES + spline
+    total = replace(WAVES, unit="mm") + spline
     assert total.unit == "mm"
     assert np.abs(total(U, V) - WAVES(U, V) - spline(U, V)).max() <= total.error
     assert total.evidence == "measured"
 
 
 def test_a_window_fades_out_towards_the_edges() -> None:
-    faded = windowed(WAVES, 1.0, ((0.0, 6.0), (0.0, 6.0)))
+    faded = WAVES.windowed(1.0, ((0.0, 6.0), (0.0, 6.0)))
     inside = (U > 1.0) & (U < 5.0) & (V > 1.0) & (V < 5.0)
     assert np.abs(faded(U, V) - WAVES(U, V))[inside].max() <= faded.error
     edge = np.linspace(0.0, 6.0, 50)
     assert np.abs(faded(edge, np.zeros(50))).max() <= faded.error
     with pytest.raises(InputError, match=r"margin = 4"):
-        windowed(WAVES, 4.0, ((0.0, 6.0), (0.0, 6.0)))
+        WAVES.windowed(4.0, ((0.0, 6.0), (0.0, 6.0)))
 
 
 def test_a_mask_multiplies() -> None:
-    disc = masked(WAVES, lambda u, v: np.exp(-((u - 3.0) ** 2) - (v - 3.0) ** 2), ((0.0, 6.0), (0.0, 6.0)))
+    disc = WAVES.masked(lambda u, v: np.exp(-((u - 3.0) ** 2) - (v - 3.0) ** 2), ((0.0, 6.0), (0.0, 6.0)))
     expected = WAVES(U, V) * np.exp(-((U - 3.0) ** 2) - (V - 3.0) ** 2)
     assert np.abs(disc(U, V) - expected).max() <= disc.error
 
 
 def test_a_surface_repeats_only_without_a_step() -> None:
-    faded = windowed(height_map(TABLE, mm_per_pixel=0.6), 1.0)
+    faded = height_map(TABLE, mm_per_pixel=0.6).windowed(1.0)
     poles = faded.poles.copy()
     poles[[0, -1]] = poles[:, [0, -1]] = 0.0
-    tile = repeated(SplineSurface(faded.u, faded.v, poles))
+    tile = SplineSurface(faded.u, faded.v, poles).repeated()
     period = faded.u.ends[1]
     np.testing.assert_allclose(tile(U + period, V - 2.0 * period), tile(U, V), atol=1e-12)
     with pytest.raises(InputError, match=r"repeat = 'u': there would be a step of .*fit_waves"):
-        repeated(height_map(TABLE))
+        height_map(TABLE).repeated()
 
 
 def test_a_domain_is_needed_where_none_follows() -> None:
     with pytest.raises(InputError, match=r"domain: is missing"):
-        windowed(WAVES, 1.0)
+        WAVES.windowed(1.0)
 
 
 def test_a_window_keeps_the_creases() -> None:
     """The bounds of cells, from which a certificate is made, hold between the creases of |sin u| + |cos v|."""
-    faded = windowed(later_surface("diamond"), 2.0, ((0.5, 11.5), (0.3, 10.3)))
+    faded = later_surface("diamond").windowed(2.0, ((0.5, 11.5), (0.3, 10.3)))
     for found, kinks in zip(faded.creases, (math.pi * np.arange(1, 4), math.pi * (np.arange(3) + 0.5)), strict=True):
         assert np.abs(found[:, None] - kinks).min(axis=0).max() < 1e-6
     u, v = np.random.default_rng(2).uniform(2.6, 8.2, (2, 4000))
@@ -136,8 +135,8 @@ def test_a_window_keeps_the_creases() -> None:
 
 def test_lines_of_a_window_that_lie_on_a_crease_or_on_each_other_are_one_line() -> None:
     kinks = sampled(lambda u, v: np.abs(u - 1.0) + 0.0 * v, u=(0.0, 6.0), v=(0.0, 6.0), creases=([1.0], []))
-    assert windowed(kinks, 1.0 + 1e-9).creases[0].tolist() == pytest.approx([1.0, 5.0], abs=1e-6)
-    assert windowed(WAVES, 3.0, ((0.0, 6.0), (0.0, 6.0))).creases[0].tolist() == [3.0]
+    assert kinks.windowed(1.0 + 1e-9).creases[0].tolist() == pytest.approx([1.0, 5.0], abs=1e-6)
+    assert WAVES.windowed(3.0, ((0.0, 6.0), (0.0, 6.0))).creases[0].tolist() == [3.0]
 
 
 @pytest.mark.parametrize("unit", ["units", "mm"])
@@ -146,10 +145,10 @@ def test_every_operation_keeps_the_unit(unit: Literal["units", "mm"]) -> None:
     ends = ((0.0, 6.0), (0.0, 6.0))
     for surface in (
         *(waves.mapped((2.0, 3.0), 0.5), spline.mapped((2.0, 3.0), 0.5), spline.over((1.0, 5.0), (2.0, 6.0))),
-        *(scaled(waves, 2.0), scaled(spline, 2.0), added([waves, waves]), added([spline, spline])),
-        *(added([waves, spline]), turned(waves, 20.0), windowed(waves, 1.0, ends), windowed(spline, 1.0)),
-        *(masked(spline, lambda u, v: np.exp(-u) + 0.0 * v), spline.derivative((0, 0))),
-        turned(repeated(replace(spline, poles=np.ones_like(spline.poles) + _bump(spline.poles.shape))), 30.0, ends),
+        *(2.0 * waves, spline * 2.0, waves + waves, spline - spline),
+        *(waves + spline, waves.turned(20.0), waves.windowed(1.0, ends), spline.windowed(1.0)),
+        *(spline.masked(lambda u, v: np.exp(-u) + 0.0 * v), spline.derivative((0, 0))),
+        replace(spline, poles=np.ones_like(spline.poles) + _bump(spline.poles.shape)).repeated().turned(30.0, ends),
         surface_from(surface_values(waves)),
         surface_from(surface_values(spline)),
     ):

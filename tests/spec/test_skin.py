@@ -11,7 +11,7 @@ from tacbench_cad.lab.simulate.heights import cell_of, centres
 from tacbench_cad.lab.simulate.prints import VIRTUAL_PRINTERS, as_printed, seeded
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.skin import FELT_PX, pin_shifts_px, shift_px_per_mm
-from tacbench_cad.spec.topgrid import without_edge
+from tacbench_cad.spec.top_points import without_edge
 
 STEP_MM = 0.1
 X = np.arange(0.0, 20.0, STEP_MM)[:, None]

@@ -185,7 +185,7 @@ def test_numbers_out_of_range_are_refused(wave: tuple[float, float, float], fiel
 
 def test_a_function_instead_of_a_sum_of_waves_is_refused() -> None:
     with pytest.raises(
-        InputError, match=r"texture bumps surface = 'function': must be a sum of waves .*sampled for a Python function"
+        InputError, match=r"texture bumps surface = 'function': must be a WaveSum, a SplineSurface or another Surface"
     ):
         Texture(name="bumps", surface=lambda u, v: u * v)  # type: ignore[arg-type]
 
@@ -361,3 +361,38 @@ def test_the_title_of_waves_in_mm_has_wavelengths(tmp_path: Path) -> None:
     assert two.equation == "0.4 mm sine of 1.3 mm at 0 degrees + 0.1 mm sine of 2 mm with phase 0.5 at 90 degrees"
     many = read(tmp_path, head + "".join(wave.format(0.4, 0, length, 0) for length in (1, 2, 3, 4, 5)))
     assert many.equation.endswith("0.4 mm sine of 3 mm at 0 degrees + 2 more waves")
+
+
+def test_a_hexagonal_bump_has_six_neighbours_at_the_pitch() -> None:
+    surface = Texture.hex_bumps(pitch_mm=1.5, height_mm=0.4).surface
+    around = np.radians(np.arange(0.0, 360.0, 60.0))
+    top = surface(0.0, 0.0)
+    np.testing.assert_allclose(surface(1.5 * np.cos(around), 1.5 * np.sin(around)), top, atol=1e-12)
+    assert (surface(0.75 * np.cos(around), 0.75 * np.sin(around)) < top - 0.2).all()
+
+
+@pytest.mark.parametrize(
+    ("shape", "period"),
+    [("ridges", (1.5, 0.7)), ("dots", (1.5, 1.5)), ("checks", (1.5, 1.5)), ("hex_bumps", (1.5, 0.0))],
+)
+def test_shapes_in_mm_have_the_height_and_the_period(shape: str, period: tuple[float, float]) -> None:
+    texture = getattr(Texture, shape)(pitch_mm=1.5, height_mm=0.4)
+    surface = texture.surface
+    assert surface.unit == "mm" and texture.name == shape.replace("_", "-")
+    assert Block.of(texture).relief_mm == pytest.approx(0.4, abs=1e-6)
+    np.testing.assert_allclose(surface(U + period[0], V + period[1]), surface(U, V), atol=1e-12)
+
+
+def test_textures_come_from_arrays_functions_and_formulas(tmp_path: Path) -> None:
+    table = np.add.outer(np.sin(np.arange(9.0)), np.arange(9.0))
+    relief = Texture.from_heights(table, mm_per_pixel=0.1, name="mine")
+    assert relief.surface(0.0, 0.8) == pytest.approx(table[0, 0]) and relief.surface.unit == "mm"
+    assert Texture.from_heights(table, waves=5).surface.unit == "mm"
+    np.save(tmp_path / "mine.npy", table)
+    assert Texture.from_image("mine", tmp_path / "mine.npy", mm_per_pixel=0.1).surface == relief.surface
+    crater = Texture.from_function(lambda u, v: u * u + v, u=(0.0, 2.0), v=(0.0, 2.0), error=1e-3)
+    assert crater.surface(1.5, 1.0) == pytest.approx(3.25, abs=1e-3)
+    assert Texture.series("square", 25).surface == Texture.of(4).surface == Texture.catalogue()[3].surface
+    assert Texture.equation1(1.0, 0.5, 2.0, 3.0).surface == equation1(1.0, 0.5, 2.0, 3.0)
+    assert Texture.harmonics([1.0, 0.5]).equation == "sin u + 0.5 sin(2u) + sin v + 1 more waves"
+    assert Texture.read(write(tmp_path, OWN)) == Texture.of(tmp_path / "texture.toml")

@@ -10,7 +10,8 @@ from scipy.integrate import dblquad, quad
 
 from tacbench_cad.spec.extremes import HalfPlane
 from tacbench_cad.spec.families import catalogue
-from tacbench_cad.spec.waves import EXTREMES_ERROR, EXTREMES_FRACTION, Sines, Wave, WaveSum
+from tacbench_cad.spec.sines import EXTREMES_ERROR, Sines, Wave
+from tacbench_cad.spec.waves import EXTREMES_FRACTION, WaveSum
 from tacbench_cad.util.errors import InputError
 
 PERIOD = (0.0, 2.0 * math.pi)

@@ -23,10 +23,10 @@ from tacbench_cad.spec.block import SIZE_RANGE_MM, Block
 from tacbench_cad.spec.outlines import Outline, outline_of
 from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.spectrum import printable_heights, spectrum
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.texture_files import texture_of_document
 from tacbench_cad.spec.textures import BlockTable, Texture, table_in_mm
+from tacbench_cad.spec.wavelengths import printable_heights, spectrum
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.errors import InputError

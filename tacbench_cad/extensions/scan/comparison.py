@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.extensions.scan.deviations import Summary
-from tacbench_cad.spec import crests
+from tacbench_cad.spec import crest_errors
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crests import Extrema
-from tacbench_cad.spec.topgrid import without_edge
+from tacbench_cad.spec.crest_errors import Extrema
+from tacbench_cad.spec.top_points import without_edge
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.types import Bools, Floats
 
@@ -65,11 +65,11 @@ class Views:
 
     def peaks(self, view: View) -> Extrema:
         """Return the errors of a view at the crests of the formula."""
-        return crests.peaks(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
+        return crest_errors.peaks(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
 
     def valleys(self, view: View) -> Extrema:
         """Return the errors of a view at the valleys of the formula."""
-        return crests.valleys(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
+        return crest_errors.valleys(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
 
     def cut(self) -> tuple[int, int]:
         """Return the index of the cut along y among the x, and that of the cut along x among the y.

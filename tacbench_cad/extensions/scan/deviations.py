@@ -10,11 +10,11 @@ import numpy as np
 
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.estimates import ScanFit
-from tacbench_cad.spec import crests
+from tacbench_cad.spec import crest_errors
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crests import Extrema
+from tacbench_cad.spec.crest_errors import Extrema
 from tacbench_cad.spec.skin import SKIN_MM, pin_shifts_px
-from tacbench_cad.spec.topgrid import EDGE_MM, points_of, without_edge
+from tacbench_cad.spec.top_points import EDGE_MM, points_of, without_edge
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -129,13 +129,13 @@ class TopMap:
 
     @cached_property
     def peaks(self) -> Extrema:
-        """The errors at the crests of the formula; see :mod:`tacbench_cad.spec.crests`."""
-        return crests.peaks(*self._surfaces)
+        """The errors at the crests of the formula; see :mod:`tacbench_cad.spec.crest_errors`."""
+        return crest_errors.peaks(*self._surfaces)
 
     @cached_property
     def valleys(self) -> Extrema:
         """The errors at the valleys of the formula."""
-        return crests.valleys(*self._surfaces)
+        return crest_errors.valleys(*self._surfaces)
 
     @property
     def _surfaces(self) -> tuple[Floats, Floats, Bools, Floats, Floats, float]:

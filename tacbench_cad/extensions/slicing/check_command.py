@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tacbench_cad.extensions.slicing.compare import AsSliced
     from tacbench_cad.extensions.slicing.surface import Frame
     from tacbench_cad.spec.block import Block
-    from tacbench_cad.spec.crests import Extrema
+    from tacbench_cad.spec.crest_errors import Extrema
 
 
 def _frame_of(option: str, text: str) -> Frame:

@@ -16,12 +16,12 @@ import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
 from tacbench_cad.extensions.slicing.surface import Frame, frames_of, places_of, printed_heights, staircase
-from tacbench_cad.spec import crests
+from tacbench_cad.spec import crest_errors
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crests import Extrema
+from tacbench_cad.spec.crest_errors import Extrema
 from tacbench_cad.spec.families import catalogue
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.topgrid import EDGE_MM, PITCH_MM, points_of, without_edge
+from tacbench_cad.spec.top_points import EDGE_MM, PITCH_MM, points_of, without_edge
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
@@ -142,12 +142,12 @@ class AsSliced:
     @cached_property
     def peaks(self) -> Extrema:
         """The errors at the local maxima of the formula. A ridge counts as one maximum."""
-        return crests.peaks(*self._surfaces, self.sliced.layer_mm)
+        return crest_errors.peaks(*self._surfaces, self.sliced.layer_mm)
 
     @cached_property
     def valleys(self) -> Extrema:
         """The errors at the local minima of the formula."""
-        return crests.valleys(*self._surfaces, self.sliced.layer_mm)
+        return crest_errors.valleys(*self._surfaces, self.sliced.layer_mm)
 
     @property
     def _surfaces(self) -> tuple[Floats, Floats, Bools, Floats, Floats]:

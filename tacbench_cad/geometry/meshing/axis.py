@@ -9,7 +9,7 @@ import numpy as np
 
 from tacbench_cad.geometry.meshing.certify import SPARE, Allowance, AxisProof, derivatives, prove_axis
 from tacbench_cad.geometry.meshing.tube import fewest_links
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.sines import Sines
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.sines import Sines
 from tacbench_cad.util.types import Floats, Ints
 
 #: The smallest number of pieces of a link.

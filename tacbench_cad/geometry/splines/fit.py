@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.geometry.splines.exact import PieceAxis
+from tacbench_cad.spec.sines import Sines
 from tacbench_cad.spec.spline import SplineAxis
-from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Floats, Ints
 
 #: The number of points on each span for the fit.

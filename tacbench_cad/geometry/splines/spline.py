@@ -20,8 +20,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.spec.sines import Sines
 from tacbench_cad.spec.spline import greville
-from tacbench_cad.spec.waves import Sines
 from tacbench_cad.util.types import Bools, Complexes, Floats
 
 #: In the proof, a wave is replaced by its interpolant. The degree of the interpolant is at least this much higher than

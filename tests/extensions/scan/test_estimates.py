@@ -9,7 +9,7 @@ import pytest
 
 from tacbench_cad.extensions.scan.estimates import Estimate, ScanFit, wave_direction_deg
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.spec.waves import Wave
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.util.errors import InputError
 
 

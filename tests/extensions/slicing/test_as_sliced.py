@@ -14,9 +14,10 @@ from tacbench_cad.extensions.slicing.compare import AsSliced, compare
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
 from tacbench_cad.extensions.slicing.surface import Frame, staircase
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.topgrid import points_of
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.top_points import points_of
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 
 TWO = Block.of(2)

@@ -12,7 +12,7 @@ from helpers.gcode_writer import write_gcode
 from tacbench_cad.extensions.slicing.gcode import Beads, Sliced, read_gcode
 from tacbench_cad.extensions.slicing.surface import Frame, frames_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.topgrid import points_of
+from tacbench_cad.spec.top_points import points_of
 from tacbench_cad.util.errors import InputError
 
 SMALL = Block.of(2, scale=0.5)

@@ -16,11 +16,12 @@ from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
-from tacbench_cad.spec.sampled import height_map, sampled
+from tacbench_cad.spec.interpolation import height_map, sampled
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 
 

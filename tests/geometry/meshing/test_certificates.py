@@ -12,7 +12,7 @@ from tacbench_cad.geometry.mesh import MAX_TRIANGLES
 from tacbench_cad.geometry.meshing.certify import derivatives, prove_axis
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
-from tacbench_cad.spec.waves import Sines
+from tacbench_cad.spec.sines import Sines
 
 
 def random_block(seed: int) -> Block:

@@ -8,9 +8,10 @@ import pytest
 from tacbench_cad.geometry.meshing import certify_triangles
 from tacbench_cad.geometry.meshing.certify_triangles import REST, DerivativeBounds, prove, refuse_long_proof
 from tacbench_cad.geometry.meshing.net import lattice
-from tacbench_cad.spec.sampled import sampled, spline_through
+from tacbench_cad.spec.interpolation import sampled, spline_through
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 

@@ -11,7 +11,7 @@ import pytest
 from tacbench_cad.geometry.brep import solid_refusal
 from tacbench_cad.geometry.splines.exact import spline_patches
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampled import height_map
+from tacbench_cad.spec.interpolation import height_map
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 

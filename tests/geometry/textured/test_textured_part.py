@@ -16,7 +16,7 @@ pytest.importorskip("lib3mf")
 import cadquery as cq
 from helpers.own_formulas import largest_distance, points_of, top_of, triangles_of_stl, waves
 
-from tacbench_cad import InputError, Part, Texture, check, export, plane_waves, textured_part
+from tacbench_cad import InputError, Part, Texture, check, export, textured_part
 from tacbench_cad.cli import main
 from tacbench_cad.geometry.mesh import Mesh
 
@@ -94,6 +94,6 @@ def test_bad_input_is_refused() -> None:
         textured_part(PLATE, [], 2, name="part")
     with pytest.raises(InputError, match="mesh_tolerance_mm"):
         part(PLATE, ">Z", mesh_tolerance_mm=0.0)
-    weave = Texture(name="weave", surface=plane_waves((0.6, 1.0, 0.5), (0.6, 1.0, -0.5)))
+    weave = Texture.plane_waves((0.6, 1.0, 0.5), (0.6, 1.0, -0.5), name="weave")
     with pytest.raises(InputError, match="slopes of up to"):
         part(DRUM, "%Cylinder", weave, mm_per_unit=(0.3, 0.3)).make_mesh()

@@ -12,9 +12,10 @@ import pytest
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampled import height_map
+from tacbench_cad.spec.interpolation import height_map
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import Wave, WaveSum
+from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
 
 HEX = Texture(

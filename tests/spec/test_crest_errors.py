@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tacbench_cad.spec.crests import peaks, valleys
+from tacbench_cad.spec.crest_errors import peaks, valleys
 from tacbench_cad.util.types import Floats
 
 X, Y = np.arange(0.0, 10.0, 0.1), np.arange(0.0, 8.0, 0.1)

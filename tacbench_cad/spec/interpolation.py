@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
-from tacbench_cad.spec.waves import Unit
+from tacbench_cad.spec.surface import Unit
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.types import Bools, Floats
 

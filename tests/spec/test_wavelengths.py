@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tacbench_cad.spec.families import plane_waves
-from tacbench_cad.spec.sampled import height_map
-from tacbench_cad.spec.spectrum import printable_heights
+from tacbench_cad.spec.interpolation import height_map
+from tacbench_cad.spec.wavelengths import printable_heights
 
 X, Y = np.linspace(0.0, 20.0, 401), np.linspace(0.0, 10.0, 201)
 #: Wavelengths of 4 mm and of 0.5 mm.
