@@ -108,7 +108,7 @@ class Session:
 def start(tmp_path: Path) -> Iterator[Callable[..., Session]]:
     """Return a function that starts the command, which blocks in a given way at the fifth press."""
     sessions: list[Session] = []
-    with launch("grbl", speed=50.0, gauge={"newtons": True, "rate_hz": 1000.0}, resets_on_open=False) as rig:
+    with launch("grbl", speed=50.0, gauge={"newtons": True}, resets_on_open=False) as rig:
 
         def started(way: str = "", home_every: int = 0, output: int | None = None) -> Session:
             path = tmp_path / "study.toml"
@@ -128,7 +128,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Session]]:
             session.process.communicate()
 
 
-@pytest.mark.parametrize("way", mostly_long(BLOCKING, "in_sleep", "in_a_call_of_c_that_no_signal_ends"))
+@pytest.mark.parametrize("way", mostly_long(BLOCKING, "in_a_call_of_c_that_no_signal_ends"))
 def test_two_signals_end_a_run_whose_sensor_blocks(way: str, start: Callable[..., Session], tmp_path: Path) -> None:
     session = start(way)
     session.wait_until((tmp_path / "blocking").exists)
@@ -170,7 +170,14 @@ def test_one_signal_ends_a_run_whose_sensor_blocks_after_a_time(
     assert [row.number for row in session.run.rows] == [1, 2, 3, 4]
 
 
-@pytest.mark.parametrize(("kind", "way"), [("terminal", "in_a_lock"), ("terminal", "in_sleep"), ("pipe", "in_a_lock")])
+@pytest.mark.parametrize(
+    ("kind", "way"),
+    mostly_long(
+        [("terminal", "in_a_lock"), ("terminal", "in_sleep"), ("pipe", "in_a_lock")],
+        ("terminal", "in_a_lock"),
+        ("pipe", "in_a_lock"),
+    ),
+)
 def test_a_lost_terminal_ends_a_run_whose_sensor_blocks(
     kind: str, way: str, start: Callable[..., Session], tmp_path: Path
 ) -> None:

@@ -75,7 +75,8 @@ def test_a_texture_along_x_says_nothing_along_y_without_a_wall() -> None:
 
 
 @pytest.mark.parametrize(
-    ("texture", "walls", "offset", "seed"), [("5", ("y-", "y+"), 0.03, 4), ("1", ("y+",), -0.05, 7)]
+    ("texture", "walls", "offset", "seed"),
+    mostly_long([("5", ("y-", "y+"), 0.03, 4), ("1", ("y+",), -0.05, 7)], ("5", ("y-", "y+"), 0.03, 4)),
 )
 def test_walls_at_the_ends_place_a_block_whose_texture_is_constant_between_them(
     texture: str, walls: tuple[str, ...], offset: float, seed: int
@@ -105,7 +106,10 @@ def test_half_a_top_without_walls_lists_the_poses_that_it_cannot_tell_apart() ->
 
 @pytest.mark.parametrize(
     ("texture", "walls", "offset", "part", "seed"),
-    [(5, ("x+", "y-"), 0.141, 0.97, 10), (5, ("y-", "y+"), 0.111, 1.0, 46), (3, WALLS, 0.104, 0.7, 44)],
+    mostly_long(
+        [(5, ("x+", "y-"), 0.141, 0.97, 10), (5, ("y-", "y+"), 0.111, 1.0, 46), (3, WALLS, 0.104, 0.7, 44)],
+        (5, ("x+", "y-"), 0.141, 0.97, 10),
+    ),
 )
 def test_walls_far_outside_do_not_turn_a_small_block(
     texture: int, walls: tuple[str, ...], offset: float, part: float, seed: int
@@ -204,6 +208,7 @@ def test_waves_below_two_pixels_are_undetermined_and_do_not_move_the_pose() -> N
     assert all(wave.amplitude_ratio == 1.0 for wave in short)
 
 
+@pytest.mark.long
 def test_flanks_between_pixels_leave_the_scale_open_unless_the_block_is_turned() -> None:
     block = Block.of(6, "released")
     for turn_deg, widest in ((0.0, 0.0035), (7.0, 1e-4)):
@@ -212,6 +217,7 @@ def test_flanks_between_pixels_leave_the_scale_open_unless_the_block_is_turned()
         assert abs(scale.value - 1.0) < 2.0 * scale.standard_error < 2.0 * widest
 
 
+@pytest.mark.long
 def test_steps_that_swing_between_two_scales_end() -> None:
     block = Block.of(6, "released", scale=2.0)
     fit, _ = scanned(block, points=3_000, seed=431, walls=())
@@ -220,7 +226,8 @@ def test_steps_that_swing_between_two_scales_end() -> None:
     assert fit.noise_mm == pytest.approx(0.02, rel=0.05)
 
 
-@pytest.mark.parametrize(("texture", "other"), mostly_long([("2", "1"), ("4", "6")], ("2", "1")))
+@pytest.mark.long
+@pytest.mark.parametrize(("texture", "other"), [("2", "1"), ("4", "6")])
 def test_a_texture_without_the_waves_of_one_direction_is_refused(texture: str, other: str) -> None:
     scan = simulate_scan(Block.of(other), ScanTruth(points=12_000, seed=3).with_random_pose())
     with pytest.raises(InputError, match="does not show"):

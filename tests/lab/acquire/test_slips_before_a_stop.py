@@ -135,7 +135,7 @@ def certified_wrong(trial: Trial, run: Run) -> list[int]:
 
 
 CASES = [(firmware, axis, stop) for firmware in FIRMWARES for axis in "xyz" for stop in STOPS]
-QUICK = [("grbl", "x", "kill"), ("grbl", "y", "ctrl-c"), ("grblhal", "x", "two ctrl-c"), ("marlin", "y", "sensor")]
+QUICK = [("grbl", "x", "kill"), ("grblhal", "x", "two ctrl-c"), ("marlin", "y", "sensor")]
 
 
 @pytest.mark.parametrize(("firmware", "axis", "stop"), mostly_long(CASES, *QUICK))
@@ -153,7 +153,8 @@ def test_a_slip_before_a_stop_is_never_certified(
     assert len(checked) == (stop in ("ctrl-c", "sensor")), trial.messages
 
 
-@pytest.mark.parametrize("firmware", mostly_long(FIRMWARES, "grbl"))
+@pytest.mark.long
+@pytest.mark.parametrize("firmware", FIRMWARES)
 def test_a_slip_before_a_stop_after_the_last_press_is_never_certified(
     firmware: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
