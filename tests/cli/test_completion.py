@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -155,21 +154,21 @@ def test_the_script_calls_this_program_and_explains_its_installation(shell: str,
     assert get_completion_class(shell) is not None
 
 
-def test_completion_is_fast_and_loads_no_heavy_module(folder: Path) -> None:
+def test_completion_loads_no_heavy_module(folder: Path) -> None:
+    lines = ("tacbench ", "tacbench make --texture ", "tacbench plate --printer ", "tacbench variance ")
     code = (
-        "import sys\n"
+        "import os, sys\n"
         "from tacbench_cad.cli import main\n"
-        "code = main([])\n"
-        "print(code, *({name.split('.')[0] for name in sys.modules}"
+        f"for line in {lines!r}:\n"
+        "    os.environ |= {'COMP_WORDS': line, 'COMP_CWORD': str(len(line.split()))}\n"
+        "    print(main([]), file=sys.stderr)\n"
+        "print(*({name.split('.')[0] for name in sys.modules}"
         " & {'numpy', 'scipy', 'OCP', 'cv2', 'matplotlib'}), file=sys.stderr)\n"
     )
-    for line in ("tacbench ", "tacbench make --texture ", "tacbench plate --printer ", "tacbench variance "):
-        words = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split())), VARIABLE: "bash_complete"}
-        started = time.process_time(), time.monotonic()
-        process = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
-        assert process.stderr == "0\n", line
-        assert process.stdout or line == "tacbench variance "
-        assert time.monotonic() - started[1] < 5.0
+    environment = os.environ | {VARIABLE: "bash_complete"}
+    process = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert process.stderr == "0\n0\n0\n0\n\n"
+    assert "make" in process.stdout and "ender-3" in process.stdout
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
