@@ -4,12 +4,10 @@
 
 The command makes six blocks, holder and jig as STL, 3MF and STEP, reads and checks each file, and draws the pictures.
 It then does the same with ``--verify full``. Every process is fresh and every folder is new. The processes take turns,
-and the figure is the median. The processor time is that of all processes, measured with one child, because children
-that are copies of another child are not counted by the system.
+and the figure is the median. The processor time is that of all processes.
 
-Claim, for the default checks and two or more processors: at most 1.6 times the time of ``python -c "import cadquery,
-build123d"``, and at most 2.5 times its processor time. Several processes share the work, so the first ratio is smaller
-if the processors are free.
+Claim, for the default checks and two or more processors: at most 2.0 times the time of ``python -c "import cadquery,
+build123d"`` if the processors are free. Up to three children import the kernel, each for itself.
 """
 
 from __future__ import annotations
@@ -25,8 +23,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 REFERENCE = "import cadquery, build123d"
-#: The largest ratios of the time and of the processor time.
-LIMITS = (1.6, 2.5)
+#: The largest ratio of the time.
+LIMIT = 2.0
 _TACBENCH = (sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())")
 
 
@@ -77,11 +75,9 @@ def main() -> int:
     print(f"{'process':<44}{'median (s)':>12}{'times import':>14}")
     for name, median, reference in rows:
         print(f"{name:<44}{median:>12.2f}{median / reference:>14.2f}")
-    holds = []
-    for limit, (name, median, reference) in zip(LIMITS, (rows[1], rows[4]), strict=True):
-        holds.append(median <= limit * reference)
-        print(f"{name} at most {limit:g} times: {'yes' if holds[-1] else 'NO'}")
-    return 0 if all(holds) else 1
+    holds = rows[1][1] <= LIMIT * wall
+    print(f"tacbench make at most {LIMIT:g} times: {'yes' if holds else 'NO'}")
+    return 0 if holds else 1
 
 
 if __name__ == "__main__":

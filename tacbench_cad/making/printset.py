@@ -27,8 +27,8 @@ __all__ = ["PREVIEW_NAME", "Failure", "LeftOut", "Plan", "PrintSet", "Request", 
 #: The name of the picture sheet in the output folder.
 PREVIEW_NAME = "preview.png"
 
-#: The number of triangles, over all files, from which several processes write the meshes. It takes about a second.
-SHARED_FROM = 500_000
+#: The largest number of child processes. Each of them imports the CAD kernel.
+MAX_CHILDREN = 3
 
 #: A function that is called after each step with a message, the number of finished steps and the number of steps.
 Progress = Callable[[str, int, int], None]
@@ -101,7 +101,7 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
     work = plan(request)
     if request.full:
         require("verify = 'full':", "pymeshlab")
-    with Workers(cpu_count(), copies=_copies(work)) as workers:
+    with Workers(_children(work)) as workers:
         kernel = _load_kernel(work, workers)
         progress("loading the CAD kernel" if kernel else "meshing", 0, work.file_count)
         for source in work.sources:
@@ -115,32 +115,24 @@ def build(request: Request, progress: Progress = lambda message, done, total: No
             if not why_missing("matplotlib"):
                 plotting.load()  # while a child loads the kernel
             work = _with_kernel(request, work, kernel.result())
-            workers.copy_first()
         if not work.sources:
             raise InputError("parts", None, "nothing can be made: " + "; ".join(left.reason for left in work.left_out))
         with locked(request.out):
             return _Making(request, work, workers, progress).run()
 
 
-def _copies(work: Plan) -> int:
-    """Return the number of children, besides the first, that make solids. All of them need the CAD kernel."""
-    solids = sum("step" in source.slow_formats and not source.in_child for source in work.sources)
+def _children(work: Plan) -> int:
+    """Return the number of child processes: one for each solid, and one for all fixtures, but at most three."""
+    solids = sum(bool(source.slow_formats) and not source.in_child for source in work.sources)
     fixtures = bool(work.assemblies) or any(source.in_child for source in work.sources)
-    return max(0, min(cpu_count() - 1, solids - (not fixtures)))
+    return max(1, min(MAX_CHILDREN, cpu_count(), solids + fixtures))
 
 
 def _load_kernel(work: Plan, workers: Workers) -> Future[str | None] | None:
-    """Begin to load the CAD kernel in the children that need it; None if the plan needs no kernel.
-
-    The first child loads it and is then copied. Where this is impossible, the other children load it at the same time.
-    """
+    """Begin to load the CAD kernel in a child; None if the plan needs no kernel."""
     if not work.needs_kernel:
         return None
-    modules = (*work.needs_kernel, make_in_child.__module__)
-    first = workers.submit(why_not_importable, modules, first_child=True)
-    for _ in range(0 if workers.can_copy else _copies(work)):
-        workers.submit(why_not_importable, modules)
-    return first
+    return workers.submit(why_not_importable, (*work.needs_kernel, make_in_child.__module__))
 
 
 def _with_kernel(request: Request, work: Plan, reason: str | None) -> Plan:
@@ -176,13 +168,11 @@ class _Making:
     def run(self) -> PrintSet:
         """Make the files, the picture sheet and the manifest."""
         try:
-            slow, shared = self._start_slow(), self._share_light()
-            together = {self._submit([one], "formats", first_child=True): [one] for one in self._work.assemblies}
+            slow = self._start_slow()
+            together = {self._submit([one], "formats"): [one] for one in self._work.assemblies}
             for source in self._work.sources:
-                if source.own_formats and (source not in shared or shared[source].cancel()):
+                if source.own_formats:
                     self._take(make_files(source.part, source.own_formats, self._out, self._full))
-                    shared.pop(source, None)
-            self._finish({job: [source] for source, job in shared.items()}, "own_formats")
             with_meshes = {job: sources for job, sources in slow.items() if sources[0].in_child}
             self._finish(with_meshes, "slow_formats")
             self._preview()  # the children still make solids
@@ -197,27 +187,19 @@ class _Making:
         return self._result
 
     def _start_slow(self) -> dict[Future[Any], list[Source]]:
-        """Start the work that needs the kernel: fixtures in the first child, and solids beginning with the slowest."""
+        """Start the work that needs the kernel: all fixtures in one call, and solids beginning with the slowest."""
         jobs: dict[Future[Any], list[Source]] = {}
         fixtures = [source for source in self._work.sources if source.in_child]
         if fixtures:
-            jobs[self._submit(fixtures, "slow_formats", first_child=True)] = fixtures
+            jobs[self._submit(fixtures, "slow_formats")] = fixtures
         solids = [source for source in self._work.sources if source.slow_formats and not source.in_child]
         for source in sorted(solids, key=lambda source: -source.effort):
             jobs[self._submit([source], "slow_formats")] = [source]
         return jobs
 
-    def _share_light(self) -> dict[Source, Future[Any]]:
-        """Also submit large meshes to the children. They begin with the last mesh, and this process with the first."""
-        light = [source for source in self._work.sources if source.own_formats and not source.foreign]
-        triangles = sum(len(source.part.mesh[0].faces) * len(source.own_formats) for source in light)
-        if triangles < SHARED_FROM or len(light) < 2:
-            return {}
-        return {source: self._submit([source], "own_formats") for source in reversed(light)}
-
-    def _submit(self, sources: Sequence[Source], formats_of: str, first_child: bool = False) -> Future[Any]:
+    def _submit(self, sources: Sequence[Source], formats_of: str) -> Future[Any]:
         orders = tuple((source.thing, getattr(source, formats_of)) for source in sources)
-        return self._workers.submit(make_in_child, orders, self._out, self._full, first_child=first_child)
+        return self._workers.submit(make_in_child, orders, self._out, self._full)
 
     def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: str) -> None:
         """Take the results of the children in the order of completion."""

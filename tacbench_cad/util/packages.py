@@ -60,7 +60,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
-    Package(distribution="joblib", module="joblib", extra="analysis", use="analysis on several processors"),
+    Package(distribution="joblib", module="joblib", extra=None, use="work in several processes"),
     Package(distribution="jinja2", module="jinja2", extra="analysis", use="the page of tacbench report"),
     Package(distribution="pyarrow", module="pyarrow", extra="export", use="export-runs --to huggingface"),
     Package(distribution="zarr", module="zarr", extra="export", use="export-runs --to zarr"),

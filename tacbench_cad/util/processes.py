@@ -1,35 +1,32 @@
-"""Child processes for slow work: CAD parts, and the blocks of a simulated study.
+"""Child processes for slow work (CAD parts, simulated blocks) and for libraries that can crash on damaged files.
 
-The Open CASCADE kernel takes seconds to import and holds Python's global lock while it computes. Parts are therefore
-built in parallel child processes, and the main process never loads the kernel. A child can be ended at any time, even
-during a computation, so that an interruption is quick. Children are plain ``python`` processes that exchange pickles
-through pipes. Unlike the children of ``multiprocessing``, they do not import the caller's ``__main__`` module.
+The children belong to a ``pebble.ProcessPool``. They start as new Python processes, and unlike those of
+``multiprocessing`` they do not import the caller's ``__main__`` module: a user's script needs no guard.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
-import gc
 import importlib
 import math
 import os
 import pickle
-import select
 import signal
-import subprocess
-import sys
-import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, InvalidStateError
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError, one_line
+
+if TYPE_CHECKING:
+    from pebble import ProcessPool
 
 #: The memory limit of a child of :func:`isolated`, in MB. The user's factor for all limits multiplies it.
 MAX_ISOLATED_MB = 8000
@@ -51,14 +48,9 @@ class LostProcessError(CheckFailedError):
         super().__init__(message)
 
 
-def child_environment() -> dict[str, str]:
-    """Return environment variables for a child process that keep it from importing from the current folder."""
-    return {**os.environ, "PYTHONSAFEPATH": "1"}
-
-
 @contextlib.contextmanager
 def safe_children() -> Iterator[None]:
-    """Set the same variable in the body, for child processes that a library starts there."""
+    """Keep child processes that a library starts in the body from importing modules of the current folder."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
@@ -80,81 +72,17 @@ def cpu_count() -> int:
     return os.cpu_count() or 1
 
 
-@dataclass(frozen=True, eq=False)
-class _Call:
-    """A function call to be run in a child process."""
-
-    module: str
-    function: str
-    arguments: tuple[Any, ...]
-    first_child: bool
-    seconds: float | None
-    max_mb: float | None
-    future: Future[Any]
-
-
-def _can_copy() -> bool:
-    """Return whether the system has what copies of processes need: ``fork``, and handles of processes (Linux)."""
-    try:
-        os.close(os.pidfd_open(os.getpid()))
-    except (AttributeError, OSError):
-        return False
-    return hasattr(os, "fork")
-
-
-class _Copy:
-    """A copy of a child process, made by the child itself. It has the methods of ``subprocess.Popen`` that we need.
-
-    Args:
-        pid: The number of the process.
-        stdin: The pipe to the copy.
-        stdout: The pipe from the copy.
-    """
-
-    def __init__(self, pid: int, stdin: IO[bytes], stdout: IO[bytes]) -> None:
-        self.stdin, self.stdout = stdin, stdout
-        self._handle = os.pidfd_open(pid)  # unlike a number, a handle never means another process
-
-    def poll(self) -> int | None:
-        """Return None while the process runs. Its exit code is unknown, because it is not our own child."""
-        return 0 if select.select([self._handle], [], [], 0.0)[0] else None
-
-    def wait(self) -> int:
-        """Wait until the process has ended."""
-        select.select([self._handle], [], [])
-        return 0
-
-    def kill(self) -> None:
-        """End the process at once."""
-        with contextlib.suppress(ProcessLookupError):
-            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
-
-    def close(self) -> None:
-        """Give the handle of the process back."""
-        os.close(self._handle)
-
-
 class Workers:
     """A set of child processes. Use it as a context manager: at its end all children are killed.
 
     Args:
-        count: The largest number of children. A new child starts only if there is work and all others are busy.
-        max_mb: The memory limit of each child, in MB; None for no limit. Systems without such limits ignore it.
-        copies: The number of copies of the first child that :meth:`copy_first` makes, on systems that can copy.
+        count: The number of children, which start with the first call.
+        max_mb: The memory limit of each call, in MB; None for no limit. Systems without such limits ignore it.
     """
 
-    def __init__(self, count: int, max_mb: float | None = None, copies: int = 0) -> None:
-        self._count = max(1, count)
-        self._max_mb = max_mb
-        # The two ends of the pipes from and to each copy: ours, and those of the copy.
-        self._pipes = [(os.pipe(), os.pipe()) for _ in range(copies if _can_copy() else 0)]
-        self._copies: list[_Copy] = []
-        self._changed = threading.Condition()
-        self._calls: list[_Call] = []
-        self._threads: list[threading.Thread] = []
-        self._busy = 0
-        self._children: list[subprocess.Popen[bytes] | _Copy] = []
-        self._closed = False
+    def __init__(self, count: int, max_mb: float | None = None) -> None:
+        self._count, self._max_mb = max(1, count), max_mb
+        self._pool: ProcessPool | None = None
 
     def __enter__(self) -> Workers:
         return self
@@ -166,65 +94,15 @@ class Workers:
 
     def close(self) -> None:
         """Kill all children. May be called more than once."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-            # The copies end before the first child, whose children they are, so that the system removes them.
-            children = sorted(self._children, key=lambda child: not isinstance(child, _Copy))
-            self._children = []
-        for child in children:
-            child.kill()
-            if isinstance(child, _Copy):
-                child.wait()
-        for thread in self._threads:
-            thread.join()
-        for child in children:
-            child.wait()
-            for pipe in (child.stdin, child.stdout):
-                if pipe is not None:
-                    with contextlib.suppress(OSError):
-                        pipe.close()
-            if isinstance(child, _Copy):
-                child.close()
-        self._close_pipes()
-
-    def _close_pipes(self, ours: bool = True) -> None:
-        """Close pipes that no copy uses, or only the ends that belong to the copies."""
-        for (theirs_in, ours_out), (ours_in, theirs_out) in self._pipes:
-            for end in (theirs_in, theirs_out, *((ours_out, ours_in) if ours else ())):
-                os.close(end)
-        self._pipes = []
-
-    @property
-    def can_copy(self) -> bool:
-        """Whether :meth:`copy_first` makes copies."""
-        return bool(self._pipes)
-
-    def copy_first(self) -> None:
-        """Let the first child copy itself, with all modules that it has imported, and wait for the copies.
-
-        A copy starts in a few milliseconds. The import of a large library can take a second. Without copies, the other
-        children start in the usual way.
-        """
-        if not self.can_copy:
-            return
-        theirs = [(theirs_in, theirs_out) for (theirs_in, _), (_, theirs_out) in self._pipes]
-        try:
-            numbers = self.submit(copy_process, theirs, first_child=True).result()
-        except LostProcessError:  # for example because of a limit on the number of processes
-            self._close_pipes()
-            return
-        with self._changed:
-            for number, ((_, ours_out), (ours_in, _)) in zip(numbers, self._pipes, strict=True):
-                self._copies.append(_Copy(number, os.fdopen(ours_out, "wb"), os.fdopen(ours_in, "rb")))
-            self._children += self._copies
-            self._close_pipes(ours=False)
+        if self._pool is not None:
+            self._pool.stop()  # type: ignore[no-untyped-call]
+            self._pool.join()
+            self._pool = None
 
     def submit(
         self,
         function: Callable[..., Any],
         *arguments: Any,
-        first_child: bool = False,
         seconds: float | None = None,
         max_mb: float | None = None,
     ) -> Future[Any]:
@@ -233,192 +111,108 @@ class Workers:
         Args:
             function: The function. The child imports it by its module and name.
             arguments: The arguments. They and the result must be picklable.
-            first_child: Run it only in the first child, before any other call. This is for work that needs a package
-                that only the first child has imported.
             seconds: The time limit of the call; afterwards the child is killed. None for no limit.
             max_mb: The memory limit of the call, in MB; None for that of the children.
 
         Returns:
-            A future, which can be cancelled until the call starts. Its exception is the ``TacbenchError`` or
-            ``OSError`` that the function raised, or a :class:`LostProcessError` if the child ended.
+            A future. Its exception is the ``TacbenchError`` or ``OSError`` that the function raised, or a
+            :class:`LostProcessError` if the child ended.
         """
+        limit_mb = self._max_mb if max_mb is None else max_mb
+        call = (function.__module__, function.__name__, arguments, seconds, limit_mb)
         future: Future[Any] = Future()
-        with self._changed:
-            limit_mb = self._max_mb if max_mb is None else max_mb
-            call = _Call(function.__module__, function.__name__, arguments, first_child, seconds, limit_mb, future)
-            self._calls.append(call)
-            if len(self._calls) > len(self._threads) - self._busy and len(self._threads) < self._count:
-                number = len(self._threads)
-                thread = threading.Thread(target=self._attend, args=(number,), name=f"tacbench-{number}", daemon=True)
-                self._threads.append(thread)
-                thread.start()
-            self._changed.notify_all()
+        with safe_children(), _without_interruptions():
+            if self._pool is not None and not self._pool.active:  # a child has ended between two calls
+                self.close()
+            pool = self._pool = self._pool or _new_pool(self._count)
+            pool.schedule(run_call, call, timeout=seconds).add_done_callback(
+                partial(_settle, future, function.__name__, seconds, limit_mb)
+            )
         return future
 
-    def _attend(self, number: int) -> None:
-        """Pass calls to a child, one after another. Each child has a thread that runs this method."""
-        child: subprocess.Popen[bytes] | _Copy | None = None
-        while True:
-            call = self._next(number)
-            if call is None:
-                return
-            if not call.future.set_running_or_notify_cancel():
-                self._free()
-                continue
-            try:
-                if child is not None and child.poll() is not None:  # it has ended since its last call
-                    child = None
-                child = child or self._start()
-                result = self._ask(child, call)
-            except BaseException as error:
-                self._free()
-                call.future.set_exception(error)
-            else:
-                self._free()
-                call.future.set_result(result)
 
-    def _free(self) -> None:
-        """Count a thread as free. This happens before its result is set, so that the next call needs no new child."""
-        with self._changed:
-            self._busy -= 1
+def _new_pool(count: int) -> ProcessPool:
+    """Return a pool whose children do not import the caller's main module, nor modules of the current folder."""
+    from joblib.externals.loky.backend.context import LokyContext  # imported here, because few commands need children
+    from joblib.externals.loky.backend.process import LokyProcess
+    from pebble import ProcessPool
 
-    def _next(self, number: int) -> _Call | None:
-        """Wait for the next call of a thread and return it; None after :meth:`close`."""
+    context = LokyContext()
+    context.Process = partial(LokyProcess, env={"PYTHONSAFEPATH": "1"})
+    return ProcessPool(max_workers=count, initializer=prepare_child, context=context)
 
-        def mine() -> _Call | None:
-            own = [call for call in self._calls if number == 0 or not call.first_child]
-            return min(own, key=lambda call: not call.first_child, default=None)
 
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or mine() is not None)
-            call = None if self._closed else mine()
-            if call is not None:
-                self._calls.remove(call)
-                self._busy += 1
-            return call
+@contextlib.contextmanager
+def _without_interruptions() -> Iterator[None]:
+    """Block SIGINT for the threads and processes that start in the body: only the main thread handles Ctrl-C."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
-    def _ask(self, child: subprocess.Popen[bytes] | _Copy, call: _Call) -> Any:
-        assert child.stdin is not None and child.stdout is not None, "both are pipes"
-        late, answered, deciding = threading.Event(), threading.Event(), threading.Lock()
 
-        def end() -> None:
-            with deciding:  # a child that has just answered belongs to the next call
-                if not answered.is_set():
-                    late.set()
-                    child.kill()
+def _settle(future: Future[Any], name: str, seconds: float | None, max_mb: float | None, ended: Future[Any]) -> None:
+    """Give a future the result of a call that has ended, or the error that describes what went wrong."""
+    from pebble import ProcessExpired
 
-        timer = None if call.seconds is None else threading.Timer(call.seconds, end)
-        try:
-            if timer is not None:
-                timer.start()
-            pickle.dump((call.module, call.function, call.arguments, call.seconds, call.max_mb), child.stdin)
-            child.stdin.flush()
-            outcome, value = pickle.load(child.stdout)
-            with deciding:
-                answered.set()
-            if late.is_set():
-                child.wait()  # killed while its answer was read, so that the next call must start another child
-        except (EOFError, BrokenPipeError, pickle.UnpicklingError):
-            code = child.wait()
-            if late.is_set():
-                raise LostProcessError(f"{call.function} took longer than {call.seconds:g} s", call.seconds) from None
-            how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-            how = "ended" if isinstance(child, _Copy) else how
-            hint = "; maybe the memory was full" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
-            raise LostProcessError(f"the process that ran {call.function} {how}{hint}") from None
-        finally:
-            if timer is not None:
-                timer.cancel()
+    error: BaseException
+    try:
+        outcome, value = ended.result()
         if outcome == "done":
-            return value
-        if outcome == "raised":
-            raise value
+            with contextlib.suppress(InvalidStateError):
+                future.set_result(value)
+            return
+        error = value if outcome == "raised" else RuntimeError(f"in a child process:\n{value}")
         if outcome == "full":
-            raise LostProcessError(f"{call.function} needs more than {call.max_mb:g} MB of memory", None, call.max_mb)
-        raise RuntimeError(f"in a child process:\n{value}")
-
-    def _start(self) -> subprocess.Popen[bytes] | _Copy:
-        # The child gets our own sys.path; -P keeps it from importing, say, a numpy.py in the current folder.
-        code = f"import sys; sys.path[:] = {sys.path!r}; from tacbench_cad.util.processes import serve; serve()"
-        with self._changed:
-            if self._closed:
-                raise EOFError
-            if self._copies:
-                return self._copies.pop()
-            # Only the first child gets the pipes, because a pipe ends when the last process has closed it.
-            pipes = self._pipes if not self._children else []
-            child = subprocess.Popen(
-                [sys.executable, "-P", "-c", code],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=child_environment(),
-                pass_fds=[end for (theirs_in, _), (_, theirs_out) in pipes for end in (theirs_in, theirs_out)],
-            )
-            self._children.append(child)
-        return child
+            error = LostProcessError(f"{name} needs more than {max_mb:g} MB of memory", None, max_mb)
+    except TimeoutError:
+        error = LostProcessError(f"{name} took longer than {seconds:g} s", seconds)
+    except ProcessExpired as expired:
+        code = expired.exitcode or 0
+        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+        hint = "; maybe the memory was full" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
+        error = LostProcessError(f"the process that ran {name} {how}{hint}")
+    except BrokenProcessPool:
+        error = LostProcessError(f"the process that should run {name} had ended before")
+    except BaseException as other:  # the pool was closed, or an argument cannot be sent
+        error = other
+    with contextlib.suppress(InvalidStateError):
+        future.set_exception(error)
 
 
-def serve() -> None:
-    """Run in a child: read a call, run it and write the result, until the pipe is closed."""
-    own_limit = _memory_limit()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles an interruption and kills this process
-    calls: IO[bytes] = sys.stdin.buffer
-    answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
-    # The kernel prints to the standard output. That must not get into our results or the user's JSON.
+def prepare_child() -> None:
+    """Prepare a child: a kill ends it during a computation too, and its output is discarded."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    # The kernel prints to the standard output. That must not get into the user's JSON.
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
-    while True:
-        try:
-            module, name, arguments, seconds, max_mb = pickle.load(calls)
-        except EOFError:
-            return
-        if name == copy_process.__name__:
-            own = copy_process(*arguments)
-            if isinstance(own, tuple):
-                calls.close()
-                answers.close()
-                calls, answers = own
-                continue
-            pickle.dump(("done", own), answers)
-            answers.flush()
-            continue
-        _limit_processor_time(seconds)
-        _limit_memory(max_mb, own_limit)
-        outcome: tuple[str, Any]
-        try:
-            outcome = ("done", getattr(importlib.import_module(module), name)(*arguments))
-        except (TacbenchError, OSError) as error:
-            outcome = ("raised", _portable(error))
-        except MemoryError:
-            outcome = ("full" if max_mb is not None else "failed", traceback.format_exc())
-        except Exception:
-            outcome = ("failed", traceback.format_exc())
-        _limit_memory(None, own_limit)
-        pickle.dump(outcome, answers, protocol=pickle.HIGHEST_PROTOCOL)
-        answers.flush()
 
 
-def copy_process(pipes: Sequence[tuple[int, int]]) -> list[int] | tuple[IO[bytes], IO[bytes]]:
-    """Copy this process.
-
-    Args:
-        pipes: For each copy, the end of a pipe to read from, and the end of a pipe to write to.
+def run_call(
+    module: str, name: str, arguments: tuple[Any, ...], seconds: float | None, max_mb: float | None
+) -> tuple[str, Any]:
+    """Run a function in a child, within its limits.
 
     Returns:
-        The numbers of the copies; in a copy, its own two pipes.
+        ``done`` and the result, ``raised`` and an error for the user, or ``full`` or ``failed`` and a traceback.
     """
-    numbers = []
-    for place, (read, write) in enumerate(pipes):
-        number = os.fork()
-        if number == 0:
-            for end in (end for pair in pipes[place + 1 :] for end in pair):
-                os.close(end)
-            return os.fdopen(read, "rb"), os.fdopen(write, "wb")
-        os.close(read)
-        os.close(write)
-        numbers.append(number)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system removes copies that have ended
-    return numbers
+    own_limit = _memory_limit()
+    _limit_processor_time(seconds)
+    _limit_memory(max_mb, own_limit)
+    try:
+        return "done", getattr(importlib.import_module(module), name)(*arguments)
+    except (TacbenchError, OSError) as error:
+        return "raised", _portable(error)
+    except MemoryError:
+        return "full" if max_mb is not None else "failed", traceback.format_exc()
+    except Exception:
+        return "failed", traceback.format_exc()
+    finally:
+        _limit_memory(None, own_limit)
 
 
 def _memory_limit() -> float:
@@ -550,16 +344,9 @@ def why_not_importable(modules: tuple[str, ...]) -> str | None:
     Returns:
         The error of the first module that cannot be imported, or None.
     """
-    collects = gc.isenabled()
-    gc.disable()  # it would examine the many objects of a large library again and again
-    try:
-        for name in modules:
-            try:
-                importlib.import_module(name)
-            except ImportError as error:
-                return f"{name}: {one_line(error)}"
-        return None
-    finally:
-        if collects:
-            gc.freeze()
-            gc.enable()
+    for name in modules:
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            return f"{name}: {one_line(error)}"
+    return None

@@ -265,23 +265,6 @@ def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
     assert str(tmp_path) not in (tmp_path / "a" / "manifest.json").read_text()
 
 
-@pytest.mark.usefixtures("two_processors")
-def test_meshes_made_in_several_processes_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    request = replace(LIGHT, textures=("1", "2", "3", "5"))
-    alone = build(replace(request, out=tmp_path / "alone"))
-    monkeypatch.setattr(printset, "SHARED_FROM", 0)
-    part_names: list[str] = []
-    original = printset.make_files
-    monkeypatch.setattr(
-        printset, "make_files", lambda part, *rest: part_names.append(part.name) or original(part, *rest)
-    )
-    shared = build(replace(request, out=tmp_path / "shared"))
-    assert shared.rows == alone.rows and len(shared.rows) == 4
-    assert len(set(part_names)) == len(part_names), "no part may be made twice"
-    for row in alone.rows:
-        assert (tmp_path / "alone" / row["file"]).read_bytes() == (tmp_path / "shared" / row["file"]).read_bytes()
-
-
 def test_a_second_call_replaces_only_its_own_files(tmp_path: Path) -> None:
     build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path))
     before = {row["file"]: row for row in read_rows(tmp_path)}

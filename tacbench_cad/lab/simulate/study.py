@@ -236,7 +236,7 @@ def simulate_study(
             for future in done:
                 future.result()
             for i, future in enumerate(futures):
-                if i not in counted and (future.running() or future.done()):
+                if i not in counted:
                     counts[i] = images_there(folders[i])
                     if future.done():
                         counted.add(i)
