@@ -16,7 +16,6 @@ from tacbench_cad.cli import classify, import_frames, main, options, simulate
 from tacbench_cad.cli.completing import RUN_FILES, VARIABLE
 from tacbench_cad.cli.completion import INSTALL
 from tacbench_cad.cli.options import TEXTURES
-from tacbench_cad.extensions.exchange import export_command
 from tacbench_cad.extensions.simulators import command as export_simulator
 
 Capture = pytest.CaptureFixture[str]
@@ -123,8 +122,6 @@ def test_an_unknown_or_old_command_completes_to_nothing(capsys: Capture, monkeyp
 
 
 def test_the_completed_words_agree_with_the_program() -> None:
-    from tacbench_cad.extensions.exchange.exporting.export_formats import FORMATS as EXPORTS
-    from tacbench_cad.extensions.exchange.exporting.export_formats import TACTILE_DATA
     from tacbench_cad.extensions.simulators import SIMULATOR_TARGETS
     from tacbench_cad.formats import FORMATS
     from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
@@ -138,7 +135,6 @@ def test_the_completed_words_agree_with_the_program() -> None:
     assert tuple(PARTS) == options.PART_NAMES
     assert (*HOLD_OUT_LEVELS, "session") == options.LEVELS
     assert set(export_simulator.FORMATS) == set(SIMULATOR_TARGETS)
-    assert set(export_command.FORMATS) == {*EXPORTS, TACTILE_DATA}
     assert tuple(LOOKS) == simulate.LOOK_NAMES
     assert tuple(PARAMETERS) == classify.SWEPT
     assert RUN_FILES == (schema.RUN_FILE, schema.TARGETS_FILE)

@@ -10,11 +10,12 @@ import rich_click as click
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import counted
 
-#: The words of ``--to``; a test compares them with the formats that can be written.
-FORMATS = ("huggingface", "webdataset", "imagefolder", "zarr", "npz", "tactile-data")
+#: The words of ``--to``.
+FORMATS = (*entries("tacbench.export_formats"), "tactile-data")
 
 
 def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
@@ -32,7 +33,7 @@ def _whole_numbers(separator: str, count: int, allowed: str) -> options.Value:
 @options.option(
     "--to",
     options.text("NAME", *FORMATS),
-    "huggingface, webdataset, imagefolder, zarr, npz or tactile-data.",
+    f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}.",
     options.OUTPUT,
     required=True,
 )
@@ -80,10 +81,9 @@ def command(
       tacbench export-runs --to tactile-data runs/ --out data --bbox 110,0,550,440
     """
     from tacbench_cad.extensions.exchange.exporting.card import NO_SERIES
-    from tacbench_cad.extensions.exchange.exporting.export_formats import FORMATS as COMMON_FORMATS
     from tacbench_cad.extensions.exchange.exporting.export_formats import TACTILE_DATA, export_runs
 
-    if one_of("to", to, (*COMMON_FORMATS, TACTILE_DATA)) == TACTILE_DATA:
+    if one_of("to", to, FORMATS) == TACTILE_DATA:
         _export_tactile_data(runs, out, bbox, size or (128, 128), colour)
         return
     if out is None:

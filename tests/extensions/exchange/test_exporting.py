@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tarfile
 import tracemalloc
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +20,22 @@ import pytest
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.exchange.export_command import command
-from tacbench_cad.extensions.exchange.exporting import hugging_face, npz, web_dataset, zarr_group
+from tacbench_cad.extensions.exchange.exporting import export_formats, hugging_face, npz, web_dataset, zarr_group
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, values_of
-from tacbench_cad.extensions.exchange.exporting.export_formats import FORMATS, TACTILE_DATA, export_runs
+from tacbench_cad.extensions.exchange.exporting.export_formats import TACTILE_DATA, ExportFormat, export_runs
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED, folder_names
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import COLUMNS as TARGETS_COLUMNS
+from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 Capture = pytest.CaptureFixture[str]
 PACKAGES = {"huggingface": "pyarrow", "zarr": "zarr"}
 SIMULATED = "stage: stage model"
+
+FORMATS = tuple(entries("tacbench.export_formats"))
 
 
 def needs(to: str) -> None:
@@ -311,3 +315,19 @@ def test_the_help_lists_every_format(capsys: Capture) -> None:
 def test_invalid_options_are_refused(words: list[str], message: str, run_folder: Path, capsys: Capture) -> None:
     assert main(["export-runs", str(run_folder), *words]) == 2
     assert message in capsys.readouterr().err
+
+
+def _write_keys(samples: Samples, folder: Path) -> None:
+    (folder / "keys.txt").write_text("".join(f"{sample.key} {sample.values['label']}\n" for sample in samples))
+
+
+#: A format as another package would have it.
+KEYS = ExportFormat(write=_write_keys, loading='open("keys.txt").read()')
+
+
+def test_another_package_adds_a_format(run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = EntryPoint("keys", f"{__name__}:KEYS", export_formats.GROUP)
+    monkeypatch.setattr(export_formats, "entries", lambda group: {"keys": entry})
+    samples = export_runs([run_folder], "keys", tmp_path / "out")
+    assert len((tmp_path / "out" / "keys.txt").read_text().splitlines()) == len(samples)
+    assert KEYS.loading in (tmp_path / "out" / "README.md").read_text()

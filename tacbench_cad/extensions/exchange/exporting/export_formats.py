@@ -1,4 +1,7 @@
-"""The list of export formats, and the function that writes them."""
+"""The formats of exports, and the function that writes them.
+
+Formats are named in the entry-point group ``tacbench.export_formats``, ours as well as those of other packages.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacbench_cad.extensions.exchange.exporting import hugging_face, image_folder, npz, web_dataset, zarr_group
 from tacbench_cad.extensions.exchange.exporting.card import card
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Progress, Samples
+from tacbench_cad.util.entries import entries, load
 from tacbench_cad.util.errors import one_of
 from tacbench_cad.util.files import replacing_folder
 from tacbench_cad.util.packages import require
@@ -17,11 +20,13 @@ from tacbench_cad.util.packages import require
 #: :func:`~tacbench_cad.extensions.exchange.exporting.tactile_data.export_tactile_data`, because it changes the images
 #: and can be written into the run folder.
 TACTILE_DATA = "tactile-data"
+#: The entry-point group of the formats.
+GROUP = "tacbench.export_formats"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportFormat:
-    """An export format.
+    """An export format. Its name is that of its entry point.
 
     Args:
         write: The function that writes samples into an empty folder.
@@ -36,18 +41,6 @@ class ExportFormat:
     head: Callable[[Samples], str] = lambda samples: ""
 
 
-#: The formats, by name.
-FORMATS = {
-    "huggingface": ExportFormat(
-        write=hugging_face.write, loading=hugging_face.LOADING, modules=("pyarrow",), head=hugging_face.card_head
-    ),
-    "webdataset": ExportFormat(write=web_dataset.write, loading=web_dataset.LOADING),
-    "imagefolder": ExportFormat(write=image_folder.write, loading=image_folder.LOADING),
-    "zarr": ExportFormat(write=zarr_group.write, loading=zarr_group.LOADING, modules=("zarr", "cv2")),
-    "npz": ExportFormat(write=npz.write, loading=npz.LOADING, modules=("cv2",)),
-}
-
-
 def export_runs(folders: Iterable[Path], to: str, out: Path, progress: Progress = lambda done, count: None) -> Samples:
     """Write the frames of runs with their columns in another format.
 
@@ -56,7 +49,7 @@ def export_runs(folders: Iterable[Path], to: str, out: Path, progress: Progress 
 
     Args:
         folders: Run folders, or folders that contain run folders.
-        to: The format, a key of :data:`FORMATS`.
+        to: The name of the format.
         out: A folder that does not exist yet.
         progress: A function that is called with the number of frames written so far and the number of all frames.
 
@@ -69,7 +62,7 @@ def export_runs(folders: Iterable[Path], to: str, out: Path, progress: Progress 
         CheckFailedError: A frame is missing, damaged or changed.
         MissingToolError: The format needs a package that is not installed.
     """
-    chosen = FORMATS[one_of("to", to, FORMATS)]
+    chosen: ExportFormat = load(entries(GROUP)[one_of("to", to, entries(GROUP))])
     require(f"--to {to}", *chosen.modules)
     samples = Samples(folders, progress)
     with replacing_folder(out) as folder:

@@ -10,6 +10,7 @@ from typing import Any
 
 from tacbench_cad.extensions.exchange.exporting.card import summary
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
+from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.util.files import write_json
 
@@ -165,3 +166,6 @@ _CONTEXT = {
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "examples": {"@id": "cr:examples", "@type": "@json"},
 }
+
+
+FORMAT = ExportFormat(write=write, loading=LOADING, modules=("pyarrow",), head=card_head)

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
+from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.lab.runs.schema import cell
 from tacbench_cad.util.text import file_name
@@ -46,3 +47,6 @@ def folder_names(labels: Iterable[str | None]) -> dict[str | None, str]:
         label: f"{name}-{hashlib.sha256(label.encode()).hexdigest()[:6]}" if label and alike[name.lower()] > 1 else name
         for label, name in names.items()
     }
+
+
+FORMAT = ExportFormat(write=write, loading=LOADING)

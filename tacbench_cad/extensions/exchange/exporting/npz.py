@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.extensions.exchange.exporting.array_columns import ArrayColumns
+from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 
 #: The names of the file and of the array with the frames.
@@ -31,3 +32,6 @@ def write(samples: Samples, folder: Path) -> None:
             with archive.open(f"{name}.npy", "w") as stream:
                 plain = np.array(array.tolist()) if array.dtype.kind == "T" else array  # .npy needs a fixed width
                 np.lib.format.write_array(stream, plain, allow_pickle=False)
+
+
+FORMAT = ExportFormat(write=write, loading=LOADING, modules=("cv2",))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tacbench_cad.extensions.exchange.exporting.card import summary
 from tacbench_cad.extensions.exchange.exporting.columns import json_values
+from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 
 #: The size at which a new tar file is started, in bytes.
@@ -39,3 +40,6 @@ def write(samples: Samples, folder: Path, shard_bytes: int = SHARD_BYTES) -> Non
                 member.size = len(data)
                 shard.addfile(member, io.BytesIO(data))
             shard.members.clear()  # type: ignore[attr-defined] # otherwise the list of members would grow without end
+
+
+FORMAT = ExportFormat(write=write, loading=LOADING)

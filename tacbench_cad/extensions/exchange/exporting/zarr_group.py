@@ -9,6 +9,7 @@ import numpy as np
 
 from tacbench_cad.extensions.exchange.exporting.array_columns import ArrayColumns
 from tacbench_cad.extensions.exchange.exporting.card import summary
+from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.lab.rig.colours import OUTSIDE, has_colours
 from tacbench_cad.lab.rig.sensor import Frame
@@ -52,3 +53,6 @@ def write(samples: Samples, folder: Path) -> None:
     for name, values in columns.arrays.items():
         about = {"description": descriptions[name]}
         group.create_array(name, data=values, dimension_names=["sample"], attributes=about)
+
+
+FORMAT = ExportFormat(write=write, loading=LOADING, modules=("zarr", "cv2"))
