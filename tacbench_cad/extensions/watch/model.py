@@ -12,11 +12,10 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.extensions.markers import MIN_FOUND, MarkerFeatures
 from tacbench_cad.lab.acquire.events import KEPT_PRESSES, PROGRESS_FILE, Progress, ProgressReader
 from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs.checking import Finding, check_run
@@ -26,6 +25,9 @@ from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, REFERENCES_FILE, RUN_FI
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.files import LOCK_NAME
+
+if TYPE_CHECKING:
+    from tacbench_cad.extensions.markers import MarkerFeatures
 
 #: The shortest time between two searches for run folders, in s.
 SEARCH_S = 2.0
@@ -309,7 +311,12 @@ def _map(plan: Mapping[int, Any], rows: Mapping[int, Row], now: int) -> list[dic
 
 
 def _track(shown: _Shown) -> None:
-    """Find the markers of the newest frame and their displacements."""
+    """Find the markers of the newest frame and their displacements, if the extension for markers was not deleted."""
+    try:
+        from tacbench_cad.extensions.markers import MIN_FOUND, MarkerFeatures
+    except ModuleNotFoundError:
+        shown.has_markers = False
+        return
     run, path = shown.run, shown.newest
     assert run is not None
     try:

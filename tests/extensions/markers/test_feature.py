@@ -15,7 +15,7 @@ from tacbench_cad.extensions.markers import MarkerDisplacements
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import feature_of, fitted
 from tacbench_cad.lab.analysis.figures import save, styled
-from tacbench_cad.lab.analysis.variance.figures import exhibit_figure
+from tacbench_cad.lab.analysis.variance.map_figures import exhibit_figure
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.study.presses import plan_presses

@@ -151,6 +151,13 @@ def test_a_run_folder_is_shown_with_the_progress_of_its_session(session: tuple[P
     assert state["session"]["over"]["outcome"] == "failed" and len(state["run"]["curves"]) == 3
 
 
+def test_the_page_works_without_the_extension_for_markers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_study(tmp_path, textures=(1,), copies=1, levels=(1,))
+    monkeypatch.setitem(sys.modules, "tacbench_cad.extensions.markers", None)
+    run = Watched(tmp_path).state(wait=True)["run"]
+    assert run["newest"]["image"] and run["markers"] is None and run["findings"]
+
+
 def test_values_of_a_sensor_without_images_are_shown(tmp_path: Path) -> None:
     make_taxel_run(tmp_path)
     watched = Watched(tmp_path)

@@ -20,7 +20,7 @@ from tacbench_cad.lab.analysis.variance.components import (
     components,
     precision,
 )
-from tacbench_cad.lab.analysis.variance.view import COLUMNS
+from tacbench_cad.lab.analysis.variance.result_tables import COLUMNS
 from tacbench_cad.util.types import Floats, Ints
 
 TRUE = (4.0, 2.0, 1.0, 0.5)

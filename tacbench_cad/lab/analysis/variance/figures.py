@@ -1,4 +1,4 @@
-"""The figures of the variance table: the table itself, heat maps of pixels and positions, matrices between textures."""
+"""The figures of the variance table: the table itself, its components, the motion, and matrices between textures."""
 
 from __future__ import annotations
 
@@ -20,9 +20,15 @@ from tacbench_cad.lab.analysis.variance.cells import (
     shown_levels,
 )
 from tacbench_cad.lab.analysis.variance.components import LEVELS
-from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
+from tacbench_cad.lab.analysis.variance.figure_parts import (
+    colour_bar,
+    compared,
+    compared_levels,
+    panel_title,
+    squared_unit,
+)
+from tacbench_cad.lab.analysis.variance.map_figures import exhibit_figure, pixel_figure, position_figure, region_figure
 from tacbench_cad.lab.analysis.variance.table import VarianceResult
-from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -30,8 +36,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: The percentile of the values at the end of a colour scale, so that a few extreme pixels do not darken all others.
-_SPAN = 99.5
 #: The axis ends at this multiple of the largest estimate; longer intervals are cut and end in an arrow.
 MAX_OVER_ESTIMATE = 6.0
 _MARKERS = "osD^vP*X<>"
@@ -71,43 +75,6 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
         return [path for stem, draw in figures.items() for path in save(draw(result), folder / stem, simulated)]
 
 
-def squared_unit(result: VarianceResult) -> str:
-    """Return the unit of a variance for labels."""
-    return f"{result.units}$^2$"
-
-
-def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
-    """Return the levels at which figures compare prints: those with two prints of a texture, maybe their mean."""
-    singles = sorted(set().union(*result.sums.values()))
-    with_prints = [
-        level for level in singles if any(cell.prints > 1 for cell in result.cells if cell.force_level == level)
-    ]
-    if len(with_prints) in (0, len(singles)):
-        return shown_levels(result.cells)
-    return tuple(with_prints)
-
-
-def compared(result: VarianceResult) -> list[str]:
-    """Return the combinations that figures compare: those with two prints of a texture, or all if there are none.
-
-    A single print shows how well the sensor repeats, but not how prints differ.
-    """
-    if result.protocol == "as-published":
-        return list(dict.fromkeys(cell.combination for cell in result.cells))
-    prints: dict[str, int] = {}
-    for cell in result.cells:
-        prints[cell.combination] = max(prints.get(cell.combination, 0), cell.prints)
-    most = max(prints.values())
-    return [combination for combination in result.collection.combinations if prints.get(combination, 0) > (most > 1)]
-
-
-def _title(result: VarianceResult, level: Level) -> str:
-    """Return the title of a panel: its level, and the number of combinations that are not shown."""
-    count = len({cell.combination for cell in result.cells}) - len(compared(result))
-    hidden = f" ({counted(count, 'printer-filament')} with one print not shown)" if count else ""
-    return f"{result.collection.pressing.level_name(level)}{hidden}"
-
-
 def table_figure(result: VarianceResult) -> Figure:
     """Draw the table as points with intervals, one panel for each force, with noise and the paper's own figures."""
     levels, combinations = compared_levels(result), compared(result)
@@ -117,7 +84,7 @@ def table_figure(result: VarianceResult) -> Figure:
     top = max([top, *(1.3 * cell.published for cell in cells if cell.published is not None)])
     for axes, level in zip(panels, levels, strict=True):
         _table_panel(axes, result, level, combinations, top)
-        axes.set_title(_title(result, level), loc="left")
+        axes.set_title(panel_title(result, level), loc="left")
     what = "variance" if result.protocol == "paper" else "variance of repeats\non one print"
     figure.supylabel(f"{what} ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
@@ -217,95 +184,6 @@ def _plain_minor(value: float, _: float) -> str:
     return f"{value:g}" if round(lead) in (2, 5) else ""
 
 
-def pixel_figure(result: VarianceResult) -> Figure:
-    """Draw the variance of the pixels: a map for each combination and texture, mean over positions and forces."""
-    pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
-    height, width = next(iter(pictures.values())).shape
-    ratio = min(2.0, max(0.25, height / width))  # the limits fit on a page
-    return _mosaic(
-        result,
-        pictures,
-        f"variance of a {result.feature.words.one} ({squared_unit(result)})",
-        ratio=ratio,
-        outline=False,
-    )
-
-
-def region_figure(result: VarianceResult) -> Figure:
-    """Draw the region of interest in a frame, if possible without contact."""
-    region = result.feature.region
-    assert region is not None  # the figure is only drawn with a region
-    figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
-    axes = figure.add_subplot()
-    for frame in result.collection.runs[0].resting_frames(1):
-        axes.imshow(region.drawn(frame)[..., ::-1])
-    axes.set_axis_off()
-    return figure
-
-
-def exhibit_figure(result: VarianceResult) -> Figure:
-    """Draw the mean numbers at the largest force, as the feature does, for each combination and texture."""
-    exhibit = result.feature.exhibit
-    assert exhibit is not None  # the figure is only drawn with an exhibit
-    textures, combinations = result.collection.textures, compared(result)
-    level = max(at for at, _ in result.means)
-    side = min(2.4, (PAGE_IN - 0.9) / len(textures))
-    figure = new_figure(max(4.0, 0.9 + side * len(textures)), 0.5 + side * len(combinations))
-    panels = figure.subplots(len(combinations), len(textures), squeeze=False, sharex=True, sharey=True)
-    for axes in panels.flat:
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(False)
-    cells = zip(panels.flat, product(combinations, textures), strict=True)
-    label = exhibit.draw([(axes, result.means[level, key]) for axes, key in cells if (level, key) in result.means])
-    _name_panels(panels, textures, combinations)
-    drawn = [collection for axes in figure.axes for collection in axes.collections]
-    bar = figure.colorbar(drawn[-1], ax=figure.axes, pad=0.01, shrink=0.9)
-    bar.set_label(label)
-    bar.outline.set_linewidth(0.5)
-    figure.suptitle(_title(result, level), x=0.01, ha="left", fontsize=8.0)
-    return figure
-
-
-def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], Floats]:
-    """Remove the margins in which no pixel of any picture varies."""
-    largest = np.fmax.reduce(list(pictures.values()))  # NaN lies outside of the region of interest
-    strong = largest > 0.05 * np.nanpercentile(largest, _SPAN)
-    ranges = []
-    for axis in (0, 1):
-        inside = np.flatnonzero(strong.any(axis=1 - axis))
-        margin = max(1, len(inside) // 40)
-        ends = (max(0, inside[0] - margin), inside[-1] + margin + 1) if len(inside) else (0, largest.shape[axis])
-        ranges.append(slice(*ends))
-    return {key: picture[ranges[0], ranges[1]] for key, picture in pictures.items()}
-
-
-def position_figure(result: VarianceResult) -> Figure:
-    """Draw the variance at the positions: the press grid for each combination and texture, mean over forces."""
-    pressing = result.collection.pressing
-    grid = pressing.grid
-    # Positions with unknown coordinates are drawn in one row.
-    shape = (len(grid.y_mm), len(grid.x_mm)) if grid else (1, len(pressing.positions_mm))
-    pictures: dict[tuple[str, str], Floats] = {}
-    drawn = levels_with_most_prints(
-        {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
-    )
-    for key in (cell for cell in result.maps if cell[0] in compared(result)):
-        levels = [result.positions[level, key] for level in drawn[key]]
-        if levels:
-            # The rows start at low y, so they go upwards in the figure, as on the block.
-            pictures[key] = np.mean(levels, axis=0).reshape(shape)[::-1]
-    figure = _mosaic(result, pictures, f"variance ({squared_unit(result)})", ratio=1.0, outline=True)
-    if grid is None:
-        return figure
-    first = figure.axes[0]
-    arrow = {"arrowstyle": "->", "linewidth": 0.6, "color": INK, "shrinkA": 0.0, "shrinkB": 0.0}
-    for end, start in (((1.0, -0.06), (0.0, -0.06)), ((-0.06, 1.0), (-0.06, 0.0))):
-        first.annotate("", end, start, xycoords="axes fraction", arrowprops=arrow, annotation_clip=False)
-    sides = f"x {grid.x_mm[0]:g} to {grid.x_mm[-1]:g} mm, y {grid.y_mm[0]:g} to {grid.y_mm[-1]:g} mm"
-    figure.suptitle(f"press grid (arrows): {sides}", x=0.01, ha="left", fontsize=8.0)
-    return figure
-
-
 def motion_figure(result: VarianceResult) -> Figure:
     """Draw the variance along the motion: a panel for each force and combination, a line for each texture."""
     levels = sorted({level for level, _ in result.steps})
@@ -341,51 +219,6 @@ def _course(collection: Collection) -> tuple[str, Floats]:
     return "time (s)", courses.time_s.mean(axis=0)
 
 
-def _mosaic(
-    result: VarianceResult, pictures: dict[tuple[str, str], Floats], what: str, *, ratio: float, outline: bool
-) -> Figure:
-    """Draw pictures with one colour scale: a row for each combination, a column for each texture."""
-    textures, combinations = result.collection.textures, compared(result)
-    columns, rows = len(textures), len(combinations)
-    width = min(1.05, (PAGE_IN - 1.6) / columns)
-    figure = new_figure(max(4.0, 1.9 + width * columns), max(1.8, 0.3 + rows * (width * ratio + 0.05)))
-    panels = figure.subplots(rows, columns, squeeze=False)
-    everything = np.concatenate([picture[np.isfinite(picture)].ravel() for picture in pictures.values()])
-    high = float(np.percentile(everything, _SPAN)) if everything.size else 1.0
-    low = float(everything.min()) if outline and everything.size else 0.0
-    for axes, (combination, texture) in zip(panels.flat, product(combinations, textures), strict=True):
-        picture = pictures.get((combination, texture))
-        if picture is None:
-            axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes, color="#888888")
-        else:
-            aspect = ratio * picture.shape[1] / picture.shape[0]  # 1 for square pixels
-            axes.imshow(picture, vmin=low, vmax=max(high, low + 1e-12), aspect=aspect)
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(False)
-    _name_panels(panels, textures, combinations)
-    above = "max" if everything.size and everything.max() > high else "neither"
-    _colour_bar(figure, what, shrink=0.9, aspect=max(12.0, 9.0 * rows), extend=above, extendfrac=0.03)
-    return figure
-
-
-def _name_panels(panels: Any, textures: Sequence[str], combinations: Sequence[str]) -> None:
-    """Name the columns of panels by texture, the rows by printer and filament."""
-    for axes, texture in zip(panels[0], textures, strict=True):
-        axes.set_title(f"texture {short_texture(texture)}" if short_texture(texture).isdigit() else texture)
-    for axes, combination in zip(panels[:, 0], combinations, strict=True):
-        name = "\n".join(name_of(combination).rsplit(" ", 1))
-        axes.set_ylabel(name, rotation=0, ha="right", va="center", labelpad=6.0)
-
-
-def _colour_bar(figure: Figure, label: str, **options: Any) -> None:
-    """Add the colour scale of all pictures of a figure, if there are any."""
-    pictures = [picture for axes in figure.axes for picture in axes.images]
-    if pictures:
-        bar = figure.colorbar(pictures[-1], ax=figure.axes, pad=0.01, **options)
-        bar.set_label(label)
-        bar.outline.set_linewidth(0.5)
-
-
 def texture_figure(result: VarianceResult) -> Figure:
     """Draw the matrices between textures, one for each combination, with one colour scale; mean over the forces."""
     level, shown = compared_levels(result)[-1], compared(result)
@@ -407,8 +240,8 @@ def texture_figure(result: VarianceResult) -> Figure:
             _numbers(axes, matrix.variance, high)
     figure.supxlabel("texture", fontsize=8.0)
     figure.supylabel("texture", fontsize=8.0)
-    _colour_bar(figure, f"variance over both textures ({squared_unit(result)})", shrink=0.8, aspect=25.0)
-    figure.suptitle(_title(result, level), x=0.01, ha="left", fontsize=8.0)
+    colour_bar(figure, f"variance over both textures ({squared_unit(result)})", shrink=0.8, aspect=25.0)
+    figure.suptitle(panel_title(result, level), x=0.01, ha="left", fontsize=8.0)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""The warnings of the variance table about its data, one sentence each."""
+"""The warnings of the variance table about its data, one sentence each, and its relation to the paper's figures."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.published import POSITIONS, PRINTS
+from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS, POSITIONS, PRINTS
 from tacbench_cad.lab.analysis.published import REPEATS as PAPER_REPEATS
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, REPEATS, Cell
+from tacbench_cad.lab.analysis.variance.table import Protocol
 from tacbench_cad.util.text import counted
 
 K = TypeVar("K")
@@ -117,3 +118,20 @@ def _where(cells: Iterable[Cell]) -> str:
 
 def _listed(words: Iterable[object]) -> str:
     return ", ".join(str(word) for word in words)
+
+
+def relation_to_paper(protocol: Protocol) -> str:
+    """Return the relation between figures of a protocol and the paper's, for images in counts."""
+    if protocol == "paper":
+        return (
+            "The paper's printed figures are another quantity, the variance over the two repeats on one print. "
+            'Use "tacbench variance --protocol as-published" to compute this quantity and compare it with them.'
+        )
+    meanings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
+    return (
+        "According to the authors' notebooks, the paper's printed figures are the variance over the repeats on one "
+        "print, then the mean over prints, positions and pixels. They do not show how prints differ. They were "
+        "computed from four prints at the lowest force, and include frames of other textures (row numbers were "
+        f"stored in 8 bits). The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, "
+        f"without a unit: {meanings}."
+    )

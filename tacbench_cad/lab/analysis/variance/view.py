@@ -12,14 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Words
 from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
@@ -28,14 +25,14 @@ from tacbench_cad.lab.analysis.variance.cells import (
     Cell,
     Level,
     name_of,
-    parts_of,
     short_texture,
     shown_levels,
     squared,
 )
 from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
-from tacbench_cad.lab.analysis.variance.notes import variance_warnings
+from tacbench_cad.lab.analysis.variance.notes import relation_to_paper, variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
+from tacbench_cad.lab.analysis.variance.result_tables import AS_PUBLISHED_FILES, CELL, COLUMNS, REMOVED, tables_of
 from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
@@ -45,86 +42,6 @@ from tacbench_cad.util.text import counted, interval, short
 SETTINGS_FILE = "variance_settings.json"
 
 
-def _level(text: str) -> Level:
-    return text if text == ALL_LEVELS else int(text)
-
-
-_PRINTER = (Column("printer"), Column("filament"))
-_CELL = (*_PRINTER, Column("texture"), Column("force_level", _level))
-#: The columns of ``floor_removed.csv`` whose fields in a cell have other names.
-_REMOVED = {"variance": "unbiased", "low": "floor_removed_low", "high": "floor_removed_high"}
-#: The columns of each CSV file, by its name without suffix.
-COLUMNS: Mapping[str, tuple[Column, ...]] = {
-    "printer_answers": answers.COLUMNS,
-    "variance": (
-        *_CELL,
-        *(Column(name, float) for name in ("variance", "floor", "low", "high")),
-        *(Column(name, int) for name in ("prints", "presses")),
-        Column("noise_alone", float),
-        Column("quantity"),
-        Column("published", float),
-    ),
-    # All values of this file are for ddof 1.
-    "floor_removed": (
-        *_CELL,
-        Column("variance", float, source=_REMOVED["variance"]),
-        Column("floor", float),
-        Column("floor_from"),
-        Column("floor_removed", float),
-        *(Column(name, float, source=_REMOVED[name]) for name in ("low", "high")),
-    ),
-    "components": (
-        Column("force_level", _level),
-        Column("component"),
-        *(Column(name, float) for name in ("variance", "truncated", "low", "high")),
-        Column("degrees_of_freedom", int),
-        Column("includes"),
-        Column("note"),
-    ),
-    "between_textures": (
-        *_PRINTER,
-        Column("force_level", _level),
-        Column("texture"),
-        Column("other_texture"),
-        Column("variance", float),
-        Column("presses", int),
-    ),
-    "positions": (
-        *_CELL,
-        Column("position", int),
-        *(Column(name, float) for name in ("x_mm", "y_mm", "variance")),
-    ),
-    "print_distances": (
-        *_CELL,
-        Column("copy", int),
-        Column("from_others", float, text=short),
-    ),
-    "motion": (
-        *_CELL,
-        Column("frame", int),
-        *(Column(name, float) for name in ("time_s", "distance_mm", "rotation_deg", "variance")),
-    ),
-    "permutation": (
-        Column("force_level", _level),
-        Column("first"),
-        Column("second"),
-        Column("textures", int, source="outcome.textures"),
-        Column("prints_first", int, source=lambda test: test.outcome.prints[0]),
-        Column("prints_second", int, source=lambda test: test.outcome.prints[1]),
-        *(Column(name, float, source=f"outcome.{name}", text=short) for name in ("ratio", "statistic", "p")),
-        Column("p_holm", float, "p for all pairs", text=short),
-        Column("least_p", float, "smallest possible p", source="outcome.least_p", text=short),
-    ),
-    "registration": (
-        *_CELL,
-        Column("copy", int),
-        *(Column(name, float) for name in ("x_mm", "y_mm")),
-        *(Column(name, float, text=short) for name in ("variance", "seating")),
-        Column("variance_without_seating", float, "without seating", text=short),
-    ),
-}
-#: The files that the protocol ``as-published`` writes; the other files exist only for the protocol ``paper``.
-AS_PUBLISHED_FILES = ("variance", "floor_removed", "positions")
 _COMPONENTS = {"texture": "texture", "printer": "printer-filament", "print": "print", "repeat": "repeat on one print"}
 
 
@@ -177,32 +94,8 @@ class VarianceView:
             result: The result.
             seatings: The offsets of the prints, if registration was computed.
         """
-        items: dict[str, Sequence[object]] = {
-            "printer_answers": list(answers.print_answers(result)) if result.protocol == "paper" else (),
-            "variance": result.cells,
-            "floor_removed": result.cells,
-            "components": result.components,
-            "between_textures": list(_pairs(result)),
-            "positions": list(_positions(result)),
-            "print_distances": list(_print_distances(result)),
-            "motion": list(_motion(result)),
-            "permutation": result.tests,
-            "registration": [row for seating in seatings for row in seating.rows()],
-        }
         feature, exhibit = result.feature, result.feature.exhibit
         pixels = feature if isinstance(feature, Pixels) else Pixels()
-        tables = {
-            name: Table.of(COLUMNS[name], rows)
-            for name, rows in items.items()
-            if result.protocol == "paper" or name in AS_PUBLISHED_FILES
-        }
-        if exhibit is not None:
-            means = [
-                {**parts_of(combination), "texture": texture, "force_level": level, **row}
-                for (level, (combination, texture)), mean in result.means.items()
-                for row in exhibit.rows(mean)
-            ]
-            tables[exhibit.name] = Table.of((*_CELL, *exhibit.columns), means)
         return cls(
             collection=result.collection,
             settings=Settings(
@@ -224,7 +117,7 @@ class VarianceView:
                 outside=result.outside,
             ),
             cells=result.cells,
-            tables=tables,
+            tables=tables_of(result, seatings),
         )
 
     @classmethod
@@ -247,7 +140,7 @@ class VarianceView:
                     **cell,
                     floor_from=removed["floor_from"] or "",
                     floor_removed=removed["floor_removed"],
-                    **{attribute: removed[name] for name, attribute in _REMOVED.items()},
+                    **{attribute: removed[name] for name, attribute in REMOVED.items()},
                 )
                 for cell, removed in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
             )
@@ -344,25 +237,8 @@ class VarianceView:
             outside = f"{100 * self.settings.outside:.0f} %"
             notes.append(f"{outside} of the pixels do not show the sensor, but are part of each variance{advice}.")
         if self.in_counts and self.collection.beside_paper:
-            notes.append(self._on_the_paper)
+            notes.append(relation_to_paper(self.settings.protocol))
         return notes
-
-    @property
-    def _on_the_paper(self) -> str:
-        """The relation between these figures and the paper's, for images in counts."""
-        if self.settings.protocol == "paper":
-            return (
-                "The paper's printed figures are another quantity, the variance over the two repeats on one print. "
-                'Use "tacbench variance --protocol as-published" to compute this quantity and compare it with them.'
-            )
-        meanings = ", ".join(f"{value:.3g} counts^2 if it is a {what}" for what, value in PAPER_FLOORS.items())
-        return (
-            "According to the authors' notebooks, the paper's printed figures are the variance over the repeats on one "
-            "print, then the mean over prints, positions and pixels. They do not show how prints differ. They were "
-            "computed from four prints at the lowest force, and include frames of other textures (row numbers were "
-            f"stored in 8 bits). The paper gives the average pixel variation of a stationary sensor as {FLOOR:g}, "
-            f"without a unit: {meanings}."
-        )
 
     @property
     def answers(self) -> Table:
@@ -391,9 +267,8 @@ class VarianceView:
         decimals = 2 if largest <= 0.0 else min(12, max(0, 2 - math.floor(math.log10(largest))))
 
         def number(value: float | None) -> str:
-            return (
-                "" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
-            )  # + 0.0 removes the sign of -0
+            # + 0.0 removes the sign of -0
+            return "" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
 
         lines: dict[str, Callable[[Cell], str]] = {
             "noise alone": lambda cell: number(cell.noise_alone),
@@ -425,7 +300,7 @@ class VarianceView:
 
     @property
     def _kind(self) -> str:
-        """The preprocessing in a few words, for titles."""
+        """What the numbers are, in a few words, for titles."""
         kind = f"; {'colour' if self.settings.colour else 'grey'}, full size" if self.in_counts else ""
         if self.settings.protocol == "as-published":
             kind = f"; grey not rounded, {100.0 * self.settings.resolution:g} % of the size" if kind else ""
@@ -468,7 +343,7 @@ class VarianceView:
         """Return the variance of each cell with and without differences in placement, and the largest offsets."""
         cells: dict[tuple[Any, ...], dict[str, Any]] = {}
         for row in self.tables["registration"].rows:
-            cell = cells.setdefault(tuple(row[column.name] for column in _CELL), {**row, "x_mm": None, "y_mm": None})
+            cell = cells.setdefault(tuple(row[column.name] for column in CELL), {**row, "x_mm": None, "y_mm": None})
             for axis in ("x_mm", "y_mm"):
                 offsets = [abs(values[axis]) for values in (cell, row) if values[axis] is not None]
                 cell[axis] = max(offsets, default=None)
@@ -503,66 +378,6 @@ def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] 
 
     with locked(folder):
         return [*VarianceView.of(result, seatings).write(folder), *draw_all(result, folder)]
-
-
-def _pairs(result: VarianceResult) -> Iterator[Row]:
-    """Yield the rows of ``between_textures.csv``: each pair once, and each texture with itself."""
-    for matrix in result.matrices:
-        for i, j in zip(*np.triu_indices(len(matrix.textures)), strict=True):
-            if matrix.presses[i, j]:
-                yield {
-                    **parts_of(matrix.combination),
-                    "force_level": matrix.force_level,
-                    "texture": matrix.textures[i],
-                    "other_texture": matrix.textures[j],
-                    "variance": float(matrix.variance[i, j]),
-                    "presses": int(matrix.presses[i, j]),
-                }
-
-
-def _print_distances(result: VarianceResult) -> Iterator[Row]:
-    """Yield the rows of ``print_distances.csv``."""
-    for (combination, texture), of_levels in result.sums.items():
-        for level, cell in of_levels.items():
-            for copy, square in cell.from_others().items():
-                place = {**parts_of(combination), "texture": texture, "force_level": level}
-                yield {**place, "copy": copy, "from_others": square}
-
-
-def _motion(result: VarianceResult) -> Iterator[Row]:
-    """Yield the rows of ``motion.csv``; the times and poses are means over the presses of a cell."""
-    collection = result.collection
-    for (level, (combination, texture)), values in result.steps.items():
-        here = (collection.level == level) & (collection.combination == combination) & (collection.texture == texture)
-        course = {
-            name: getattr(collection.courses, name)[here].mean(axis=0).tolist()
-            for name in ("time_s", "distance_mm", "rotation_deg")
-        }
-        for index, value in enumerate(values.tolist()):
-            yield {
-                **parts_of(combination),
-                "texture": texture,
-                "force_level": level,
-                "frame": index + 1,
-                **{name: of_frames[index] for name, of_frames in course.items()},
-                "variance": value,
-            }
-
-
-def _positions(result: VarianceResult) -> Iterator[Row]:
-    """Yield the rows of ``positions.csv``."""
-    places = result.collection.pressing.positions_mm
-    for (level, (combination, texture)), values in result.positions.items():
-        for number in np.flatnonzero(np.isfinite(values)).tolist():
-            yield {
-                **parts_of(combination),
-                "texture": texture,
-                "force_level": level,
-                "position": number + 1,
-                "x_mm": float(places[number, 0]),
-                "y_mm": float(places[number, 1]),
-                "variance": float(values[number]),
-            }
 
 
 def _component(row: Row) -> str:
