@@ -10,6 +10,7 @@ import errno
 import heapq
 import itertools
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -32,6 +33,7 @@ TICK_S = 1e-6
 SHORTEST_S = 1e-4
 _PORTS: dict[str, MemoryPort] = {}
 _RIGS: list[RigHere] = []
+_CLOCKS: list[FakeTime] = []
 #: The bytes that a port keeps until the host reads them, as a pseudo-terminal does. Others are lost.
 KEPT_BYTES = 4096
 
@@ -55,6 +57,11 @@ class FakeTime:
             self._now_s = max(self._now_s, due_s)
             action()
         self._now_s = max(self._now_s, end_s)
+
+    @property
+    def next_s(self) -> float:
+        """The time until the next function is called."""
+        return self._due[0][0] - self._now_s if self._due else math.inf
 
     def after(self, seconds: float, action: Callable[[], object]) -> None:
         """Call a function as soon as somebody waits beyond this time. Its exception is raised in that wait."""
@@ -82,7 +89,8 @@ class LineTime:
     def sleep(self, seconds: float) -> None:
         end_s = self.monotonic() + seconds
         while (left := end_s - self.monotonic()) > 0.0 and not (self.reading and self.reading.sent):
-            self._clock.sleep(min([left, *(max(SHORTEST_S, rig.pause_s(self.reading)) for rig in _RIGS)]))
+            pauses = [self._clock.next_s, *(rig.pause_s(self.reading) for rig in _RIGS)]
+            self._clock.sleep(min(left, max(SHORTEST_S, min(pauses))))
             for rig in list(_RIGS):
                 rig.serve()
 
@@ -210,6 +218,11 @@ class RigHere(process.VirtualRig):
         return dict(answer)
 
 
+def clock() -> FakeTime:
+    """Return the clock of the fixture ``rig_time``."""
+    return _CLOCKS[-1]
+
+
 def launch(kind: str, **options: Any) -> RigHere:
     """Do what :func:`tacbench_cad.extensions.virtual_rig.process.launch` does, in this process."""
     return RigHere(Setup.of(kind, **options))
@@ -219,6 +232,7 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     """Replace the time of the drivers and the ports of virtual rigs until the end of the test."""
     fake, real_port = FakeTime(), serial.serial_for_url
     waiting = LineTime(fake)
+    monkeypatch.setattr(sys.modules[__name__], "_CLOCKS", [fake])
 
     def opened(name: str, *, baudrate: int, **options: Any) -> Any:
         for rig in _RIGS:

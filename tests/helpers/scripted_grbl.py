@@ -34,7 +34,7 @@ class ScriptedGrbl:
         self.on_reset: Callable[[], Iterable[bytes | float]] | None = None
 
     def peer(self) -> Peer:
-        """Return a peer that serves this firmware over a pseudo-terminal."""
+        """Return a peer that serves this firmware over a port in memory."""
         return Peer(self.answer)
 
     def report(self) -> bytes:

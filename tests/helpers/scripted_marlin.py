@@ -34,7 +34,7 @@ class ScriptedMarlin:
         self.accepted: list[bytes] = []
 
     def peer(self) -> Peer:
-        """Return a peer that serves this firmware over a pseudo-terminal."""
+        """Return a peer that serves this firmware over a port in memory."""
         return Peer(self.answer, realtime=b"")
 
     def reset(self) -> bytes:

@@ -1,19 +1,19 @@
-"""A byte peer over a pseudo-terminal: a thread that sends the answers of a test's function."""
+"""The far end of a serial line, which sends the answers of a test's function on the clock of ``rig_time``."""
 
 from __future__ import annotations
 
-import os
-import pty
-import select
-import threading
-import time
-import tty
-from collections.abc import Callable, Iterable
+import itertools
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from helpers import rig_here
+
 #: Takes a line or a real-time byte and returns the answer: bytes, and pauses in seconds.
 Answer = Callable[[bytes], Iterable[bytes | float]]
+_NUMBERS = itertools.count()
 
 
 class Peer:
@@ -29,60 +29,54 @@ class Peer:
         self.realtime = realtime
         self.received = bytearray()
         self.lines: list[bytes] = []
-        self._far, near = pty.openpty()
-        tty.setraw(near)
-        self.port = os.ttyname(near)
-        # Both ends stay open, so that a driver can close and reopen the port. The first call of unplug closes them.
-        self._ends: tuple[int, ...] = (near, self._far)
-        self._lock = threading.Lock()
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        self._end = rig_here.MemoryPort(Path(f"peer-{next(_NUMBERS)}") / "port")
+        self._end.serve = self._serve
+        self.port = self._end.name
+        self._line = bytearray()
+        self._waiting: deque[bytes] = deque()
+        self._reply: Iterator[bytes | float] | None = None
 
     def say(self, data: bytes) -> None:
         """Send bytes without a request."""
-        os.write(self._far, data)
-
-    def wait_for(self, line: bytes, within_s: float = 5.0) -> None:
-        """Wait until the thread has read a line."""
-        until = time.monotonic() + within_s
-        while line not in self.lines:
-            assert time.monotonic() < until, f"{line!r} was not sent"
-            time.sleep(0.005)
+        self._end.sent += data
 
     def unplug(self) -> None:
-        """Close both ends, as if the device were unplugged."""
-        with self._lock:
-            ends, self._ends = self._ends, ()
-            self._over.set()
-            self._thread.join()
-            for end in ends:
-                os.close(end)
+        """Take the device away."""
+        self._end.unplug()
 
     def _serve(self) -> None:
-        line = bytearray()
-        while not self._over.is_set():
-            if not select.select([self._far], [], [], 0.02)[0]:
-                continue
-            data = os.read(self._far, 1024)
-            self.received += data
-            for byte in data:
-                if byte in self.realtime:
-                    self._reply(bytes([byte]))
-                elif byte == 0x0A:
-                    message = bytes(line).strip()
-                    line.clear()
-                    self.lines.append(message)
-                    self._reply(message)
-                else:
-                    line.append(byte)
-
-    def _reply(self, message: bytes) -> None:
-        for part in self.answer(message):
-            if isinstance(part, float):
-                time.sleep(part)
+        data = self._end.read(len(self._end.received))
+        self.received += data
+        for byte in data:
+            if byte in self.realtime:
+                self._waiting.append(bytes([byte]))
+            elif byte == 0x0A:
+                self._waiting.append(bytes(self._line).strip() + b"\n")
+                self._line.clear()
             else:
-                os.write(self._far, part)
+                self._line.append(byte)
+        self._work()
+
+    def _work(self) -> None:
+        while self._reply is None and self._waiting:
+            message = self._waiting.popleft()
+            if message.endswith(b"\n"):
+                message = message[:-1]
+                self.lines.append(message)
+            self._reply = iter(self.answer(message))
+            self._go_on()
+
+    def _go_on(self) -> None:
+        for part in self._reply or ():
+            if isinstance(part, float):
+                rig_here.clock().after(part, self._resume)
+                return
+            self._end.sent += part
+        self._reply = None
+
+    def _resume(self) -> None:
+        self._go_on()
+        self._work()
 
     def __enter__(self) -> Self:
         return self

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from collections.abc import Iterable, Iterator
 
 import pytest
-
-if sys.platform == "win32":
-    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
-
-from helpers.alarm import alarm
+from helpers.rig_here import clock
 from helpers.scripted_peer import Peer
 
 from tacbench_cad.lab.rig.arduino import ArduinoStage
@@ -22,6 +16,8 @@ from tacbench_cad.util.errors import InputError
 
 THERE: Point = (2.0, 4.0, -1.0)
 TIMEOUT_S = 0.3
+
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 class Script:
@@ -239,12 +235,10 @@ def test_a_firmware_that_hangs_causes_a_timeout() -> None:
 def test_opening_waits_for_the_boot_loader() -> None:
     script = Script()
     script.mute = True
-    timer = threading.Timer(0.7, lambda: setattr(script, "mute", False))
-    with script.peer() as peer:
-        timer.start()
-        with opened(peer) as stage:
-            stage.home()
-            assert stage.position() == (0.0, 0.0, 0.0)
+    clock().after(0.7, lambda: setattr(script, "mute", False))
+    with script.peer() as peer, opened(peer) as stage:
+        stage.home()
+        assert stage.position() == (0.0, 0.0, 0.0)
 
 
 def test_a_stop_from_a_signal_handler_ends_the_move_after_the_current_piece() -> None:
@@ -252,7 +246,8 @@ def test_a_stop_from_a_signal_handler_ends_the_move_after_the_current_piece() ->
     script.pauses = [0.1, b"done\n"]
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
-        with alarm(0.25, stage.stop), pytest.raises(NotThereError, match="stopped on request"):
+        clock().after(0.25, stage.stop)
+        with pytest.raises(NotThereError, match="stopped on request"):
             stage.move((20.0, 4.0, -1.0), 4.0)
         # The plan had ten pieces of half a second each.
         assert 1 <= len(script.moves) <= 6
@@ -264,7 +259,7 @@ def test_unplugging_is_detected() -> None:
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
         script.pauses = []
-        threading.Timer(0.1, peer.unplug).start()
+        clock().after(0.1, peer.unplug)
         with pytest.raises(DeviceLostError):
             stage.move(THERE, 20.0)
         stage.stop()

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import sys
-import threading
-import time
 from collections.abc import Iterator
 
 import pytest
-
-if sys.platform == "win32":
-    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
-
-from helpers.alarm import alarm
+from helpers.rig_here import clock
 from helpers.scripted_grbl import ScriptedGrbl
 
-from tacbench_cad.lab.rig import grbl, grbl_link, greeting
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
@@ -34,12 +26,7 @@ THERE: Point = (-10.0, -20.0, -5.0)
 TIMEOUT_S = 0.4
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("RESET_S", 0.2), ("GREETING_S", 3.0), ("ATTEMPT_S", 0.3)):
-        monkeypatch.setattr(grbl_link, name, seconds)
-    monkeypatch.setattr(greeting, "SETTLE_S", 0.02)
-    monkeypatch.setattr(grbl, "STANDING_S", 0.15)
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 @contextlib.contextmanager
@@ -173,7 +160,7 @@ def test_trait_05_a_stop_holds_and_the_next_move_resumes_with_a_known_position()
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
-        threading.Timer(0.1, stage.stop).start()
+        clock().after(0.1, stage.stop)
         with pytest.raises(NotThereError, match="stopped on request"):
             stage.move(THERE, 20.0)
         script.on_move = None
@@ -281,7 +268,7 @@ def test_unplugging_while_homing_warns_that_the_carriage_may_still_move() -> Non
     script = ScriptedGrbl()
     script.on_home = list
     with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
-        threading.Timer(0.2, peer.unplug).start()
+        clock().after(0.2, peer.unplug)
         with pytest.raises(DeviceLostError, match="the carriage may still move"):
             stage.home()
 
@@ -324,7 +311,7 @@ def test_trait_07_opening_does_not_wait_for_a_banner() -> None:
 
 def test_trait_07_a_reset_on_opening_loses_the_first_second_and_the_position() -> None:
     script = ScriptedGrbl()
-    awake = time.monotonic() + 0.6
+    awake = clock().monotonic() + 0.6
 
     def boot() -> None:
         script.deaf = False
@@ -332,8 +319,7 @@ def test_trait_07_a_reset_on_opening_loses_the_first_second_and_the_position() -
 
     script.deaf = True
     with script.peer() as peer:
-        timer = threading.Timer(awake - time.monotonic(), boot)
-        timer.start()
+        clock().after(awake - clock().monotonic(), boot)
         with GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
             with pytest.raises(PositionLostError, match="opening the port"):
                 stage.position()
@@ -509,7 +495,7 @@ def test_unplugging_in_motion_is_detected() -> None:
     with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
         stage.home()
         moving(script)
-        threading.Timer(0.1, peer.unplug).start()
+        clock().after(0.1, peer.unplug)
         with pytest.raises(DeviceLostError, match="gone"):
             stage.move(THERE, 20.0)
         with pytest.raises(DeviceLostError):
@@ -535,7 +521,8 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
-        with alarm(0.15, stage.stop), pytest.raises(NotThereError, match="stopped on request"):
+        clock().after(0.15, stage.stop)
+        with pytest.raises(NotThereError, match="stopped on request"):
             stage.move(THERE, 20.0)
         script.on_move = None
         assert stage.move(THERE, 20.0) == THERE
@@ -545,7 +532,8 @@ def test_an_interruption_in_a_move_stops_the_carriage() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
-        with alarm(0.15), pytest.raises(KeyboardInterrupt):
+        clock().interrupt(0.15)
+        with pytest.raises(KeyboardInterrupt):
             stage.move(THERE, 20.0)
         script.on_move = None
         assert stage.position() == (-1.0, -1.0, -1.0)
@@ -556,7 +544,7 @@ def test_stop_during_homing_resets_and_the_position_is_unknown() -> None:
     with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
         script.on_home = list
         script.on_reset = lambda: [b"ALARM:6\r\n", script.banner] if peer.lines[-1] == b"$H" else [script.banner]
-        threading.Timer(0.3, stage.stop).start()
+        clock().after(0.3, stage.stop)
         with pytest.raises(AlarmError, match="ALARM:6"):
             stage.home()
         with pytest.raises(PositionLostError):

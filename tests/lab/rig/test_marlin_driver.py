@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 
 import pytest
-
-if sys.platform == "win32":
-    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
-
-from helpers.alarm import alarm
+from helpers.rig_here import clock
 from helpers.scripted_marlin import FIRMWARE, ScriptedMarlin
 
-from tacbench_cad.lab.rig import greeting, marlin_link
+from tacbench_cad.lab.rig import marlin_link
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
@@ -42,11 +36,7 @@ def opened(script: ScriptedMarlin, *, home: bool = True) -> Iterator[MarlinStage
         yield stage
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, seconds in (("GREETING_S", 1.0), ("ATTEMPT_S", 0.3), ("RESEND_PAUSE_S", 0.02)):
-        monkeypatch.setattr(marlin_link, name, seconds)
-    monkeypatch.setattr(greeting, "SETTLE_S", 0.02)
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 def test_identity_names_driver_version_and_port() -> None:
@@ -90,9 +80,9 @@ def test_trait_14_a_move_ends_only_with_m400() -> None:
     script = ScriptedMarlin()
     script.on[b"M400"] = lambda line: [0.3, b"ok\n"]
     with opened(script) as stage:
-        before = time.monotonic()
+        before = clock().monotonic()
         stage.move(THERE, 20.0)
-        assert time.monotonic() - before >= 0.3
+        assert clock().monotonic() - before >= 0.3
         words = [command.split(b" ")[0] for command in script.accepted]
         assert words[-3:] == [b"G1", b"M400", b"M114"]
 
@@ -272,7 +262,7 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it
 
     def stop(line: bytes) -> Iterator[bytes | float]:
         nonlocal stopped_at
-        stopped_at = time.monotonic()
+        stopped_at = clock().monotonic()
         script.on.clear()
         # The interrupted M400 sends ok far from the target; M410 itself is never acknowledged.
         return iter([b"ok\n"])
@@ -280,7 +270,7 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=3.0) as stage:
         stage.home()
         script.on = {b"M400": until_stopped, b"M410": stop}
-        threading.Timer(0.1, stage.stop).start()
+        clock().after(0.1, stage.stop)
         with pytest.raises(NotThereError, match="stopped on request"):
             stage.move(THERE, 20.0)
         sent = len(peer.lines)
@@ -288,8 +278,8 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it
         asking = threading.Thread(target=lambda: answered.append(stage.position()))
         asking.start()
         while len([line for line in peer.lines[sent:] if line not in (b"", b"M410")]) == 0:
-            time.sleep(0.005)
-        first_after = time.monotonic()
+            clock().sleep(0.005)
+        first_after = clock().monotonic()
         asking.join()
         assert first_after - stopped_at > 1.0
         assert answered == [(3.0, 4.0, 50.0)]
@@ -357,10 +347,10 @@ def test_trait_19_endless_busy_causes_a_timeout() -> None:
             [more[0], b"echo:busy: %s\n" % busy] * more[1]
         )
         with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.1) as stage:
-            begin = time.monotonic()
+            begin = clock().monotonic()
             with pytest.raises(NoAnswerError, match=r"G28.*the carriage may still move"):
                 stage.home()
-            assert 0.1 < time.monotonic() - begin < 1.3
+            assert 0.1 < clock().monotonic() - begin < 1.3
 
 
 def test_trait_19_busy_restarts_the_homing_timeout() -> None:
@@ -395,7 +385,7 @@ def test_opening_a_port_that_resets_waits_for_the_end_of_the_boot() -> None:
         script.mute = False
 
     with script.peer() as peer:
-        threading.Timer(0.5, boot).start()
+        clock().after(0.5, boot)
         with MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
             with pytest.raises(PositionLostError, match="opening the port"):
                 stage.position()
@@ -474,7 +464,7 @@ def test_unplugging_in_motion_is_detected() -> None:
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
         stage.home()
         script.on[b"M400"] = lambda line: []
-        threading.Timer(0.1, peer.unplug).start()
+        clock().after(0.1, peer.unplug)
         with pytest.raises(DeviceLostError, match="gone"):
             stage.move(THERE, 20.0)
         stage.stop()
@@ -485,9 +475,11 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=2.0) as stage:
         stage.home()
         script.on = {b"M400": lambda line: [], b"M410": lambda line: []}
-        with alarm(0.1, stage.stop), pytest.raises(NotThereError, match="stopped on request"):
+        clock().after(0.1, stage.stop)
+        with pytest.raises(NotThereError, match="stopped on request"):
             stage.move(THERE, 20.0)
-        peer.wait_for(b"M410")
+        stage.position()
+        assert b"M410" in peer.lines
 
 
 def test_another_firmware_is_refused() -> None:

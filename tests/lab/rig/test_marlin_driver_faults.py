@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
-
-if sys.platform == "win32":
-    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
-
 from helpers.driver_faults import SPEED, survive
 from helpers.rig_here import FakeTime, launch
 

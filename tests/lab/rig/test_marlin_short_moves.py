@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
-
-if sys.platform == "win32":
-    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
-
 from helpers.rig_here import FakeTime, launch
 from helpers.scripted_marlin import ScriptedMarlin
 
 from tacbench_cad.extensions.virtual_rig.process import VirtualRig
-from tacbench_cad.lab.rig import greeting, marlin
+from tacbench_cad.lab.rig import marlin
 from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point
@@ -21,16 +15,13 @@ from tacbench_cad.lab.study.spec import Point
 SPEED = 50.0
 
 
-@pytest.fixture(autouse=True)
-def _short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(greeting, "SETTLE_S", 0.02)
+pytestmark = pytest.mark.usefixtures("rig_time")
 
 
 def opened(rig: VirtualRig) -> MarlinStage:
     return MarlinStage(rig.port, baud=250000)
 
 
-@pytest.mark.usefixtures("rig_time")
 @pytest.mark.parametrize("z_steps_per_mm", [400, 2560])
 def test_every_move_down_to_one_motor_step_is_made(z_steps_per_mm: int) -> None:
     step_mm = 1.0 / z_steps_per_mm
@@ -51,7 +42,6 @@ def test_every_move_down_to_one_motor_step_is_made(z_steps_per_mm: int) -> None:
             assert rig.true_position()[0] == pytest.approx(x, abs=0.013)
 
 
-@pytest.mark.usefixtures("rig_time")
 def test_short_moves_are_made_at_the_upper_ends_of_the_axes() -> None:
     with launch("marlin", speed=SPEED, resets_on_open=False) as rig, opened(rig) as stage:
         stage.home()
