@@ -65,7 +65,7 @@ def test_sample_grids_across_creases_have_a_finite_bound_that_holds(name: str) -
     assert vertical <= certificate.vertical_mm
 
 
-@pytest.mark.parametrize("number", mostly_long(range(1, 7), 1, 2, 6))
+@pytest.mark.parametrize("number", mostly_long(range(1, 7), 1, 2))
 def test_tight_within_a_tolerance(number: int) -> None:
     block = Block.of(number, sampling=Tolerance(mm=0.02))
     mesh, certificate = mesh_block(block)
@@ -77,12 +77,7 @@ def test_tight_within_a_tolerance(number: int) -> None:
 
 @pytest.mark.parametrize(
     ("number", "sampling"),
-    [
-        (1, "grid"),
-        (2, "grid"),
-        (4, SampleGrid(nx=95, ny=101)),
-        *(pytest.param(number, "grid", marks=pytest.mark.long) for number in (3, 4, 5, 6)),
-    ],
+    mostly_long([*((number, "grid") for number in range(1, 7)), (4, SampleGrid(nx=95, ny=101))], (2, "grid")),
 )
 def test_tight_on_a_grid(number: int, sampling: str | SampleGrid) -> None:
     block = Block.of(number, sampling=sampling)  # type: ignore[arg-type]
