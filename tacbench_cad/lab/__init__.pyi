@@ -33,7 +33,7 @@ from .analysis.tables import Column as Column
 from .analysis.tables import Table as Table
 from .analysis.variance.grade import Grade as Grade
 from .analysis.variance.grade import grade as grade
-from .analysis.variance.table import VarianceResult as VarianceResult
+from .analysis.variance.result import VarianceResult as VarianceResult
 from .analysis.variance.table import variance_table as variance_table
 from .parallel import workers as workers
 from .rig.arduino import ArduinoStage as ArduinoStage

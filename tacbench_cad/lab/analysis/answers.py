@@ -26,8 +26,10 @@ import numpy as np
 from tacbench_cad.lab.analysis.tables import Column, Row, Table
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, name_of
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, ratio_interval
-from tacbench_cad.lab.analysis.variance.streaming import CellKey, PlaceSums, levels_with_most_prints
-from tacbench_cad.lab.analysis.variance.table import PrinterTest, VarianceResult, pooled
+from tacbench_cad.lab.analysis.variance.presses import CellKey
+from tacbench_cad.lab.analysis.variance.result import PrinterTest, VarianceResult
+from tacbench_cad.lab.analysis.variance.streaming import PlaceSums, levels_with_most_prints
+from tacbench_cad.lab.analysis.variance.table import pooled
 from tacbench_cad.util.text import interval, short
 
 #: The limit of question 1: standard deviation between prints, as a fraction of the one between textures.

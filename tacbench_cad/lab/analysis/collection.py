@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.analysis.comparable import require_comparable
 from tacbench_cad.lab.analysis.pressing import Pressing
 from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.rig.sensor import Frame
@@ -22,7 +23,6 @@ from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.study.names import COMBINATIONS
 from tacbench_cad.lab.study.spec import UNKNOWN
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Bools, Floats, Ints
@@ -108,7 +108,7 @@ class Collection:
                 are not comparable. The message names both runs and the difference.
         """
         runs = tuple(Run.open(folder) for folder in find_runs(folders))
-        _require_mixable(runs)
+        require_comparable(runs)
         empty = next((run for run in runs if not run.rows), None)
         if empty is not None:
             raise InputError("run", str(empty.folder), "has no press yet; finish it or leave it out")
@@ -367,53 +367,3 @@ class Collection:
     @cached_property
     def _rows(self) -> list[dict[int, schema.Row]]:
         return [{row.number: row for row in run.rows} for run in self.runs]
-
-
-def _require_mixable(runs: Sequence[Run]) -> None:
-    """Check that the runs can be analysed together.
-
-    Raises:
-        InputError: Two runs have the same print, or their presses are not comparable.
-    """
-    first = runs[0]
-    seen: dict[str, Run] = {}
-    corrected: dict[str, tuple[PrinterModel, Path]] = {}
-    for run in runs:
-        known = _common(first.info)
-        for what, value in _common(run.info).items():
-            expected = known.get(what, value)  # the block may be known in some imported runs and unknown in others
-            if value != expected:
-                raise InputError(
-                    what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them separately"
-                )
-        printed = run.info.printed
-        model = None if printed.block is None else printed.block.correction
-        if model is not None:
-            other, folder = corrected.setdefault(printed.combination, (model, run.folder))
-            if other != model:
-                allowed = f"in {run.folder}, but {other.fingerprint} in {folder}; analyse them separately"
-                raise InputError("printer model of the corrected files", model.fingerprint, allowed)
-        name = printed.name
-        if name in seen:
-            raise InputError("run", str(run.folder), f"has the same print as {seen[name].folder}: {name}")
-        seen[name] = run
-
-
-def _common(info: RunInfo) -> dict[str, object]:
-    """Return the facts that must be equal in all runs, so that their presses are comparable."""
-    block, protocol, common = info.printed.block, info.protocol, dict[str, object]()
-    if protocol is not None:
-        levels = "forces_n" if protocol.contact == "force" else "depths_mm"
-        common = {"contact": protocol.contact, levels: list(getattr(protocol, levels))}
-        common["grid"] = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
-    if block is not None:
-        common |= {"block size": [round(side, 9) for side in block.size_mm]}
-        common |= {"preset": block.preset_word, "scale": block.scale}
-        common |= {"relief rule of the corrected files": block.correction and block.correction.relief_rule}
-    return {
-        "protocol": "none" if protocol is None else "planned",
-        **common,
-        "sensor": info.sensor.get("name"),
-        "sensor shape": list(info.frame_shape or ()),
-        "sensor units": info.sensor.get("units"),
-    }

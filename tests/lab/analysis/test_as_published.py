@@ -16,7 +16,8 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED, Pixels
-from tacbench_cad.lab.analysis.variance.table import VarianceResult, variance_table
+from tacbench_cad.lab.analysis.variance.result import VarianceResult
+from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press

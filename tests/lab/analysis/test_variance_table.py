@@ -12,7 +12,8 @@ from helpers.studies import Plan as StudyPlan
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, shown_levels
-from tacbench_cad.lab.analysis.variance.table import VarianceResult, holm, variance_table
+from tacbench_cad.lab.analysis.variance.result import VarianceResult
+from tacbench_cad.lab.analysis.variance.table import holm, variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press

@@ -11,7 +11,7 @@ from tacbench_cad.lab.analysis.variance.cells import (
     short_texture,
     shown_levels,
 )
-from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.lab.analysis.variance.result import VarianceResult
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from tacbench_cad.lab.analysis.variance.figure_parts import (
     squared_unit,
 )
 from tacbench_cad.lab.analysis.variance.map_figures import exhibit_figure, pixel_figure, position_figure, region_figure
-from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.lab.analysis.variance.result import VarianceResult
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:

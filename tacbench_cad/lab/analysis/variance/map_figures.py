@@ -15,8 +15,8 @@ from tacbench_cad.lab.analysis.variance.figure_parts import (
     panel_title,
     squared_unit,
 )
+from tacbench_cad.lab.analysis.variance.result import VarianceResult
 from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
-from tacbench_cad.lab.analysis.variance.table import VarianceResult
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS, POSITIONS, PRINTS
 from tacbench_cad.lab.analysis.published import REPEATS as PAPER_REPEATS
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, REPEATS, Cell
-from tacbench_cad.lab.analysis.variance.table import Protocol
+from tacbench_cad.lab.analysis.variance.result import Protocol
 from tacbench_cad.util.text import counted
 
 K = TypeVar("K")

@@ -10,7 +10,7 @@ from tacbench_cad.lab.analysis import answers
 from tacbench_cad.lab.analysis.tables import Column, Row, Table
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Level, parts_of
 from tacbench_cad.lab.analysis.variance.registration import Seating
-from tacbench_cad.lab.analysis.variance.table import VarianceResult
+from tacbench_cad.lab.analysis.variance.result import VarianceResult
 from tacbench_cad.util.text import short
 
 

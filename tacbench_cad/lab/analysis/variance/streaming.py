@@ -36,7 +36,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -45,14 +45,12 @@ from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments
+from tacbench_cad.lab.analysis.variance.presses import CellKey, Press, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
-
-#: The printer-filament and the texture of a cell.
-CellKey = tuple[str, str]
 
 #: The number of tasks for each process: more than one, so that all processes end at about the same time.
 TASKS_PER_JOB = 4
@@ -142,24 +140,6 @@ class Pass:
             self.add_map(key, picture, count)
         for place, (mean, count) in part.means.items():
             self.add_mean(place, mean, count)
-
-
-class Press(NamedTuple):
-    """A press as it is sent to other processes."""
-
-    level: int
-    position: int
-    combination: str
-    texture: str
-    copy: int
-    repeat: int
-    run: int
-    paths: tuple[str, ...]
-
-    @property
-    def cell(self) -> CellKey:
-        """The printer-filament and the texture."""
-        return (self.combination, self.texture)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -365,24 +345,6 @@ def stream(
     passed.places.sort(key=lambda place: (place.level, place.position))
     passed.floors.sort(key=lambda floor: floor.run)
     return passed
-
-
-def presses_of(collection: Collection, feature: Feature) -> list[Press]:
-    """Return the presses of a study, in the order of the study, with the files that a feature transforms."""
-    columns = (
-        *(collection.level, collection.position, collection.combination, collection.texture),
-        *(collection.print_number, collection.repeat, collection.run),
-    )
-    values = zip(*(column.tolist() for column in columns), strict=True)
-    return [Press._make((*press, feature.paths(collection, i))) for i, press in enumerate(values)]
-
-
-def runs_to_send(collection: Collection) -> tuple[Run, ...]:
-    """Return the runs for other processes, without the data that this process has already read.
-
-    Their paths are absolute, because the workers of a cluster have other working folders.
-    """
-    return tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
 
 
 def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]) -> dict[CellKey, tuple[int, ...]]:

@@ -22,10 +22,9 @@ from __future__ import annotations
 import operator
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import reduce
 from itertools import chain, combinations, product
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature
 from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED, Pixels
 from tacbench_cad.lab.analysis.published import variance_of
-from tacbench_cad.lab.analysis.variance.between import TextureMatrix, texture_matrices
+from tacbench_cad.lab.analysis.variance.between import texture_matrices
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level, Quantity, parts_of
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
 from tacbench_cad.lab.analysis.variance.intervals import (
@@ -44,7 +43,9 @@ from tacbench_cad.lab.analysis.variance.intervals import (
     variance_interval,
 )
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
-from tacbench_cad.lab.analysis.variance.streaming import CellKey, Floor, Pass, PlaceSums, stream
+from tacbench_cad.lab.analysis.variance.presses import CellKey
+from tacbench_cad.lab.analysis.variance.result import PrinterTest, Protocol, Sums, VarianceResult
+from tacbench_cad.lab.analysis.variance.streaming import Floor, PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.region import SURE
 from tacbench_cad.lab.runs.region_search import found_region
@@ -52,96 +53,11 @@ from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 
-#: The sums over positions, by cell in the study's order, then by level from low to high.
-_Sums = Mapping[CellKey, Mapping[int, CellSums]]
-
-#: ``paper``: the variance of prints and repeats, as in the paper's text; ``as-published``: the quantity of the paper's
-#: printed figures.
-Protocol = Literal["paper", "as-published"]
 #: The reason why there is no table, for each quantity.
 _NOT_REPEATED = (
     "no position was pressed more than once; a variance needs a second repeat or a second print",
     "no print was pressed twice at one position; the published quantity is the variance over the repeats on a print",
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class PrinterTest:
-    """A test whether two printer-filaments have the same variance between prints.
-
-    Args:
-        force_level: The level, or ``all``.
-        first: The first printer and filament.
-        second: The second printer and filament.
-        outcome: The result of the permutation test.
-        p_holm: The p of the test, adjusted for all pairs at its level (Holm 1979).
-    """
-
-    force_level: Level
-    first: str
-    second: str
-    outcome: PermutationTest
-    p_holm: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VarianceResult:
-    """All results of ``tacbench variance``.
-
-    Args:
-        collection: The study; with the protocol ``as-published``, its presses at one force level.
-        protocol: The protocol, which defines the quantity of the table.
-        feature: The fitted feature.
-        ddof: 0 as in the paper, or 1.
-        seed: The seed of the intervals and permutations.
-        cells: The cells of the table, by level (``all`` last), combination and texture.
-        components: The rows of ``components.csv``.
-        matrices: The matrices between textures, by combination and level.
-        tests: The permutation tests between printers, by level.
-        positions: The variance at each position, by level and cell, shape (positions,); NaN if unknown.
-        maps: The variance of each pixel (same ddof as the table), mean over positions and over the levels at which the
-            cell has the most prints, at a resolution for figures.
-        means: The mean of each number over positions, prints and repeats, by level and cell; empty unless the feature
-            exhibits them.
-        steps: For series, the variance at each time step (same ddof as the table), mean over pixels and positions, by
-            level and cell, shape (frames of a press,).
-        outside: The fraction of the pixels that lie outside of the sensor. None if a region of interest leaves them
-            out, or if the program is not sure where the sensor is.
-        sums: The sums from which intervals are computed, by cell and level.
-        left_out: The frames that could not be used.
-        passed: The pass over the frames, with counts and times.
-    """
-
-    collection: Collection
-    protocol: Protocol
-    feature: Feature
-    ddof: int
-    seed: int
-    cells: tuple[Cell, ...]
-    components: tuple[Mapping[str, Any], ...]
-    matrices: tuple[TextureMatrix, ...]
-    tests: tuple[PrinterTest, ...]
-    positions: Mapping[tuple[int, CellKey], Floats]
-    maps: Mapping[CellKey, Floats]
-    means: Mapping[tuple[int, CellKey], Floats]
-    steps: Mapping[tuple[int, CellKey], Floats]
-    outside: float | None
-    sums: _Sums
-    left_out: tuple[str, ...]
-    passed: Pass
-
-    @property
-    def units(self) -> str:
-        """The unit of the numbers."""
-        return self.feature.unit or self.collection.units
-
-    def cell(self, level: Level, combination: str, texture: str) -> Cell | None:
-        """Return a cell of the table, or None if the table does not have it."""
-        return self._by_key.get((level, combination, texture))
-
-    @cached_property
-    def _by_key(self) -> dict[tuple[Level, str, str], Cell]:
-        return {(cell.force_level, cell.combination, cell.texture): cell for cell in self.cells}
 
 
 def variance_table(
@@ -252,7 +168,7 @@ def _outside(collection: Collection, feature: Feature) -> float | None:
     return region.outside if region.sureness >= SURE else None
 
 
-def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) -> _Sums:
+def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) -> Sums:
     """Return each cell's sums over positions. A position with one press has no variance and is left out."""
     sums: dict[CellKey, dict[int, CellSums]] = {}
     for key in product(collection.combinations, collection.textures):
@@ -272,7 +188,7 @@ def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) 
 _CellFloor = tuple[Mapping[int, float | None], str]
 
 
-def _floors(collection: Collection, frames: Sequence[Floor], sums: _Sums, quantity: int) -> dict[CellKey, _CellFloor]:
+def _floors(collection: Collection, frames: Sequence[Floor], sums: Sums, quantity: int) -> dict[CellKey, _CellFloor]:
     squares: dict[CellKey, float] = defaultdict(float)
     dof: dict[CellKey, int] = defaultdict(int)
     for floor in frames:
@@ -356,7 +272,7 @@ def _pools(levels: Iterable[Iterable[int]]) -> list[tuple[Level, list[int]]]:
     return [*((level, [level]) for level in each), (ALL_LEVELS, each)]
 
 
-def _components(places: Sequence[PlaceSums], sums: _Sums, seed: int) -> list[dict[str, Any]]:
+def _components(places: Sequence[PlaceSums], sums: Sums, seed: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for level, members in _pools([place.level] for place in places):
         nested = reduce(operator.add, [place.nested for place in places if place.level in members])
@@ -375,7 +291,7 @@ def _component_intervals(cells: Sequence[CellSums | None], seed: int) -> dict[st
     return {name: (interval.low, interval.high) for name, interval in intervals.items()}
 
 
-def _tests(collection: Collection, sums: _Sums, seed: int) -> list[PrinterTest]:
+def _tests(collection: Collection, sums: Sums, seed: int) -> list[PrinterTest]:
     tests: list[PrinterTest] = []
     for level, members in _pools(sums.values()):
         grams: dict[CellKey, Floats] = {}

@@ -32,8 +32,8 @@ from tacbench_cad.lab.analysis.variance.cells import (
 from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import relation_to_paper, variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
+from tacbench_cad.lab.analysis.variance.result import Protocol, VarianceResult
 from tacbench_cad.lab.analysis.variance.result_tables import AS_PUBLISHED_FILES, CELL, COLUMNS, REMOVED, tables_of
-from tacbench_cad.lab.analysis.variance.table import Protocol, VarianceResult
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted, interval, short
