@@ -8,7 +8,6 @@ Import the names from this module. Each name is loaded when it is first used, so
 * a rig: :func:`open_rig`, :class:`Stage`, :class:`Gauge`, :class:`Sensor`, :class:`RigError`
 * a data run with a rig: :func:`acquire_study`; without hardware: :func:`simulate_study`
 * the run folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
-* run folders for other tools, and for publication: :func:`export_runs`, :func:`export_tactile_data`, :func:`publish`
 * other people's frames as run folders: :func:`import_samples`
 * the sensor's region in an image: :func:`find_region`
 * the analysis: :class:`Collection`, :func:`variance_table`, :func:`grade`, :func:`classify`, :func:`compare`

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -37,3 +38,8 @@ def write_hdf5(path: Path, **arrays: Any) -> None:
         for name, array in arrays.items():
             file.create_dataset(f"data/{name}", data=array)
         file.create_dataset(b"\xff", data=np.zeros(12))  # a name that is not UTF-8 is left out
+
+
+def read_endlessly(*arguments: Any) -> None:
+    """Read a file in a child process for longer than any test waits."""
+    time.sleep(600.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.array_frames import frames, write_hdf5
+from helpers.array_frames import frames, read_endlessly, write_hdf5
 
 from tacbench_cad.extensions.exchange.importing import hdf5
 from tacbench_cad.lab import import_samples
@@ -29,7 +29,9 @@ def test_an_hdf5_file_that_takes_too_long_is_read_no_further(tmp_path: Path, mon
     source = hdf5._opened(tmp_path / "X.h5", "")
     assert np.array_equal(source.frame(3), frames()[3])
     with monkeypatch.context() as patch:
-        patch.setattr(hdf5, "LIMITS_S", (0.0, 0.0))
+        patch.setattr(hdf5, "LIMITS_S", (0.1, 0.0))
+        patch.setattr(hdf5, "_frame", read_endlessly)
+        patch.setattr(hdf5, "_content", read_endlessly)
         for read in (lambda: source.frame(4), lambda: hdf5._opened(tmp_path / "X.h5", "")):
             with pytest.raises(InputError, match=r"X\.h5.*takes the HDF5 library longer than 0 s; .*TACBENCH_LIMITS=2"):
                 read()
