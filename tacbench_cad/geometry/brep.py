@@ -113,6 +113,6 @@ def _solid(block: Block) -> tuple[TopoDS_Solid, Certificate]:
 def _patches(block: Block) -> Patches | SplinePatches:
     from tacbench_cad.geometry.splines.patches import patches
 
-    if isinstance(block.surface, SplineSurface):
+    if block.surface.plane_waves is None:
         return spline_patches(block, block.step_tolerance_mm)
     return patches(block, block.step_tolerance_mm)

@@ -39,6 +39,7 @@ from .label import STROKE_MM as STROKE_MM
 from .label import Engraving as Engraving
 from .label import engrave as engrave
 from .operations import added as added
+from .operations import as_spline as as_spline
 from .operations import masked as masked
 from .operations import scaled as scaled
 from .operations import turned as turned

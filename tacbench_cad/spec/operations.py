@@ -46,14 +46,13 @@ def added(surfaces: Sequence[Surface], domain: Domain | None = None) -> Surface:
         InputError: Some surfaces are in mm and others in units, or the domain is missing.
     """
     common_unit(surfaces)
-    waves = [surface for surface in surfaces if isinstance(surface, WaveSum)]
+    waves = [surface.plane_waves for surface in surfaces]
+    if None not in waves:
+        return WaveSum(tuple(wave for each in waves for wave in each or ()), common_unit(surfaces))
     splines = [surface for surface in surfaces if isinstance(surface, SplineSurface)]
-    if not splines:
-        return WaveSum(tuple(wave for surface in waves for wave in surface.waves), common_unit(surfaces))
-    total = splines[0]
-    same = [spline.u.ends == total.u.ends and spline.v.ends == total.v.ends for spline in splines]
-    repeats = {(spline.u.repeats, spline.v.repeats) for spline in splines}
-    if not waves and all(same) and len(repeats) == 1:
+    domains = {(spline.u.ends, spline.v.ends, spline.u.repeats, spline.v.repeats) for spline in splines}
+    if len(splines) == len(surfaces) and len(domains) == 1:
+        total = splines[0]
         for spline in splines[1:]:
             total = _sum(total, spline)
         return total
@@ -69,15 +68,13 @@ def turned(surface: Surface, angle_deg: float, domain: Domain | None = None) -> 
         domain: The domain of the result, if the surface is a spline that repeats.
     """
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
-    if isinstance(surface, WaveSum):
-        return replace(
-            surface,
-            waves=tuple(
-                Wave(amplitude=w.amplitude, f=c * w.f - s * w.g, g=s * w.f + c * w.g, phase=w.phase)
-                for w in surface.waves
-            ),
+    if surface.plane_waves is not None:
+        waves = (
+            Wave(amplitude=w.amplitude, f=c * w.f - s * w.g, g=s * w.f + c * w.g, phase=w.phase)
+            for w in surface.plane_waves
         )
-    if isinstance(surface, SplineSurface) and not (surface.u.repeats and surface.v.repeats):
+        return WaveSum(tuple(waves), surface.unit)
+    if surface.ends != (None, None):
         raise InputError("turn", angle_deg, "a height map can only be turned if it repeats along both sides")
     return _sampled(lambda u, v: surface(c * u + s * v, c * v - s * u), [surface], domain)
 
@@ -118,6 +115,27 @@ def masked(surface: Surface, mask: Callable[[Floats, Floats], Floats], domain: D
     return _sampled(lambda u, v: surface(u, v) * mask(u, v), [surface], domain)
 
 
+def as_spline(surface: Surface, error: float) -> SplineSurface:
+    """Return a spline through a surface, or the surface itself if it is a spline.
+
+    Args:
+        surface: The surface.
+        error: The largest allowed distance of the spline from the surface.
+
+    Raises:
+        InputError: The surface has no ends, or needs too many samples.
+    """
+    if isinstance(surface, SplineSurface):
+        return surface
+    u, v = surface.ends
+    if u is None or v is None:
+        allowed = "has no ends, so no spline can be made of it; window it, or use Texture.from_function"
+        raise InputError("surface", str(surface), allowed)
+    lines = surface.creases[0].tolist(), surface.creases[1].tolist()
+    spline = sampled(surface, u=u, v=v, error=error, creases=lines, unit=surface.unit)
+    return replace(spline, error=spline.error + surface.error)
+
+
 def _sum(first: SplineSurface, second: SplineSurface) -> SplineSurface:
     """Return the exact sum of splines with the same domain, by inserting the knots of each into the other."""
     poles, axes = [first.poles, second.poles], []
@@ -152,12 +170,12 @@ def common_unit(surfaces: Sequence[Surface]) -> Unit:
 
 
 def _domain(surfaces: Sequence[Surface], domain: Domain | None) -> Domain:
-    """Return the given domain, or the common part of the domains of the splines that do not repeat."""
+    """Return the given domain, or the common part of those of the surfaces."""
     if domain is not None:
         return domain
     ends = []
-    for axes in zip(*((each.u, each.v) for each in surfaces if isinstance(each, SplineSurface)), strict=True):
-        fixed = [axis.ends for axis in axes if not axis.repeats]
+    for along in zip(*(each.ends for each in surfaces), strict=True):
+        fixed = [interval for interval in along if interval is not None]
         if not fixed:
             break
         ends.append((max(low for low, _ in fixed), min(high for _, high in fixed)))
@@ -181,7 +199,7 @@ def _sampled(
         lines: Further lines along u and v at which the sampling must begin anew, because the function changes there.
     """
     u, v = ends = _domain(surfaces, domain)
-    known = [each.over(u, v) for each in surfaces if isinstance(each, SplineSurface)]
+    known = [each.over(u, v) for each in surfaces]
     creases = []
     for i, (low, high) in enumerate(ends):
         # the creases come first: of two lines at almost the same place, the second is left out

@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, nearest, require_between
 from tacbench_cad.util.text import decimal
 from tacbench_cad.util.types import Bools, Floats
@@ -100,20 +100,20 @@ class Circle:
 
     def integral(self, surface: Surface) -> float:
         """Return the integral of a surface over the disc inside."""
-        if isinstance(surface, WaveSum):
-            return self._integral_of_waves(surface)
+        if (waves := surface.plane_waves) is not None:
+            return self._integral_of_waves(waves)
         n = _INTEGRAL_SIDES
         radius = self.radius * math.sqrt(2.0 * math.pi / (n * math.sin(2.0 * math.pi / n)))
         turns = 2.0 * math.pi * (np.arange(n) + 0.5) / n
         points = np.array(self.centre) + radius * np.column_stack([np.cos(turns), np.sin(turns)])
         return Corners(tuple(map(tuple, points.tolist()))).integral(surface)
 
-    def _integral_of_waves(self, surface: WaveSum) -> float:
+    def _integral_of_waves(self, waves: tuple[Wave, ...]) -> float:
         """Return the integral in closed form: that of a plane wave is its value at the centre times 2 pi r J1(kr)/k."""
         from scipy.special import j1
 
         (x, y), r = self.centre, self.radius
-        amplitude, f, g, phase = surface.table.T
+        amplitude, f, g, phase = np.array([(w.amplitude, w.f, w.g, w.phase) for w in waves]).reshape(-1, 4).T
         k = np.hypot(f, g) * r
         shrink = np.where(k == 0.0, 1.0, 2.0 * j1(k) / np.where(k == 0.0, 1.0, k))
         return float(self.area_mm2 * np.sum(amplitude * np.sin(f * x + g * y + phase) * shrink))

@@ -96,9 +96,10 @@ def _own_domain(
     surface: Surface, size_mm: tuple[float, float] | None
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Return the domain of a height map in mm, or its lower left part of some size; None for other surfaces."""
-    if surface.ends is None:
+    across, down = surface.ends
+    if across is None or down is None:
         return None
-    (x0, x1), (y0, y1) = surface.ends
+    (x0, x1), (y0, y1) = across, down
     width, depth = size_mm or (x1 - x0, y1 - y0)
     return ((x0, x0 + width), (y0, y0 + depth))
 

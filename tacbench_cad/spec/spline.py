@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from tacbench_cad.spec.extremes import Extremes, Region, search_cells
 from tacbench_cad.spec.intervals import Intervals
 from tacbench_cad.spec.sines import Sines
-from tacbench_cad.spec.surface import Domain, Surface, Unit
+from tacbench_cad.spec.surface import Ends, Surface, Unit
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -469,9 +469,9 @@ class SplineSurface(Surface):
         return replace(self, u=u, v=v, poles=poles, error=error, unit=unit or self.unit)
 
     @property
-    def ends(self) -> Domain | None:
-        """The domain; None if the surface repeats along u or v."""
-        return None if self.u.repeats or self.v.repeats else (self.u.ends, self.v.ends)
+    def ends(self) -> Ends:
+        """The ends of the domain along u and along v; None along an axis along which the surface repeats."""
+        return None if self.u.repeats else self.u.ends, None if self.v.repeats else self.v.ends
 
     def repeated(self, along: tuple[bool, bool] = (True, True)) -> SplineSurface:
         """Return a spline that repeats beyond its ends.

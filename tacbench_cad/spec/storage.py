@@ -1,4 +1,7 @@
-"""Surfaces as plain values of JSON: the waves of a sum, or the knots and the packed poles of a spline."""
+"""Surfaces as plain values of JSON: the waves of a sum, or the knots and the packed poles of a spline.
+
+A surface of another kind is stored as a spline through it, with the measured error.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from typing import Any, get_args
 import numpy as np
 
 from tacbench_cad.spec.interpolation import MAX_POLES, MAX_SAMPLES
+from tacbench_cad.spec.operations import SAMPLED_FRACTION, as_spline
 from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.spec.surface import Surface, Unit
@@ -27,9 +31,9 @@ def surface_values(surface: Surface) -> dict[str, Any]:
     Returns:
         The key ``unit``, and the key ``waves`` with rows ``amplitude, f, g, phase`` or the key ``spline`` with a table.
     """
-    if isinstance(surface, WaveSum):
-        return {"unit": surface.unit, "waves": [[w.amplitude, w.f, w.g, w.phase] for w in surface.waves]}
-    assert isinstance(surface, SplineSurface)
+    if (waves := surface.plane_waves) is not None:
+        return {"unit": surface.unit, "waves": [[w.amplitude, w.f, w.g, w.phase] for w in waves]}
+    surface = as_spline(surface, SAMPLED_FRACTION * surface.amplitude_sum)
     single = np.array_equal(surface.poles.astype(np.float32).astype(np.float64), surface.poles)
     number = "float32" if single else "float64"
     packed = zlib.compress(np.ascontiguousarray(surface.poles, dtype=_FORMATS[number]).tobytes())
@@ -46,12 +50,13 @@ def surface_values(surface: Surface) -> dict[str, Any]:
 
 def surface_summary(surface: Surface) -> dict[str, Any]:
     """Return the same without the knots and the poles of a spline, for people and for manifests."""
-    if isinstance(surface, WaveSum):
+    if (waves := surface.plane_waves) is not None:
         return {
             "unit": surface.unit,
-            "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in surface.waves],
+            "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in waves],
         }
-    assert isinstance(surface, SplineSurface)
+    if not isinstance(surface, SplineSurface):
+        return {"unit": surface.unit, "surface": str(surface), "error": surface.error, "evidence": surface.evidence}
     return {
         "unit": surface.unit,
         "spline": {

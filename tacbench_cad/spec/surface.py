@@ -24,6 +24,8 @@ from tacbench_cad.util.types import Floats
 Unit = Literal["units", "mm"]
 #: The ends of a rectangle along u and v.
 Domain = tuple[tuple[float, float], tuple[float, float]]
+#: The ends along u and along v, where there are some.
+Ends = tuple[tuple[float, float] | None, tuple[float, float] | None]
 
 
 class Surface(Protocol):
@@ -158,9 +160,9 @@ class Surface(Protocol):
         return None
 
     @property
-    def ends(self) -> Domain | None:
-        """The rectangle outside of which the surface is not known; None if it is known in the whole plane."""
-        return None
+    def ends(self) -> Ends:
+        """The ends along u and along v beyond which the surface is not known; None along an axis without ends."""
+        return None, None
 
     def __add__(self, other: Surface) -> Surface:
         """Return the sum; see :func:`tacbench_cad.spec.operations.added`."""

@@ -345,7 +345,7 @@ class _Combined:
         named = [f"{weight:g} {part.name}" for part, weight in zip(parts, weights, strict=True)]
         text = " + ".join(named) + (f", turned by {self.turn_deg:g} degrees" if self.turn_deg else "")
         if self.fade is not None:
-            if table.domain is None and surface.ends is None:
+            if table.domain is None and None in surface.ends:
                 raise InputError("[block] domain", None, "is missing; fade needs [[u low, u high], [v low, v high]]")
             surface = surface.windowed(self.fade, table.domain)
             text += f", fading out over {self.fade:g}"

@@ -9,7 +9,6 @@ import numpy as np
 
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, TOLERANCE_MM, Tolerance
-from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Bools, Floats
@@ -81,9 +80,9 @@ def printable_heights(surface: Surface, x: Floats, y: Floats, nozzle_mm: float) 
     Returns:
         The heights in mm, shape (n, m).
     """
-    if isinstance(surface, WaveSum):
+    if (waves := surface.plane_waves) is not None:
         highest = math.pi / nozzle_mm
-        return WaveSum(tuple(w for w in surface.waves if math.hypot(w.f, w.g) <= highest)).grid(x, y)
+        return WaveSum(tuple(w for w in waves if math.hypot(w.f, w.g) <= highest)).grid(x, y)
     from scipy.fft import dctn, idctn
 
     weights = dctn(surface.grid(x, y), type=1)
@@ -98,12 +97,13 @@ def spectrum(block: Block) -> Spectrum:
     Before the transform, a plane is subtracted and the edges are faded out by a Hann window.
     """
     surface = block.surface
-    if isinstance(surface, WaveSum):
-        rows = [(2.0 * math.pi / math.hypot(f, g), a * a / 2.0) for a, f, g, _ in surface.table if a and (f or g)]
+    if (waves := surface.plane_waves) is not None:
+        moving = [w for w in waves if w.amplitude and (w.f or w.g)]
+        rows = [(2.0 * math.pi / math.hypot(w.f, w.g), w.amplitude**2 / 2.0) for w in moving]
         table = np.array(sorted(rows))
         return Spectrum(table[:, 0], table[:, 1], len(rows))
-    assert isinstance(surface, SplineSurface)
-    counts = [int(np.clip(axis.count, 64, _MAX_SAMPLES)) for axis in (surface.u, surface.v)]
+    # a cubic spline has two poles more than knots; a surface without knots gets the most samples
+    counts = [min(max(len(lines) + 2, 64), _MAX_SAMPLES) if len(lines) else _MAX_SAMPLES for lines in surface.breaks]
     steps = [side / count for side, count in zip(block.size_mm, counts, strict=True)]
     x, y = (
         np.asarray((np.arange(count) + 0.5) * step, dtype=np.float64) for count, step in zip(counts, steps, strict=True)
@@ -138,14 +138,14 @@ def turned_note(block: Block) -> str | None:
 
     The angle changes if a unit has different lengths in mm along x and y.
     """
-    surface = block.surface
-    if not isinstance(surface, WaveSum):
+    waves = block.surface.plane_waves
+    if waves is None:
         return None
     per_x, per_y = block.mm_per_unit[:2]
     changes = []
-    for a, f, g, _ in surface.table:
-        if a and f and g:
-            printed, drawn = math.atan2(g, f), math.atan2(g * per_y, f * per_x)
+    for w in waves:
+        if w.amplitude and w.f and w.g:
+            printed, drawn = math.atan2(w.g, w.f), math.atan2(w.g * per_y, w.f * per_x)
             changes.append((round(abs(printed - drawn), 9), math.degrees(drawn) % 180.0, math.degrees(printed) % 180.0))
     largest = max(changes, key=lambda change: change[0], default=(0.0, 0.0, 0.0))
     if largest[0] < math.radians(_TURNED_DEG):

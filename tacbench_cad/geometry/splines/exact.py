@@ -11,6 +11,7 @@ import numpy as np
 
 from tacbench_cad.geometry.mesh import Certificate
 from tacbench_cad.spec.block import Block
+from tacbench_cad.spec.operations import as_spline
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
@@ -156,13 +157,15 @@ def spline_refusal(surface: SplineSurface) -> str | None:
 
 
 def spline_patches(block: Block, tolerance_mm: float) -> SplinePatches:
-    """Divide the spline surface of a block into patches. There are lines along all creases.
+    """Divide the surface of a block into patches of splines. There are lines along all creases.
+
+    A surface that is not a spline is sampled within half of the tolerance.
 
     Raises:
         InputError: The surface has too many poles, or its own error is larger than the tolerance.
     """
-    surface = block.surface
-    assert isinstance(surface, SplineSurface)
+    (width, depth), key = block.size_mm, block.key_mm or 0.0
+    surface = as_spline(block.surface, tolerance_mm / 2.0).over((0.0, width), (0.0, depth))
     if refusal := spline_refusal(surface):
         raise InputError("formats", "step", f"{block.texture.name} has no solid: {refusal}")
     if surface.error > tolerance_mm:
@@ -171,7 +174,6 @@ def spline_patches(block: Block, tolerance_mm: float) -> SplinePatches:
             tolerance_mm,
             f"must be larger than the error {surface.error:.2g} mm of the texture itself",
         )
-    (width, depth), key = block.size_mm, block.key_mm or 0.0
     offsets = np.zeros(0)
     if key:
         near = [axis.breaks - start for axis, start in ((surface.u, width - key), (surface.v, 0.0))]
