@@ -219,7 +219,6 @@ class RunWriter:
         age_s = reference_age_s
         if age_s is None and time_utc is not None and self.reference_time is not None:
             age_s = (time_utc - self.reference_time).total_seconds()
-        x, y, z, rx, ry, rz = (round(float(value), 6) + 0.0 for value in (*pose_mm, *angles_deg))
         require_complete(press.number, moving, self.info.series_frames)
         if moving and press.number not in self.done:
             files = [self._encoded(each.frame) for each in moving]
@@ -228,12 +227,7 @@ class RunWriter:
         return self.sample(
             press.number,
             self._encoded(frame),
-            pose_x=x,
-            pose_y=y,
-            pose_z=z,
-            pose_rx=rx,
-            pose_ry=ry,
-            pose_rz=rz,
+            **schema.pose_values(pose_mm, angles_deg),
             position=press.position,
             force_level=press.force_level,
             target_force_n=press.target_n,

@@ -98,6 +98,12 @@ def moving_name(index: int, count: int, suffix: str) -> str:
     return f"frame_{index:0{max(2, len(str(count)))}d}{suffix}"
 
 
+def pose_values(mm: Point, deg: Angles) -> dict[str, float]:
+    """Return the fields of a row for a pose of the sensor, rounded to 1 nm and 1 microdegree."""
+    names = (f"pose_{turn}{axis}" for turn in ("", "r") for axis in "xyz")
+    return {name: round(float(value), 6) + 0.0 for name, value in zip(names, (*mm, *deg), strict=True)}
+
+
 class TableRow:
     """A row of a table. ``FILE`` is the path of the table, relative to the run folder."""
 

@@ -129,16 +129,10 @@ def write_series(
     for index, (each, file) in enumerate(zip(moving, files, strict=True), start=1):
         name = schema.moving_name(index, len(moving), file.suffix)
         file.write(here / name, durable=durable)
-        (x, y, z), (rx, ry, rz) = each.pose_mm, each.rotation_deg
         rows.append(
             MovingRow(
+                **schema.pose_values(each.pose_mm, each.rotation_deg),
                 time_s=round(each.time_s - moving[0].time_s, 4),
-                pose_x=round(float(x), 6) + 0.0,
-                pose_y=round(float(y), 6) + 0.0,
-                pose_z=round(float(z), 6) + 0.0,
-                pose_rx=round(float(rx), 6) + 0.0,
-                pose_ry=round(float(ry), 6) + 0.0,
-                pose_rz=round(float(rz), 6) + 0.0,
                 pose_from=each.pose_from,
                 force_n=None if each.force_n is None else round(float(each.force_n), 6),
                 frame=name,
