@@ -11,13 +11,13 @@ from typing import Literal
 
 import numpy as np
 
+from tacbench_cad.lab.acquire.after_touch import motion_of
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.acquire.slide import Slider, TooFewFramesError
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
@@ -28,6 +28,7 @@ from tacbench_cad.lab.rig.errors import (
     NotReachedError,
     SensorError,
     SlipError,
+    TooFewFramesError,
 )
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.rig.stage import measures_offset
@@ -177,7 +178,8 @@ class _BlockSession:
         )
         self._plan = self.run.info.press_by_number
         sensor, clock = self.rig.sensor, self.rig.clock
-        self.slider = Slider(self.protocol, self.carriage, self.force, sensor, self._read, clock)
+        motion = motion_of(self.protocol)
+        self.motion = motion and motion(self.protocol, self.carriage, self.force, sensor, self._read, clock)
 
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
@@ -229,10 +231,11 @@ class _BlockSession:
         Raises:
             TooFewFramesError: The sensor was too slow, and this was the last attempt.
         """
-        if self.protocol.motion == "none":
+        if self.motion is None:
             return []
         try:
-            return self.slider.move(press)
+            frames: list[MovingFrame] = self.motion.after_touch(press)
+            return frames
         except TooFewFramesError as error:
             if is_last:
                 raise

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+from tacbench_cad.lab.acquire.after_touch import motion_of
 from tacbench_cad.lab.acquire.block import BlockResult, press_block
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Person
@@ -117,11 +118,13 @@ def acquire_study(
 
     Raises:
         InputError: The study cannot be pressed on this rig, or a run was begun with other settings.
+        MissingToolError: The motion of the protocol belongs to an extension that is not installed.
         RigError: A device failed or a limit was exceeded; the run can be resumed.
         RunInterruptedError: A signal interrupted the run, which can be resumed. The error says whether the sensor is
             lifted and how many presses are saved.
     """
     rig.require_gauge_for(study.protocol)
+    motion_of(study.protocol)  # a missing extension is reported before a device is opened
     require_turning(study.protocol, rig.stage)
     slots = rig.stage.frames
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)

@@ -13,22 +13,23 @@ import numpy as np
 import pytest
 from helpers.emulated import emulated_study
 from helpers.fakes import Plate, SlidingStage
-from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol
+from helpers.rigs import AT_ONCE, FakeRig, info_of, rig_settings, small_protocol, study_of
 
+from tacbench_cad.extensions.motions.contact_motion import Recorder, nearest_frames
 from tacbench_cad.lab.acquire.block import press_block
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.acquire.slide import Recorder, TooFewFramesError, nearest_frames
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError, SlipError
+from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError, SlipError, TooFewFramesError
 from tacbench_cad.lab.rig.track import Track
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import Protocol
 from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.util.errors import MissingToolError
 
 FRAMES = 5
 TRAVEL_MM = 5.0
@@ -259,7 +260,7 @@ def test_a_recorder_keeps_few_values_spread_over_the_time_and_the_last_one() -> 
 
 
 def test_a_recorder_stops_the_stage_again_until_its_body_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tacbench_cad.lab.acquire.slide.STOP_AGAIN_S", 0.001)
+    monkeypatch.setattr("tacbench_cad.extensions.motions.contact_motion.STOP_AGAIN_S", 0.001)
     stops = 0
 
     def read() -> tuple[float, int]:
@@ -303,3 +304,13 @@ def test_a_slide_on_virtual_firmware_with_the_simulated_sensor(tmp_path: Path, d
     # The pins have moved, and the press itself was before the motion.
     changed = np.count_nonzero(np.abs(series.frames.astype(float) - run.frame(row)) > 40.0, axis=(1, 2))
     assert changed[-1] > 1000 and changed[0] < changed[-1]
+
+
+def test_a_motion_without_its_extension_is_refused_before_a_device_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tacbench_cad.lab.acquire.after_touch.entries", lambda group: {})
+    study = study_of(slide_protocol(), 1)
+    person = Typing(lambda prompt: "", lambda message: None)
+    with pytest.raises(MissingToolError, match='motion = "slide" needs an extension that is not installed'):
+        acquire_study(study, rig_settings(), tmp_path, person=person, progress=Notes(), opener=FakeRig().opener)

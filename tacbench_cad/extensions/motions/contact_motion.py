@@ -20,7 +20,7 @@ import numpy as np
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import RigError, SensorError
+from tacbench_cad.lab.rig.errors import RigError, TooFewFramesError
 from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import tracked
 from tacbench_cad.lab.rig.track import Track, TurnTrack
@@ -38,10 +38,6 @@ SPARE_FRAMES = 4
 STOP_AGAIN_S = 2.0
 
 T = TypeVar("T")
-
-
-class TooFewFramesError(SensorError):
-    """The sensor was too slow for the number of frames of a motion."""
 
 
 class Recorder(Generic[T]):
@@ -118,8 +114,8 @@ class Recorder(Generic[T]):
                 self._failed()
 
 
-class Slider:
-    """Makes the motions of a protocol.
+class ContactMotion:
+    """Makes the motion of a protocol after each press. See :func:`tacbench_cad.lab.acquire.after_touch.motion_of`.
 
     Args:
         protocol: The protocol.
@@ -142,7 +138,7 @@ class Slider:
         self.protocol, self.carriage, self.force, self.clock = protocol, carriage, force, clock
         self._sensor, self._read = sensor, read
 
-    def move(self, press: Press) -> list[MovingFrame]:
+    def after_touch(self, press: Press) -> list[MovingFrame]:
         """Make the motion from the place of a press, where the sensor is in contact. The sensor stays at the end.
 
         Returns:
