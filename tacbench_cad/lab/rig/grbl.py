@@ -39,19 +39,18 @@ from tacbench_cad.lab.rig.errors import (
 )
 from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings
 from tacbench_cad.lab.rig.grbl_link import ANSWER_S, HOLD, RESET, GrblLink
+from tacbench_cad.lab.rig.grbl_machine import ASIDE_MM, GrblMachine, is_aside
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.serial_stage import (
     STILL_HOMING,
     SerialOptions,
     SerialStage,
     confirmed,
-    duration_s,
     is_near,
     place_text,
 )
 from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.study.spec import Point, StageSettings
-from tacbench_cad.util.errors import InputError
 
 #: The baud rate of the port.
 BAUD = 115200
@@ -62,8 +61,6 @@ POLL_S, END_POLL_S = 0.03, 0.005
 END_S = 0.3
 #: A carriage that stands still this long, in s, away from its target will probably not continue.
 STANDING_S = 0.3
-#: The allowed distance of a reported position from the straight line to the target, in mm.
-ASIDE_MM = 0.05
 #: The largest number of repetitions of a line that the firmware could not read and did not execute.
 RESENDS = 5
 #: The largest number of attempts to home, if the firmware does not accept the command.
@@ -72,8 +69,6 @@ HOMINGS = 4
 NO_HOMING = 5
 #: The settings that stop moves at the ends of the travel: soft limits and end stops.
 LIMITS = (20, 21)
-#: The value of ``$1`` that keeps the motors powered at rest.
-ALWAYS_ON = 255
 
 
 class GrblStage(SerialStage[GrblLink]):
@@ -113,9 +108,10 @@ class GrblStage(SerialStage[GrblLink]):
             self.identity = f"grbl: {self._link.firmware} at {port}"
             self._look_around()
             self.settings = self._restored_settings() if checks_settings else self._link.settings()
+            self._machine = GrblMachine(name=self._link.name, settings=self.settings, options=self._link.options)
             if checks_settings:
-                self._require_settings()
-            self._tolerance_mm = tuple(tolerance_mm or self._resolution(axis) for axis in range(3))
+                self._machine.require_pressable()
+            self._tolerance_mm = tuple(tolerance_mm or self._machine.resolution_mm(axis) for axis in range(3))
 
     def home(self) -> None:
         """Find the end stops, z first and upwards (GRBL's own order). Afterwards the position is known.
@@ -151,7 +147,7 @@ class GrblStage(SerialStage[GrblLink]):
             if self._link.next(0.05) is None:
                 break
         at = self._standing("Idle", failed="does not come to rest")
-        if not home_reported and not self._at_ends(at):
+        if not home_reported and not self._machine.is_at_ends(at):
             raise PositionLostError(f"{self._link.name}: answered ok to homing but did not home; home it first")
         self._line.torn = False
         self._link.lost = ""
@@ -179,7 +175,9 @@ class GrblStage(SerialStage[GrblLink]):
         try:
             for number in limits:
                 self._link.set(number, 0.0)
-            return self._search_switches(self._home_mm)
+            return self._machine.offset_at_switches_mm(
+                self._home_mm, self.position(), self.move, lambda: self._link.status().pins
+            )
         finally:
             with suppress(RigError):
                 if self._stopping:
@@ -197,26 +195,6 @@ class GrblStage(SerialStage[GrblLink]):
         if self._link.marked:
             self._switch_on({number: 1.0 for number in LIMITS if number in self._link.marked})
         return self._link.settings()
-
-    def _search_switches(self, home_mm: Point) -> Point:
-        x, y, _ = self.position()
-        self.move((x, y, home_mm[2]), switches.WAY_MM_S)
-        self.move(home_mm, switches.WAY_MM_S)
-        offsets = []
-        for axis in (2, 0, 1):
-            towards = -1 if int(self.settings.get(23, 0.0)) >> axis & 1 else 1
-
-            def closed_at(coordinate_mm: float, axis: int = axis) -> bool:
-                target = [*home_mm]
-                target[axis] = coordinate_mm
-                self.move((target[0], target[1], target[2]), switches.SEARCH_MM_S)
-                return "XYZ"[axis] in self._link.status().pins
-
-            switch_mm = home_mm[axis] + towards * self.settings.get(27, 1.0)
-            offsets.append(switches.offset_at_switch(closed_at, switch_mm, towards))
-            self.move(home_mm, switches.WAY_MM_S)
-        z, x, y = offsets
-        return (x, y, z)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """Move to a position in a straight line. The move is finished when ``Idle`` at the target is reported.
@@ -263,70 +241,11 @@ class GrblStage(SerialStage[GrblLink]):
 
     def checked_settings(self, stage: StageSettings | None = None) -> tuple[FirmwareSetting, ...]:
         """Compare the firmware's settings with those of a press rig, and with a study's ``[stage]`` if given."""
-        return grbl_settings(self.settings, counts_from_switch=self._counts_from_switch, stage=stage)
-
-    def _require_settings(self) -> None:
-        """Refuse settings with which the sensor must not press.
-
-        Raises:
-            ProtocolError: The firmware reports inches, switches its motors off at rest, or has homing without soft
-                limits.
-        """
-        if int(self.settings.get(22, 0.0)) & 1 and self.settings.get(20) == 0.0:
-            raise ProtocolError(
-                f"{self._link.name}: has no soft limits ($20=0); send it $20=1, and $21=1 so that the end stops stop "
-                "moves"
-            )
-        if self.settings.get(13, 0.0) != 0.0:
-            raise ProtocolError(f"{self._link.name}: reports inches; send it $13=0")
-        if (delay_ms := self.settings.get(1, ALWAYS_ON)) != ALWAYS_ON:
-            raise ProtocolError(
-                f"{self._link.name}: switches its motors off {delay_ms:g} ms after each move ($1={delay_ms:g}), so "
-                f"the sensor would press without power; send it $1={ALWAYS_ON} once with a serial terminal"
-            )
-
-    @property
-    def _counts_from_switch(self) -> bool | None:
-        """Whether a coordinate is 0 at the switch, and not after homing (a build with the option Z); None: unknown."""
-        return None if self._link.options is None else "Z" not in self._link.options
-
-    @property
-    def top_mm(self) -> float:
-        """The highest z in mm that the stage reaches without closing the end stop of z."""
-        pull_off_mm = self.settings.get(27, 1.0)
-        is_upwards = not int(self.settings.get(23, 0.0)) & 4
-        has_limits = self.settings.get(21, 0.0) != 0.0
-        return -pull_off_mm if is_upwards and has_limits and self._counts_from_switch else math.inf
-
-    @property
-    def travel_mm(self) -> tuple[tuple[float, float] | None, ...]:
-        """The lowest and highest coordinate that the firmware's soft limits allow; None for an axis without them."""
-        if self.settings.get(20, 0.0) == 0.0 or self._counts_from_switch is None:
-            return (None, None, None)
-        ranges: list[tuple[float, float] | None] = []
-        for axis in range(3):
-            travel_mm = self.settings.get(130 + axis)
-            homes_downwards = int(self.settings.get(23, 0.0)) >> axis & 1
-            if travel_mm is None:
-                ranges.append(None)
-            else:
-                ranges.append(
-                    (0.0, travel_mm) if homes_downwards and not self._counts_from_switch else (-travel_mm, 0.0)
-                )
-        return tuple(ranges)
+        return grbl_settings(self.settings, counts_from_switch=self._machine.counts_from_switch, stage=stage)
 
     def kept_limits_mm(self, limits_mm: Limits) -> Limits:
         """See :class:`tacbench_cad.lab.rig.firmware_settings.HasLimits`."""
-        for axis, (low, high), allowed in zip("xyz", limits_mm, self.travel_mm, strict=True):
-            if allowed is not None and not allowed[0] <= low <= high <= allowed[1]:
-                raise InputError(
-                    f"[stage] limits_mm {axis}",
-                    [low, high],
-                    f"reaches beyond the travel that the firmware allows, {allowed[0]:g} to {allowed[1]:g} mm "
-                    f"(its settings $20 and ${130 + 'xyz'.index(axis)})",
-                )
-        x, y, (low, high) = limits_mm
-        return (x, y, (low, min(high, self.top_mm)))
+        return self._machine.kept_limits_mm(limits_mm)
 
     @contextmanager
     def _stoppable_homing(self) -> Iterator[None]:
@@ -360,41 +279,18 @@ class GrblStage(SerialStage[GrblLink]):
         if self._last is None or self._home_mm is None:
             return
         below_mm = self._home_mm[2] - self._last[2]
-        if below_mm > 2.0 * self.settings.get(27, 1.0) and "Z" in self._link.status().pins:
+        if below_mm > 2.0 * self._machine.pull_off_mm and "Z" in self._link.status().pins:
             raise self._link.switch_stays_closed(below_mm)
 
     def _reported(self) -> Point:
         report = self._link.status()
         self._link.not_locked(report)
-        return self._machine(report)
+        return self._place(report)
 
-    def _machine(self, report: Status) -> Point:
+    def _place(self, report: Status) -> Point:
         at = self._link.machine(report)
         assert at is not None, "status() waits for a position"
         return at
-
-    def _resolution(self, axis: int) -> float:
-        """Return half a motor step plus the rounding of reports, in mm."""
-        steps_per_mm = self.settings.get(100 + axis, 0.0)
-        return 0.5 / steps_per_mm + 0.0015 if steps_per_mm > 0.0 else 0.01
-
-    @property
-    def _rates_mm_s(self) -> tuple[float, ...]:
-        return tuple(self.settings.get(110 + axis, 0.0) / 60.0 for axis in range(3))
-
-    def _travel_s(self, start: Point, target: Point, speed_mm_s: float) -> float:
-        """Return the expected duration of a move in s, with acceleration (``$120`` to ``$122``)."""
-        accelerations = [
-            self.settings.get(120 + axis, 0.0) * math.dist(start, target) / abs(b - a)
-            for axis, (a, b) in enumerate(zip(start, target, strict=True))
-            if a != b
-        ]
-        seconds = duration_s(start, target, speed_mm_s, self._rates_mm_s)
-        if not seconds or min(accelerations) <= 0.0:
-            return seconds
-        length, acceleration = math.dist(start, target), min(accelerations)
-        ramp_s = length / seconds / acceleration
-        return seconds + ramp_s if seconds > ramp_s else 2.0 * math.sqrt(length / acceleration)
 
     def _there(self, at: Point, target: Point) -> bool:
         return is_near(at, target, self._tolerance_mm)
@@ -406,7 +302,7 @@ class GrblStage(SerialStage[GrblLink]):
         command = f"G21G90G94G53G1X{x:.4f}Y{y:.4f}Z{z:.4f}F{max(60.0 * speed_mm_s, 0.1):.3f}"
         line.write(command.encode("ascii") + b"\n")
         start_s = reported_s = progress = line.now_s()
-        travel_s = self._travel_s(start, target, speed_mm_s) / self._clock.speed
+        travel_s = self._machine.travel_s(start, target, speed_mm_s) / self._clock.speed
         give_up = start_s + self._timeout_s + 2.0 * travel_s * self._clock.speed
         closest, aside, accepted, refusals, foreign = math.dist(start, target), 0, False, 0, 0
         standing: tuple[Point, float] | None = None
@@ -444,7 +340,7 @@ class GrblStage(SerialStage[GrblLink]):
                 self._stopping = True
                 raise NotThereError(f"{name}: was put on hold at {place_text(at)}, perhaps by its button")
             # A single report may be damaged, so two consecutive reports are needed.
-            aside = aside + 1 if _is_aside(at, start, target) else 0
+            aside = aside + 1 if is_aside(at, start, target) else 0
             if aside >= 2:
                 self.stop()
                 raise NotThereError(
@@ -540,7 +436,7 @@ class GrblStage(SerialStage[GrblLink]):
             report = self._link.status()
             self._link.not_locked(report)
             if report.state in states and (report.state != "Hold" or report.detail == 0):
-                return self._machine(report)
+                return self._place(report)
             now = self._line.now_s()
             if now >= until:
                 raise NotThereError(f"{self._link.name}: {failed}; its state is {report.state}")
@@ -548,12 +444,6 @@ class GrblStage(SerialStage[GrblLink]):
                 self._line.write_now(HOLD)
                 again = now + ANSWER_S
             self._clock.sleep(POLL_S)
-
-    def _at_ends(self, at: Point) -> bool:
-        """Return whether every coordinate is the pull-off distance of homing away from an end of the travel."""
-        near = 2.0 * self.settings.get(27, 1.0) + 0.1
-        ends = [(0.0, self.settings.get(130 + axis, 0.0)) for axis in range(3)]
-        return all(min(abs(abs(a) - end) for end in pair) <= near for a, pair in zip(at, ends, strict=True))
 
     def _look_around(self) -> None:
         """Check the state of the stage when it is opened."""
@@ -567,13 +457,3 @@ class GrblStage(SerialStage[GrblLink]):
         elif report.state in ("Home", "Sleep"):
             self._link.reset()
             self._link.lost = f"the firmware was in state {report.state}"
-
-
-def _is_aside(at: Point, start: Point, target: Point) -> bool:
-    """Return whether a position is off the straight line from start to target."""
-    way = [b - a for a, b in zip(start, target, strict=True)]
-    off = [b - a for a, b in zip(start, at, strict=True)]
-    length2 = sum(a * a for a in way)
-    fraction = sum(a * b for a, b in zip(way, off, strict=True)) / length2 if length2 > 0.0 else 0.0
-    fraction = min(max(fraction, 0.0), 1.0)
-    return math.dist(off, [fraction * a for a in way]) > ASIDE_MM
