@@ -14,11 +14,12 @@ import numpy as np
 from tacbench_cad.lab.acquire.after_touch import motion_of
 from tacbench_cad.lab.acquire.forces import ContactForce
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
+from tacbench_cad.lab.acquire.position_checks import PositionChecks
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
+from tacbench_cad.lab.acquire.slips import HeightWatch
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import (
@@ -27,19 +28,13 @@ from tacbench_cad.lab.rig.errors import (
     HeightError,
     NotReachedError,
     SensorError,
-    SlipError,
     TooFewFramesError,
 )
 from tacbench_cad.lab.rig.sensor import Frame, is_image
-from tacbench_cad.lab.rig.stage import measures_offset
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.run_writer import RunWriter
-from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.util.errors import TacbenchError
-from tacbench_cad.util.text import counted
 
 #: The differences between the height of the block and the taught height, in mm, above which the person is told, and
 #: asked. Prints and taught origins differ by some tenths of a millimetre.
@@ -121,12 +116,12 @@ def press_block(
         except RunInterruptedError as error:
             # Somebody who has pressed Ctrl-C once can wait.
             if error.signal == "SIGINT" and not error.gave_up:
-                session.check_stopped(signals)
+                session.checks.stopped(signals)
             raise
         except Exception as error:
             if carriage.lifted:
                 error.add_note("the sensor is lifted")
-            session.check_stopped(signals)
+            session.checks.stopped(signals)
             raise
         finally:
             progress.end()
@@ -155,9 +150,6 @@ class _BlockSession:
     presses: int = 0
     missed: int = 0
     _in_a_row: int = 0
-    _checked: bool = False
-    #: The number of presses in this session at the last check.
-    _checked_at: int = 0
     _previous: Frame | None = None
     _reference_s: float = 0.0
 
@@ -176,14 +168,16 @@ class _BlockSession:
             nominal_mm=self.watch.first_touch_mm,
             touched=self._check_height,
         )
-        self._plan = self.run.info.press_by_number
+        self.checks = PositionChecks(
+            self.run, self.carriage, self.presser, self.watch, self.rig.stage, self.progress, self._lift
+        )
         sensor, clock = self.rig.sensor, self.rig.clock
         motion = motion_of(self.protocol)
         self.motion = motion and motion(self.protocol, self.carriage, self.force, sensor, self._read, clock)
 
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
-        self._set_unchecked_aside()
+        self.checks.set_unchecked_aside()
         self.watch.add(self.run.rows if self.protocol.home_every else ())
         middle = self.run.info.middle_press
         self.carriage.over(middle.x_mm, middle.y_mm)
@@ -192,19 +186,18 @@ class _BlockSession:
         self._reference()
         self._stationary("start", middle)
         # This checks only the height. Presses at a wrong one are then missing again.
-        self._check_position("resumed")
-        self._checked = False
+        self.checks.check("resumed", self.presses)
         try:
             for press in self.run.missing(self.run.info.presses):
                 self.progress.before(press, self.carriage.check)
                 self._reference_if_due(press)
                 self._press(press)
-                self._check_position_if_due(press)
+                self.checks.if_due(press, self.presses)
         except (ContactError, ForceLimitError) as error:
-            self._check_position_after(error)
+            self.checks.after_contact(error)
             raise
-        self._check_position("end")
-        self._repeat_first_press()
+        self.checks.check("end", self.presses)
+        self.checks.repeat_first_press(self.presses)
         self._stationary("end", middle)
 
     def _press(self, press: Press) -> None:
@@ -260,134 +253,6 @@ class _BlockSession:
                 f"{text}, so it was not pressed; check that the right block lies flat in its holder, or align the rig "
                 "again; to press it as it is, answer yes when the command asks"
             )
-
-    def _check_position_if_due(self, press: Press) -> None:
-        if not self.protocol.home_every:
-            return
-        row = self.run.rows[-1]
-        unexpected = row.pose_z is not None and row.in_band and self.watch.is_suspicious(press, row.pose_z)
-        if unexpected or self.presser.has_moved:
-            self._check_position("height")
-            # The position is right, so the block has moved or is not what the formula says.
-            self.watch.forget()
-        elif not self._checked:
-            self._check_position("start")
-        elif min(len(self.run.unchecked), self.presses - self._checked_at) >= self.protocol.home_every:
-            self._check_position("interval")
-        self.watch.add([row])
-
-    def _check_position(self, reason: Reason) -> None:
-        """Check the position of the presses that no check has followed yet.
-
-        Raises:
-            SlipError: The position was wrong. These presses were set aside.
-        """
-        unchecked = self.run.unchecked
-        if not unchecked or not self.protocol.home_every:
-            return
-        time_utc = datetime.now(UTC)
-        error = position_error(self.carriage, self.presser, unchecked, self._plan)
-        self._lift()
-        self._checked, self._checked_at = True, self.presses
-        if not error.is_known:
-            return
-        wrong = error.exceeds(self.protocol.slip_mm)
-        aside = self._store_check(reason, error.offset_mm, error.height_change_mm, not wrong, time_utc)
-        if wrong and reason == "resumed":
-            self.progress.say(self._aside_text(error, aside))
-        elif wrong:
-            raise SlipError(
-                f"a motor has slipped, or homing is not repeatable: {self._aside_text(error, aside)}; find the cause, "
-                "then run the command again to make these presses again"
-            )
-
-    def _set_unchecked_aside(self) -> None:
-        """Set aside the presses that an earlier session left unchecked, if the stage measures errors of x and y.
-
-        The stage was homed since, which has removed an error that these presses may have. A stage that measures only
-        the height repeats one of them instead.
-        """
-        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
-            return
-        time_utc = datetime.now(UTC)
-        if self.carriage.home_again() is not None:
-            aside = self._store_check("resumed", None, None, False, time_utc)
-            self.progress.say(
-                f"the last session ended without a check of its position: {self._aside_count(aside)}, and made again"
-            )
-
-    def check_stopped(self, signals: Signals) -> None:
-        """Check the position at the end of a session that was stopped, so that its presses need not be made again.
-
-        Nothing is checked if the stage has failed or was homed since the last press, or if it cannot measure the error
-        at its end stops. A signal skips the check.
-        """
-        presses, carriage = len(self.run.unchecked), self.carriage
-        if not (presses and self.protocol.home_every and carriage.may_home and carriage.lifted):
-            return
-        if not (carriage.position_kept and measures_offset(self.rig.stage)):
-            return
-        self.progress.say(f"checking the position of {counted(presses, 'press')}; Ctrl-C skips this")
-        time_utc = datetime.now(UTC)
-        try:
-            with signals.sent_to(carriage, self.progress.say):
-                error = PositionError(offset_mm=carriage.home_again(), height_change_mm=None)
-            if error.is_known:
-                wrong = error.exceeds(self.protocol.slip_mm)
-                aside = self._store_check("stopped", error.offset_mm, None, not wrong, time_utc)
-                if wrong:
-                    self.progress.say(f"a motor has slipped: {self._aside_text(error, aside)}")
-        except RunInterruptedError:
-            self.progress.say("the position was not checked")
-        except TacbenchError as problem:
-            self.progress.say(f"the position was not checked: {problem}")
-
-    def _check_position_after(self, contact: ContactError | ForceLimitError) -> None:
-        """Check the position at the end stops after the sensor met something unexpectedly.
-
-        If the stage cannot measure it, the position counts as wrong after a force where the sensor should be free.
-        After a force above the hard limit, which can have other causes, the presses stay unchecked.
-
-        Raises:
-            SlipError: The position was wrong.
-        """
-        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
-            return
-        self.carriage.lift()
-        time_utc = datetime.now(UTC)
-        error = PositionError(offset_mm=self.carriage.home_again(), height_change_mm=None)
-        if error.offset_mm is None and isinstance(contact, ForceLimitError):
-            return
-        wrong = error.offset_mm is None or error.exceeds(self.protocol.slip_mm)
-        aside = self._store_check("contact", error.offset_mm, None, not wrong, time_utc)
-        if wrong:
-            raise SlipError(f"{contact}; {self._aside_text(error, aside)}") from contact
-
-    def _store_check(
-        self, reason: Reason, offset_mm: Point | None, height_mm: float | None, ok: bool, time_utc: datetime
-    ) -> int:
-        """Store a check of all presses that no check has followed, and return the number of those set aside."""
-        aside = self.run.position_check(reason, offset_mm, height_mm, ok, time_utc)
-        self.carriage.position_kept = True
-        return aside
-
-    def _aside_text(self, error: PositionError, aside: int) -> str:
-        return "; ".join([str(error)] * error.is_known + [self._aside_count(aside)])
-
-    def _aside_count(self, aside: int) -> str:
-        text = f"{counted(aside, 'press')} since the last good check {'were' if aside > 1 else 'was'} set aside"
-        return f"{text} in {self.run.folder.name}/{ASIDE_FOLDER}"
-
-    def _repeat_first_press(self) -> None:
-        """Repeat the first press of the run at its end, since a sensor, a block or a gauge may change slowly."""
-        rows = self.run.rows
-        if not (self.protocol.home_every and self.presses and rows[0].in_band is not False):
-            return
-        time_utc = datetime.now(UTC)
-        change = height_change(self.presser, self._plan[rows[0].number], rows[0])
-        self._lift()
-        if change is not None:
-            self.run.position_check("first", None, change, abs(change) <= self.protocol.slip_mm, time_utc)
 
     def _lift(self) -> None:
         """Lift the sensor and check that it is free, before it moves sideways."""
