@@ -33,7 +33,11 @@ class Device(Protocol):
 
 
 class Closing(Device):
-    """A base class that makes a context manager of any class with ``close``."""
+    """A base class that makes a context manager of any class, with a ``close`` that has nothing to do."""
+
+    def close(self) -> None:
+        """See :class:`Device`."""
+        return
 
 
 @runtime_checkable

@@ -62,9 +62,6 @@ class _Follower(Closing):
         """
         self._contact, self._frame = contact_for(printed, holder), frame
 
-    def close(self) -> None:
-        """Do nothing, since nothing is open."""
-
     def _pose(self) -> tuple[Point, Angles]:
         """Return the summit's reported position and the reported angles in the work frame."""
         point, angles = self._position(), self._rotation()

@@ -57,7 +57,7 @@ def test_the_command_asks_before_a_stage_moves_and_for_the_mass(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["grlb"], "is not a driver; allowed: grbl"),
+        (["grlb"], "is not a driver; allowed: arduino, grbl"),
         (["wrong_drivers:STAGES"], "is required for wrong_drivers:STAGES: stage, gauge or sensor"),
         (["wrong_drivers:GoodSensor", "--set", "gain"], "must be KEY=VALUE"),
         (["wrong_drivers:GoodGauge", "--mass-g", "0"], "must be from 1 to 10000 g"),

@@ -12,6 +12,7 @@ from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NotThereError, ProtocolError, SlipError
 from tacbench_cad.lab.rig.grbl import GrblStage
+from tacbench_cad.lab.rig.grbl_machine import GrblMachine
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.rig.switches import SwitchCheck, offset_at_switch
@@ -61,11 +62,11 @@ def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkey
             stage.home()
             identity = stage.identity
 
-            def killed(_: object) -> None:
+            def killed(*_: object) -> None:
                 stage.close()
                 raise DeviceLostError("as after a kill, nothing more is sent")
 
-            monkeypatch.setattr(stage, "_search_switches", killed)
+            monkeypatch.setattr(GrblMachine, "offset_at_switches_mm", killed)
             with pytest.raises(DeviceLostError):
                 stage.home_offset_mm()
         for _ in range(2):  # a probe writes nothing, so the second sees the same
