@@ -26,13 +26,14 @@ def command(repair: bool, json: bool) -> None:
       tacbench doctor --repair
       tacbench doctor --json
     """
-    from tacbench_cad.util import doctor
+    from tacbench_cad.cli.diagnosis import diagnose, left_out_extras
+    from tacbench_cad.cli.diagnosis import repair as repaired
 
-    diagnosis = doctor.diagnose()
+    diagnosis = diagnose()
     if repair and not diagnosis.ok:
-        for arguments in doctor.repair(diagnosis):
+        for arguments in repaired(diagnosis):
             note(f"ran: pip install {' '.join(arguments)}")
-        diagnosis = doctor.diagnose()
+        diagnosis = diagnose()
     facts = diagnosis.as_dict()
     if json:
         print_json(facts)
@@ -49,7 +50,7 @@ def command(repair: bool, json: bool) -> None:
             print_lines(f"{'ok' if finding.ok else 'BROKEN'}: {finding.name}: {finding.detail}")
             if finding.repair:
                 print_lines(f"  repair: {finding.repair}")
-        print_lines(*(f"not installed: extra {extra}: {how}" for extra, how in doctor.left_out_extras().items()))
+        print_lines(*(f"not installed: extra {extra}: {how}" for extra, how in left_out_extras().items()))
     if not json:
         print_next(*(("make",) if diagnosis.ok else ("doctor", "--repair")))
     if not diagnosis.ok:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tacbench_cad.cli import diagnosis as doctor
 from tacbench_cad.cli import main
-from tacbench_cad.util import doctor
 from tacbench_cad.util import packages as tools
 
 Capture = pytest.CaptureFixture[str]

@@ -45,7 +45,7 @@ def test_the_message_names_the_command_and_the_log(
 def test_the_default_log_is_a_new_temporary_file(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
     monkeypatch.delenv(LOG_VARIABLE, raising=False)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr("tacbench_cad.util.doctor.diagnose", lambda: broken(tmp_path))
+    monkeypatch.setattr("tacbench_cad.cli.diagnosis.diagnose", lambda: broken(tmp_path))
     assert main(["doctor"]) == 1
     (log,) = tmp_path.glob("tacbench-*.log")
     assert str(log) in capsys.readouterr().err and "Traceback" in log.read_text()
@@ -55,7 +55,7 @@ def test_a_log_that_cannot_be_written_causes_no_second_error(
     tmp_path: Path, monkeypatch: Patch, capsys: Capture
 ) -> None:
     monkeypatch.setenv(LOG_VARIABLE, str(tmp_path / "missing" / "log"))
-    monkeypatch.setattr("tacbench_cad.util.doctor.diagnose", lambda: broken(tmp_path))
+    monkeypatch.setattr("tacbench_cad.cli.diagnosis.diagnose", lambda: broken(tmp_path))
     assert main(["doctor"]) == 1
     error = capsys.readouterr().err
     assert "the log file cannot be written" in error and error.count("\n") == 1
