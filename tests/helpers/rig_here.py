@@ -12,6 +12,7 @@ import itertools
 import json
 import math
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -51,6 +52,9 @@ class FakeTime:
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
+        if threading.current_thread() is not threading.main_thread():
+            time.sleep(seconds)  # the threads that watch over an interrupted run wait for the main thread
+            return
         end_s = self._now_s + seconds
         while self._due and self._due[0][0] <= end_s:
             due_s, _, action = heapq.heappop(self._due)
