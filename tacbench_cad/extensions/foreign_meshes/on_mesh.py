@@ -11,12 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad.extensions.foreign_meshes.mesh_region import MeshRegion, region_at, require_closed, require_unit
-from tacbench_cad.extensions.foreign_meshes.mesh_relief import ReliefGrid, body_between, relief_grid
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.textured.amount import added_volume_mm3
-from tacbench_cad.geometry.textured.field import Fade, Height
+from tacbench_cad.geometry.textured.body import Area, texture_body
+from tacbench_cad.geometry.textured.field import Fade
 from tacbench_cad.geometry.textured.frame import Frame
 from tacbench_cad.geometry.textured.height import FLOOR_MM, around, height_over, require_fade
+from tacbench_cad.geometry.textured.height_grid import body_between
 from tacbench_cad.geometry.texturing import Texturing
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import at_most
@@ -54,22 +55,8 @@ class _Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class _Field:
-    """A connected part of a region inside of its margin.
-
-    Args:
-        frame: The local coordinates. The lowest s and t are 0.
-        polygons: The outline, each of shape (n, 2); the part is on the left.
-        size_mm: The extents along s and t.
-        is_rectangle: Whether it is a rectangle, or a band around a cylinder.
-        is_closed: Whether it goes all the way around a cylinder.
-    """
-
-    frame: Frame
-    polygons: tuple[Floats, ...]
-    size_mm: tuple[float, float]
-    is_rectangle: bool
-    is_closed: bool
+class _Field(Area):
+    """An area of a mesh: a connected part of a region inside of its margin."""
 
     @property
     def area_mm2(self) -> float:
@@ -174,13 +161,13 @@ def texture_on_mesh(mesh: Mesh, at: Sequence[float], texturing: Texturing, name:
         require_fade(texturing.fade_mm, field.size_mm, field.is_closed)
         height, unit, periods = height_over(field.size_mm, field.is_closed, texturing, _fade(field, texturing.fade_mm))
         _require_room(part, field, texturing, height.depth_mm)
-        grid = relief_grid(height, field.frame, texturing.tolerance_mm)
-        body = _body(region, field, height, grid, texturing.sunk)
-        result = result - body if texturing.sunk else result + body
+        other_mm = region.facets_mm[1] + OVERLAP_MM if texturing.sunk else region.facets_mm[0] - OVERLAP_MM
+        texture = texture_body(field, height, texturing, unit, other_mm, texturing.tolerance_mm)
+        result = result - texture.body if texturing.sunk else result + texture.body
         expected += added_volume_mm3(field, height) + _below_ideal_mm3(region, field)
-        slack += field.area_mm2 * (grid.error_mm + (region.facets_mm[1] if region.frame.radius_mm is None else 0.0))
-        errors.append(grid.error_mm + height.own_error_mm)
-        proofs += [grid.evidence, height.surface.evidence]
+        slack += field.area_mm2 * (texture.error_mm + (region.facets_mm[1] if region.frame.radius_mm is None else 0.0))
+        errors.append(texture.error_mm + height.own_error_mm)
+        proofs += [texture.evidence, height.surface.evidence]
         sizes.append(field.size_mm)
         depths.append(height.depth_mm)
     textured, rounding = _rounded(result)
@@ -321,39 +308,11 @@ def _inside(field: _Field, s: Floats, t: Floats) -> Bools:
     return result
 
 
-def _body(region: MeshRegion, field: _Field, height: Height, grid: ReliefGrid, sunk: bool) -> Any:
-    """Return the body that is added to the part, or cut from it."""
-    heights = height.grid(grid.s, grid.t)
-    if field.is_closed:
-        heights[-1] = heights[0]
-    if sunk:
-        lower, upper = heights, np.full((1, 1), region.facets_mm[1] + OVERLAP_MM)
-    else:
-        lower, upper = np.full((1, 1), region.facets_mm[0] - OVERLAP_MM), heights
-    if field.is_rectangle:
-        return body_between(field.frame, grid.s, grid.t, lower, upper, field.is_closed)
-    own = Frame(np.zeros(3), np.eye(3))
-    low, high = float(lower.min()) - 1.0, float(upper.max()) + 1.0
-    return _placed(body_between(own, grid.s, grid.t, lower, upper, False) ^ _prism(field, low, high), field.frame)
-
-
-def _prism(field: _Field, low_mm: float, high_mm: float) -> Any:
-    import manifold3d
-
-    outline = manifold3d.CrossSection([np.ascontiguousarray(points) for points in field.polygons])
-    return outline.extrude(high_mm - low_mm).translate((0.0, 0.0, low_mm))
-
-
-def _placed(body: Any, frame: Frame) -> Any:
-    """Move a body from local coordinates into the part."""
-    return body.transform(np.column_stack([frame.axes.T, frame.origin]))
-
-
 def _space(field: _Field, low_mm: float, high_mm: float) -> Any:
     """Return the space above a field between two heights."""
     frame = field.frame
     if frame.radius_mm is None:
-        return _placed(_prism(field, low_mm, high_mm), frame)
+        return field.placed(field.prism(low_mm, high_mm))
     count = math.ceil(math.degrees(field.size_mm[0] / frame.radius_mm) / _ROOM_DEG)
     s, t = np.linspace(0.0, field.size_mm[0], max(3, count) + 1), np.array([0.0, field.size_mm[1]])
     return body_between(frame, s, t, np.full((1, 1), low_mm), np.full((1, 1), high_mm), field.is_closed)

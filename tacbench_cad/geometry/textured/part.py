@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tacbench_cad.geometry import kernel
-from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
+from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh, manifold_of
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.geometry.solids import ANGLE_RAD, FREE_FRACTION, ROUND_DECIMALS, require_closed, rounding_mm3, weld
 from tacbench_cad.geometry.texturing import Texturing, texturing
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 #: The largest distance between a point that names a face and the face, in mm.
 NEAR_MM = 1.0
-#: The fractions of the tolerance that the kernel's mesher is given, until the measured distance is small enough.
-_DEFLECTIONS = (0.9, 0.6, 0.4, 0.25, 0.12, 0.06)
-#: The largest slope of a texture that the kernel's mesher is given.
-_MAX_SLOPE = 1.5
-#: The largest angle between neighbouring chords of the kernel's mesh of a texture, in radians.
-_ANGLE_RAD = 0.5
+#: The fraction of the tolerance for the triangles of a texture and for the chords of the outline.
+_FRACTION = 0.9
+#: The depth by which the body of a texture reaches into the part, or a sunk texture's body out of it, in mm.
+OVERLAP_MM = 0.05
+#: Vertices that are nearer than this may be merged, in mm.
+_SIMPLIFY_MM = 2e-4
 #: The distance that rounding of coordinates adds, in mm.
 _ROUNDING_MM = 1e-5
 
@@ -51,10 +51,10 @@ def textured_part(
 ) -> Part:
     """Put a texture on one or more faces of a part, for export to STEP, STL and 3MF.
 
-    The faces of the STEP file are within ``tolerance_mm`` of the formula. On a plane without a fade, the mesh of the
-    texture is made from the formula; on a cylinder and with a fade, the CAD kernel makes it. The distance of each mesh
-    from the formula is measured at nine points of each triangle of the texture, and again when a file is checked. In
-    the files, the lower corner of the bounding box is at the origin.
+    The faces of the STEP file are within ``tolerance_mm`` of the formula. The mesh of the texture is made from the
+    formula, too, and not by the CAD kernel. The distance of each mesh from the formula is measured at nine points of
+    each triangle of the texture, and again when a file is checked. In the files, the lower corner of the bounding box
+    is at the origin.
 
     Args:
         part: A part of CadQuery, build123d or Open CASCADE with one solid, in mm.
@@ -224,65 +224,44 @@ class TexturedFaces:
         """Return the mesh and its expected geometry.
 
         Raises:
-            CheckFailedError: The kernel does not reach the tolerance.
+            CheckFailedError: The mesh is not within the tolerance.
         """
-        from tacbench_cad.extensions.foreign_meshes.facets import is_simple
-
         relief = self._relief(self._mesh_tolerance_mm)
-        simple = all(is_simple(region, height) for region, height in relief.regions)
-        if not simple:
-            self._require_gentle()
         curved = kernel.area_mm2(
             face for face in kernel.each(self.solid, "FACE") if kernel.surface_kind(face) != "Plane"
         )
-        for fraction in _DEFLECTIONS:
-            deflection = fraction * self._mesh_tolerance_mm
-            vertices, triangles = weld(*(self._combined(deflection) if simple else self._meshed(deflection)))
-            require_closed(vertices, triangles)
-            mesh = Mesh(vertices=vertices, faces=triangles)
-            found, _ = relief.of_mesh(mesh)
-            if found <= self._mesh_tolerance_mm:
-                slack = curved * self._mesh_tolerance_mm + self._slack_mm3 + rounding_mm3(self._reach_mm)
-                expected = ExpectedGeometry(
-                    volume_mm3=self.volume_mm3,
-                    volume_slack_mm3=slack,
-                    size_slack_mm=self._mesh_tolerance_mm,
-                    relief=relief,
-                )
-                return mesh, expected
-        raise CheckFailedError(
-            f"the mesh is {found:.3g} mm from the formula instead of {self._mesh_tolerance_mm:g} mm; choose a larger "
-            "mesh_tolerance_mm"
+        vertices, triangles = weld(*self._combined(_FRACTION * self._mesh_tolerance_mm))
+        require_closed(vertices, triangles)
+        mesh = Mesh(vertices=vertices, faces=triangles)
+        found, _ = relief.of_mesh(mesh)
+        if found > self._mesh_tolerance_mm:
+            raise CheckFailedError(
+                f"the mesh is {found:.3g} mm from the formula instead of {self._mesh_tolerance_mm:g} mm; choose a "
+                "larger mesh_tolerance_mm"
+            )
+        slack = curved * self._mesh_tolerance_mm + self._slack_mm3 + rounding_mm3(self._reach_mm)
+        return mesh, ExpectedGeometry(
+            volume_mm3=self.volume_mm3,
+            volume_slack_mm3=slack,
+            size_slack_mm=self._mesh_tolerance_mm,
+            relief=relief,
         )
 
-    def _meshed(self, deflection_mm: float) -> tuple[Floats, Indices]:
-        return triangulate(self.solid, deflection_mm, _ANGLE_RAD)
+    def _combined(self, tolerance_mm: float) -> tuple[Floats, Indices]:
+        """Return the mesh of the part without its textures, with the bodies of the textures added or cut out."""
+        from tacbench_cad.geometry.textured.body import Area, texture_body
 
-    def _combined(self, deflection_mm: float) -> tuple[Floats, Indices]:
-        """Return the mesh of the part without its textures, with the meshes of the formula on it."""
-        from tacbench_cad.extensions.foreign_meshes.facets import combined
-
-        part = weld(*triangulate(self._before, deflection_mm, ANGLE_RAD))
-        textures = [
-            (region, height, self.texturing, result.mm_per_unit)
-            for result in self.results
-            for region, _, height in result.regions
-        ]
-        vertices, triangles = combined(*part, textures, deflection_mm)
-        return vertices + self._shift_mm, triangles
-
-    def _require_gentle(self) -> None:
-        """Check that the kernel's mesher can mesh the texture. On steep textures it takes many minutes."""
+        whole = manifold_of(*weld(*triangulate(self._before, tolerance_mm, ANGLE_RAD)))
+        overlap_mm = OVERLAP_MM + tolerance_mm
         for result in self.results:
-            for _, _, height in result.regions:
-                slope = abs(height.factor) * max(height.surface.bound(1, 0), height.surface.bound(0, 1))
-                if slope > _MAX_SLOPE:
-                    raise InputError(
-                        "texture",
-                        self.texturing.texture.name,
-                        f"has slopes of up to {slope:.3g}, but the mesh of this fade or of oblique waves on a cylinder "
-                        f"allows {_MAX_SLOPE:g}; choose a smaller depth_mm, or write a STEP file",
-                    )
+            for region, _, height in result.regions:
+                area = Area.of_region(region, tolerance_mm)
+                other_mm = overlap_mm if self.texturing.sunk else -overlap_mm
+                body = texture_body(area, height, self.texturing, result.mm_per_unit, other_mm, tolerance_mm).body
+                whole = whole - body if self.texturing.sunk else whole + body
+        combined = whole.simplify(_SIMPLIFY_MM).to_mesh64()
+        vertices = np.asarray(combined.vert_properties, dtype=np.float64)[:, :3]
+        return vertices + self._shift_mm, np.asarray(combined.tri_verts, dtype=np.int32)
 
 
 def _has_free_edges(shape: TopoDS_Shape) -> bool:

@@ -25,7 +25,7 @@ _TEST_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class ReliefGrid:
+class HeightGrid:
     """The lines of a grid on which triangles interpolate a texture.
 
     Args:
@@ -41,7 +41,7 @@ class ReliefGrid:
     evidence: Literal["proved", "measured"]
 
 
-def relief_grid(height: Height, frame: Frame, tolerance_mm: float) -> ReliefGrid:
+def height_grid(height: Height, frame: Frame, tolerance_mm: float) -> HeightGrid:
     """Place lines so that triangles between points of the formula are within a tolerance of it.
 
     On a triangle with the legs a and b along s and t, the distance of an interpolation from the surface P is at most
@@ -84,7 +84,7 @@ def relief_grid(height: Height, frame: Frame, tolerance_mm: float) -> ReliefGrid
         error = _bound(height, frame, s, t) if is_proved else _measured(height, s, t)
         tried += 1
         if error <= tolerance_mm and (tried > 1 or error > 0.9 * tolerance_mm):
-            return ReliefGrid(s, t, error, "proved" if is_proved else "measured")
+            return HeightGrid(s, t, error, "proved" if is_proved else "measured")
         aim *= min(max(0.97 * tolerance_mm / max(error, 1e-12), 0.3), 12.0) if tried == 1 else 0.93
 
 
