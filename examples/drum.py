@@ -9,7 +9,7 @@ from math import cos, pi, sin
 
 from manifold3d import CrossSection, Manifold
 
-from tacbench_cad import textured_mesh, write_textured_mesh
+from tacbench_cad.extensions.foreign_meshes import textured_mesh, write_textured_mesh
 
 RADIUS_MM, WIDTH_MM, FACETS = 20.0, 24.0, 720
 SHAFT_MM, FLAT_MM = 8.2, 3.2

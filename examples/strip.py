@@ -6,7 +6,7 @@ is a flat region of its own. Each texture is named by a point in the middle of i
 
 from manifold3d import Manifold
 
-from tacbench_cad import textured_mesh, write_textured_mesh
+from tacbench_cad.extensions.foreign_meshes import textured_mesh, write_textured_mesh
 
 FIELD_MM, WIDTH_MM, HEIGHT_MM, END_MM = 24.0, 20.0, 4.0, 10.0
 HOLE_MM, GROOVE_MM = 4.4, 0.6

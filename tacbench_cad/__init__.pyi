@@ -15,8 +15,6 @@ from .making.printset import PrintSet as PrintSet
 from .making.printset import build as build
 from .making.request import Request as Request
 from .making.showing import write_view as write_view
-from .making.texturing import textured_mesh as textured_mesh
-from .making.texturing import write_textured_mesh as write_textured_mesh
 from .making.writing import export as export
 from .render.pictures import assembly_picture as assembly_picture
 from .render.pictures import catalogue_picture as catalogue_picture

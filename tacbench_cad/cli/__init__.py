@@ -25,7 +25,7 @@ PANELS = ("Print", "Press", "Analyse", "Share", "Help")
 #: The commands of the core, in the order in which people use them. Extensions and other packages add theirs by entry
 #: points of the group ``tacbench.commands``.
 CORE = (
-    *("textures", "make", "show", "texture-part", "check-part"),
+    *("textures", "make", "show", "check-part"),
     *("rig", "acquire", "simulate", "import-frames", "check-runs", "roi"),
     *("variance", "grade", "classify", "split", "score", "compare", "report"),
     *("cite", "doctor", "completion"),

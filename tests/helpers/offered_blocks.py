@@ -19,6 +19,7 @@ from housing import Coupon, Holder, Jig
 from tacbench_cad.checks.candidates import Expectation
 from tacbench_cad.extensions.design.app import IMAGES, Upload
 from tacbench_cad.extensions.design.document import first_state, start
+from tacbench_cad.extensions.foreign_meshes import files as foreign_files
 from tacbench_cad.extensions.scan.fitting import fit_scan
 from tacbench_cad.extensions.scan.limits import limits_of
 from tacbench_cad.extensions.scan.reading import read_scan
@@ -37,7 +38,6 @@ from tacbench_cad.geometry.textured.frame import DIRECTIONS, axes_of
 from tacbench_cad.geometry.textured.height import height_over
 from tacbench_cad.geometry.textured.part import faces_by, textured_part
 from tacbench_cad.geometry.texturing import Texturing, texturing
-from tacbench_cad.making import texturing as texturing_files
 from tacbench_cad.making.request import Request, _formats, _kinds, blocks_of
 from tacbench_cad.making.showing import request_of
 from tacbench_cad.render.snapshot import _pieces
@@ -191,12 +191,12 @@ ROWS: Rows = {
     "making.request:blocks_of": lambda _: _fields(
         lambda **values: blocks_of(Request(textures=(1,), **values)), 0, "", "copies"
     ),
-    "making.texturing:textured_mesh 2": lambda _: [
+    "extensions.foreign_meshes.files:textured_mesh 2": lambda _: [
         *_fields(
-            lambda **values: texturing_files.textured_mesh("none.stl", (0, 0, 0), "1", **values), 0.0, "none", "scale"
+            lambda **values: foreign_files.textured_mesh("none.stl", (0, 0, 0), "1", **values), 0.0, "none", "scale"
         ),
         Offer(
-            attempt=past(lambda mesh: texturing_files.textured_mesh(mesh, (0.0, 0.0, 0.0), "1")),
+            attempt=past(lambda mesh: foreign_files.textured_mesh(mesh, (0.0, 0.0, 0.0), "1")),
             wrong=5,
             things={
                 "an STL or 3MF file": ["none.stl", "none.3mf", Path("none.stl")],
@@ -205,17 +205,17 @@ ROWS: Rows = {
             later="none|mesh",
         ),
     ],
-    "making.texturing:_read": lambda _: [
+    "extensions.foreign_meshes.files:_read": lambda _: [
         Offer(
-            attempt=lambda end: texturing_files._read(Path(f"none.{end.lower()}")),
+            attempt=lambda end: foreign_files._read(Path(f"none.{end.lower()}")),
             wrong="step",
             things=["STL", "3MF"],
             later="none",
         )
     ],
-    "making.texturing:write_textured_mesh": lambda folder: [
+    "extensions.foreign_meshes.files:write_textured_mesh": lambda folder: [
         Offer(
-            attempt=past(lambda end: texturing_files.write_textured_mesh(None, folder / f"a{end}")),  # type: ignore[arg-type]
+            attempt=past(lambda end: foreign_files.write_textured_mesh(None, folder / f"a{end}")),  # type: ignore[arg-type]
             wrong=".step",
             things=[".stl", ".3mf"],
         )

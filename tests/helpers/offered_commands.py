@@ -14,10 +14,11 @@ import numpy as np
 
 from helpers.offered_blocks import request_words
 from helpers.offers import Offer, past, texture_file
-from tacbench_cad.cli import check_part, compare, import_frames, options, rig, rig_wizard, texture_part, variance
+from tacbench_cad.cli import check_part, compare, import_frames, options, rig, rig_wizard, variance
 from tacbench_cad.extensions.conformance import command as rig_test_driver
 from tacbench_cad.extensions.design.document import first_state
 from tacbench_cad.extensions.exchange import export_command
+from tacbench_cad.extensions.foreign_meshes import command as foreign_meshes
 from tacbench_cad.extensions.printer_models import command as printer_model
 from tacbench_cad.extensions.scan import command as scan
 from tacbench_cad.extensions.simulators.folder import export_to_simulators
@@ -166,9 +167,9 @@ ROWS: Rows = {
             things=[".ply"],
         )
     ],
-    "cli.texture_part:command": lambda _: [
+    "extensions.foreign_meshes.command:command": lambda _: [
         Offer(
-            attempt=lambda words: run(texture_part.command, "none.step", "--texture", "1", "-o", "a.step", *words),
+            attempt=lambda words: run(foreign_meshes.command, "none.step", "--texture", "1", "-o", "a.step", *words),
             wrong=(),
             things={"a point": ("--at", "0,0,0"), "a selector for a STEP file": ("--face", ">Z")},
             later="none.step",

@@ -29,7 +29,8 @@ from tacbench_cad.cli import main
 from tacbench_cad.cq import register
 from tacbench_cad.cq import solid as cq_solid
 from tacbench_cad.cq import textured as cq_textured
-from tacbench_cad.making.texturing import texture_step_file, textured_mesh
+from tacbench_cad.extensions.foreign_meshes import textured_mesh
+from tacbench_cad.making.texturing import texture_step_file
 from tacbench_cad.util.types import Floats
 
 #: The largest distance along z of a solid and of a mesh with the default tolerances, whose distance across a slope is

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from helpers.outsiders import Run, Written
 
-from tacbench_cad.making.texturing import textured_mesh, write_textured_mesh
+from tacbench_cad.extensions.foreign_meshes import textured_mesh, write_textured_mesh
 
 pytestmark = pytest.mark.real
 trimesh = pytest.importorskip("trimesh")

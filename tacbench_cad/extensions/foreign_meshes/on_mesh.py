@@ -25,6 +25,8 @@ from tacbench_cad.util.types import Bools, Floats
 
 #: How far the body of a texture reaches into the part, or a sunk texture's body out of it, in mm.
 OVERLAP_MM = 0.01
+#: How far rounding moves a vertex at most, in steps of float32.
+_ROUNDING_STEPS = 6.0
 #: The largest distance between the inset of an outline and its polygon, in mm.
 OUTLINE_MM = 0.001
 #: Parts of a region inside of the margin that are smaller than this get no texture, in mm^2.
@@ -156,13 +158,15 @@ def texture_on_mesh(mesh: Mesh, at: Sequence[float], texturing: Texturing, name:
     region = region_at(mesh, at, texturing.up)
     _require_base(region, texturing)
     result, expected, slack = part, mesh.volume_mm3, 0.0
+    rounding = _ROUNDING_STEPS * float(np.spacing(np.float32(np.abs(mesh.vertices).max())))
+    tolerance_mm = max(texturing.tolerance_mm - rounding, texturing.tolerance_mm / 2.0)
     errors, proofs, sizes, depths = [], [], [], []
     for field in _fields(region, texturing.margin_mm):
         require_fade(texturing.fade_mm, field.size_mm, field.is_closed)
         height, unit, periods = height_over(field.size_mm, field.is_closed, texturing, _fade(field, texturing.fade_mm))
         _require_room(part, field, texturing, height.depth_mm)
         other_mm = region.facets_mm[1] + OVERLAP_MM if texturing.sunk else region.facets_mm[0] - OVERLAP_MM
-        texture = texture_body(field, height, texturing, unit, other_mm, texturing.tolerance_mm)
+        texture = texture_body(field, height, texturing, unit, other_mm, tolerance_mm)
         result = result - texture.body if texturing.sunk else result + texture.body
         expected += added_volume_mm3(field, height) + _below_ideal_mm3(region, field)
         slack += field.area_mm2 * (texture.error_mm + (region.facets_mm[1] if region.frame.radius_mm is None else 0.0))
@@ -405,7 +409,7 @@ def _rounded(body: Any) -> tuple[Mesh, float]:
     vertices, index = np.unique(single(exact) + 0.0, axis=0, return_inverse=True)
     faces = np.asarray(index).ravel()[np.asarray(raw.tri_verts, dtype=np.int64)].astype(np.int32)
     a, b, c = faces.T
-    return Mesh(vertices, faces[(a != b) & (b != c) & (c != a)]), 6.0 * step
+    return Mesh(vertices, faces[(a != b) & (b != c) & (c != a)]), _ROUNDING_STEPS * step
 
 
 def _require_sound(mesh: Mesh, bodies: int, volume_mm3: float, slack_mm3: float, sunk: bool) -> None:

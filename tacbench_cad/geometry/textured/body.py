@@ -14,9 +14,10 @@ import numpy as np
 
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import manifold_of
+from tacbench_cad.geometry.meshing.top import Top, textured_top
 from tacbench_cad.geometry.textured.field import Height
 from tacbench_cad.geometry.textured.frame import Frame
-from tacbench_cad.geometry.textured.height_grid import body_between, height_grid
+from tacbench_cad.geometry.textured.height_grid import HeightGrid, body_between, height_grid
 from tacbench_cad.geometry.texturing import Texturing
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 #: The height of a block below its texture, in mm. It is cut off.
 _BLOCK_BASE_MM = 2.0
+#: The fraction of the tolerance for a texture before it is wound around a cylinder.
+_FRACTION = 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +107,21 @@ def texture_body(
     """
     low, high = height.range_mm
     if area.frame.radius_mm is None and not height.fade.length_mm:
-        body, error = _block_below(height, texturing, mm_per_unit, min(low, other_mm), tolerance_mm)
+        block = _block(height, texturing, mm_per_unit, min(low, other_mm), tolerance_mm)
+        mesh, certificate = mesh_block(block)
+        body = manifold_of(mesh.vertices + np.array([0.0, 0.0, high - block.height_mm]), mesh.faces)
+        error = certificate.distance_mm - height.own_error_mm
         if texturing.sunk:
             return TextureBody(area.placed(area.prism(low - 1.0, other_mm) - body), error, "proved")
         return TextureBody(area.placed(body ^ area.prism(other_mm, high + 1.0)), error, "proved")
-    grid = height_grid(height, area.frame, tolerance_mm)
-    heights = height.grid(grid.s, grid.t)
-    if area.is_closed:
-        heights[-1] = heights[0]
+    if area.frame.radius_mm is not None and not height.fade.length_mm and height.surface.is_separable:
+        block = _block(height, texturing, mm_per_unit, min(low, other_mm), _FRACTION * tolerance_mm)
+        grid, heights = _wound(area.frame, height, block, area.is_closed, tolerance_mm)
+    else:
+        grid = height_grid(height, area.frame, tolerance_mm)
+        heights = height.grid(grid.s, grid.t)
+        if area.is_closed:
+            heights[-1] = heights[0]
     other = np.full((1, 1), other_mm)
     lower, upper = (heights, other) if texturing.sunk else (other, heights)
     if area.is_rectangle:
@@ -123,23 +133,55 @@ def texture_body(
     return TextureBody(body, grid.error_mm, grid.evidence)
 
 
-def _block_below(
+def _block(
     height: Height, texturing: Texturing, mm_per_unit: tuple[float, float], bottom_mm: float, tolerance_mm: float
-) -> tuple[Any, float]:
-    """Return a body that reaches from below a height to the texture, and its proved distance from the formula."""
-    high, own_mm = height.range_mm[1], height.own_error_mm
-    block = Block(
+) -> Block:
+    """Return a block that reaches from below a height to the texture."""
+    own_mm = height.own_error_mm
+    return Block(
         texture=texturing.texture,
         preset="paper",
         nominal_size_mm=height.size_mm,
         nominal_mm_per_unit=(*mm_per_unit, height.factor),
-        nominal_height_mm=_BLOCK_BASE_MM + high - bottom_mm,
+        nominal_height_mm=_BLOCK_BASE_MM + height.range_mm[1] - bottom_mm,
         origin_uv=texturing.origin_uv,
         sampling=Tolerance(mm=max(tolerance_mm, own_mm) + own_mm),
     )
-    mesh, certificate = mesh_block(block)
-    vertices = mesh.vertices + np.array([0.0, 0.0, high - block.height_mm])
-    return manifold_of(vertices, mesh.faces), certificate.distance_mm - own_mm
+
+
+def _wound(
+    frame: Frame, height: Height, block: Block, is_closed: bool, tolerance_mm: float
+) -> tuple[HeightGrid, Floats]:
+    """Wind the top of a separable block around a cylinder, with more lines along the axis.
+
+    The top is within its certificate of the formula before it is wound, and winding stretches this distance at most by
+    the ratio of the radii. On a facet with the slopes g along s and t, the wound surface P has the second derivatives
+    ``|P_ss| = |2 i g_s / R - (R + h) / R**2|``, ``|P_st| = |g_t| / R`` and ``P_tt = 0``. With the sides a and b of a
+    cell, its triangles are therefore at most ``(a**2 |P_ss| + 2 a b |P_st|) / 8`` from it.
+
+    Returns:
+        The grid and its heights, shape (n, m).
+    """
+    top, radius = textured_top(block), frame.radius_mm
+    assert isinstance(top, Top) and top.profiles is not None and radius is not None
+    s, t = (lines * (size / lines[-1]) for lines, size in zip((top.x, top.y), height.size_mm, strict=True))
+    along_s, along_t = top.profiles.a, top.profiles.b
+    low, high = height.range_mm
+    start = block.formula_datum_mm + high - block.height_mm
+    jump = abs(float(along_s[-1] - along_s[0])) / 2.0 if is_closed else 0.0
+    reach = radius + max(abs(low), abs(high))
+    fit_mm = (top.certificate.distance_mm + jump) * reach / radius
+    bend = np.hypot(2.0 * np.diff(along_s) / np.diff(s) / radius, reach / radius**2)
+    turn = float(np.abs(np.diff(along_t)).max()) / (4.0 * radius)
+    step = (np.sqrt(turn**2 + bend * max(tolerance_mm - fit_mm, 0.1 * tolerance_mm) / 2.0) - turn) * 4.0 / bend
+    counts = np.maximum(1, np.ceil(np.diff(s) / step)).astype(int)
+    chord_mm = float(((np.diff(s) / counts) ** 2 * bend / 8.0 + np.diff(s) / counts * turn).max())
+    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(s[:-1], s[1:], counts, strict=True)]
+    lines = np.append(np.concatenate(parts), s[-1])
+    if is_closed:
+        along_s[[0, -1]] = (along_s[0] + along_s[-1]) / 2.0
+    heights = start + np.interp(lines, s, along_s)[:, None] + along_t[None, :]
+    return HeightGrid(lines, t, fit_mm + chord_mm, "proved"), heights
 
 
 def _chords(edge: OutlineEdge, tolerance_mm: float) -> Floats:

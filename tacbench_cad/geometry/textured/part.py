@@ -27,10 +27,12 @@ if TYPE_CHECKING:
 
 #: The largest distance between a point that names a face and the face, in mm.
 NEAR_MM = 1.0
-#: The fraction of the tolerance for the triangles of a texture and for the chords of the outline.
-_FRACTION = 0.9
+#: The fraction of the tolerance for the triangles of a texture.
+_FRACTION = 0.95
 #: The depth by which the body of a texture reaches into the part, or a sunk texture's body out of it, in mm.
 OVERLAP_MM = 0.05
+#: The largest distance between the outline of a texture and its chords, in mm.
+_OUTLINE_MM = 1e-3
 #: Vertices that are nearer than this may be merged, in mm.
 _SIMPLIFY_MM = 2e-4
 #: The distance that rounding of coordinates adds, in mm.
@@ -255,7 +257,7 @@ class TexturedFaces:
         overlap_mm = OVERLAP_MM + tolerance_mm
         for result in self.results:
             for region, _, height in result.regions:
-                area = Area.of_region(region, tolerance_mm)
+                area = Area.of_region(region, min(tolerance_mm, _OUTLINE_MM))
                 other_mm = overlap_mm if self.texturing.sunk else -overlap_mm
                 body = texture_body(area, height, self.texturing, result.mm_per_unit, other_mm, tolerance_mm).body
                 whole = whole - body if self.texturing.sunk else whole + body

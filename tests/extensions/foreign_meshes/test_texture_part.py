@@ -10,11 +10,11 @@ from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad.checks.meshcheck import read_mesh
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.foreign_meshes import textured_mesh
 from tacbench_cad.formats.step import read_step
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.formats.threemf import write_3mf
 from tacbench_cad.geometry import kernel
-from tacbench_cad.making.texturing import textured_mesh
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]

@@ -91,8 +91,9 @@ def command(file: Path, out: Path | None, json: bool, **settings: Any) -> None:
       tacbench texture-part grip.3mf --at 0,0,12 --texture 4 --sunk --fade 2
       tacbench texture-part plate.step --face ">Z" --texture 2
     """
+    from tacbench_cad.extensions.foreign_meshes.files import textured_mesh, write_textured_mesh
     from tacbench_cad.formats import format_of
-    from tacbench_cad.making.texturing import texture_step_file, textured_mesh, write_textured_mesh
+    from tacbench_cad.making.texturing import texture_step_file
 
     lengths = {f"{name}_mm": settings.pop(name) for name in ("depth", "margin", "fade", "base", "tolerance")}
     at, face, texture, scale = (settings.pop(name) for name in ("at", "face", "texture", "scale"))
