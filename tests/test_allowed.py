@@ -65,7 +65,7 @@ ELSEWHERE = {
         (
             "lab.analysis.classification.splits:folds_of",
             "lab.analysis.collection:Collection.viewed",
-            "lab.analysis.compare:read_side",
+            "lab.analysis.comparison_sides:read_side",
             "extensions.scan.estimates:ScanFit.parameter",
             "lab.simulate.contact:DomeContact.z_for_force",
             "extensions.virtual_rig.machine:Carriage.__init__",

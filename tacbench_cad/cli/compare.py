@@ -73,8 +73,9 @@ def command(
       tacbench compare classification classification --estimator forest,network
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES
-    from tacbench_cad.lab.analysis.compare import compare, read_side, side_names
+    from tacbench_cad.lab.analysis.compare import compare
     from tacbench_cad.lab.analysis.comparison_files import write_comparison
+    from tacbench_cad.lab.analysis.comparison_sides import read_side, side_names
     from tacbench_cad.util.files import locked
     from tacbench_cad.util.packages import require
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.extensions.markers.pattern import MIN_MARKERS, no_pattern
+from tacbench_cad.extensions.markers.pattern import MIN_MARKERS, in_field, no_pattern
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.frame_files import grey, noise_counts
 from tacbench_cad.util.errors import InputError
@@ -43,10 +43,6 @@ _MIN_SCORE, _CONTRAST_WEIGHT = 1.1, 0.35
 _MIN_CONTRAST, _MIN_NOISE_RATIO = 0.22, 4.0
 #: The smallest distance of two markers, in scales. It is less than the width of a spot, because pins may overlap.
 _MIN_DISTANCE = 2.0
-#: The largest distance of two markers of the same field, relative to the usual distance.
-_MAX_GAP = 2.5
-#: The smallest number of neighbours of a marker within that distance, relative to the usual number.
-_FEW = 0.25
 #: Half the side of a patch, in scales; and the smoothing before the fit, which makes the effect of a shift more linear.
 _PATCH, _SMOOTHING_PX = 1.8, 0.8
 #: A fit with a quality below the first number is repeated with weights. A pixel whose distance from the model is the
@@ -198,7 +194,7 @@ class MarkerFinder:
         fitted = self._fit(image, candidates)
         fitted = fitted.chosen(self._are_markers(fitted))
         fitted = _thinned(fitted, _MIN_DISTANCE * self._scale)
-        fitted = fitted.chosen(_field(fitted.centres_px))
+        fitted = fitted.chosen(in_field(fitted.centres_px))
         return replace(fitted, centres_px=(fitted.centres_px + 0.5) / self._zoom - 0.5)
 
     @property
@@ -396,21 +392,3 @@ def _thinned(markers: Markers, distance: float) -> Markers:
     for first, second in cKDTree(order.centres_px).query_pairs(distance, output_type="ndarray"):
         keep[max(first, second)] &= not keep[min(first, second)]
     return order.chosen(keep)
-
-
-def _field(centres: Floats) -> Bools:
-    """Return whether each centre belongs to the largest group of neighbours."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    if len(centres) < MIN_MARKERS:
-        return np.ones(len(centres), dtype=bool)
-    tree = cKDTree(centres)
-    spacing = float(np.median(tree.query(centres, 2)[0][:, 1]))
-    pairs = tree.query_pairs(_MAX_GAP * spacing, output_type="ndarray")
-    count = np.bincount(pairs.ravel(), minlength=len(centres))
-    pairs = pairs[(count[pairs] > _FEW * np.median(count)).all(axis=1)]  # a spot outside the field has few neighbours
-    near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centres),) * 2)
-    group = connected_components(near, directed=False)[1]
-    return np.asarray(group == np.bincount(group).argmax())

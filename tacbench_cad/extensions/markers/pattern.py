@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tacbench_cad.extensions.markers.tracking import NEIGHBOURS, MarkerTracker
-from tacbench_cad.util.types import Floats
+from tacbench_cad.util.types import Bools, Floats
 
 #: The smallest number of equal spots that are taken for markers.
 MIN_MARKERS = 12
@@ -30,6 +30,10 @@ MIN_CONTRAST = 10.0
 MAX_IRREGULARITY = 0.36
 #: The largest cost of a track from a frame to another frame; it is 1 if fewer than half of the spots are found again.
 MAX_COST = 0.45
+#: The largest distance of two markers of the same field, relative to the usual distance.
+_MAX_GAP = 2.5
+#: The smallest number of neighbours of a marker within that distance, relative to the usual number.
+_FEW = 0.25
 #: A gap is a place for a marker if the circle through its neighbours is larger than the usual one by this factor. The
 #: usual one is a quantile of those of some neighbours.
 _GAP, _USUAL, _NEAR = 1.35, 0.25, 40
@@ -72,6 +76,24 @@ def no_pattern(frames_px: Sequence[Floats], contrast: float) -> str:
     if change(many) > MAX_COST:
         return "the spots are at other places in each frame"
     return ""
+
+
+def in_field(centres: Floats) -> Bools:
+    """Return whether each centre belongs to the largest group of neighbours."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(centres) < MIN_MARKERS:
+        return np.ones(len(centres), dtype=bool)
+    tree = cKDTree(centres)
+    spacing = float(np.median(tree.query(centres, 2)[0][:, 1]))
+    pairs = tree.query_pairs(_MAX_GAP * spacing, output_type="ndarray")
+    count = np.bincount(pairs.ravel(), minlength=len(centres))
+    pairs = pairs[(count[pairs] > _FEW * np.median(count)).all(axis=1)]  # a spot outside the field has few neighbours
+    near = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(centres),) * 2)
+    group = connected_components(near, directed=False)[1]
+    return np.asarray(group == np.bincount(group).argmax())
 
 
 def expected_count(centres_px: Floats) -> int:

@@ -21,17 +21,9 @@ threadpoolctl = pytest.importorskip("threadpoolctl")
 from tacbench_cad.cli import classify as classify_command
 from tacbench_cad.cli import compare as command
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.compare import (
-    ALL_TEXTURES,
-    COLUMNS,
-    Difference,
-    PrintAccuracy,
-    Side,
-    compare,
-    read_side,
-    side_names,
-)
+from tacbench_cad.lab.analysis.compare import ALL_TEXTURES, COLUMNS, Difference, compare
 from tacbench_cad.lab.analysis.comparison_files import draw_comparison
+from tacbench_cad.lab.analysis.comparison_sides import PrintAccuracy, Side, read_side, side_names
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Ints
 

@@ -27,7 +27,8 @@ from tacbench_cad.lab.analysis.classification.settings import ClassificationReco
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.compare import compare, read_side
+from tacbench_cad.lab.analysis.compare import compare
+from tacbench_cad.lab.analysis.comparison_sides import read_side
 from tacbench_cad.lab.analysis.feature import fitted
 from tacbench_cad.lab.analysis.figures import styled
 from tacbench_cad.lab.analysis.pixels import Pixels

@@ -198,7 +198,7 @@ class ClassificationRecord(ClassificationSettings):
     textures: Annotated[tuple[str, ...], Length(2)]
     sensor: str
     units: str
-    summary: str
+    summary: str = Feature.summary
     simulated: tuple[str, ...]
     data: str
     unknown_groups: tuple[str, ...] = ()

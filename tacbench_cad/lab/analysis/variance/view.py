@@ -60,8 +60,8 @@ class Settings:
     left_out: tuple[str, ...]
     data: str
     features: str = "pixels"
-    units: str
-    words: Words
+    units: str = "counts"
+    words: Words = Words()  # noqa: RUF009 (it is frozen)
     exhibit: str = ""
     caption: str = ""
     series: bool = False
