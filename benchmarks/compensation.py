@@ -32,15 +32,16 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.printer_models.correction import corrected_for
 from tacbench_cad.extensions.printer_models.fitting import printer_model, scan_of_fit
+from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, TransferPoint
+from tacbench_cad.extensions.printer_models.prediction import Print
 from tacbench_cad.extensions.scan.estimates import Fit, ScanFit
 from tacbench_cad.extensions.scan.fitting import fit_scan
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.simulating import ScanTruth, Transfer, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import Print, corrected_for, in_file
 from tacbench_cad.spec.families import series
-from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
 from tacbench_cad.spec.skin import SKIN_MM, pin_shifts_px
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.top_points import EDGE_MM, points_of, without_edge
@@ -125,7 +126,7 @@ def errors(block: Block, points: int) -> dict[str, Any]:
     scaled = Block.of(block.texture, key_mm=3.0, scale=block.scale / (model.scale_x.value if model.scale_x else 1.0))
     files = {"plain": block, "scaled": scaled}
     for rule in ("formula", "free"):
-        files[rule] = in_file(corrected_for(block, replace(model, relief_rule=rule)))
+        files[rule] = corrected_for(block, replace(model, relief_rule=rule)).file
     scanned = loop.scanned({name: files[name] for name in ("plain", "formula", "free")})
     prints = {name: Print(file=file, model=real) for name, file in files.items()}
     predicted = {name: each.errors(block) for name, each in prints.items()}

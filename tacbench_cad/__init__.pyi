@@ -23,15 +23,10 @@ from .render.pictures import preview_sheet as preview_sheet
 from .render.pictures import texture_picture as texture_picture
 from .render.snapshot import snapshot as snapshot
 from .spec.block import Block as Block
-from .spec.compensation import corrected_for as corrected_for
-from .spec.compensation import effect_of as effect_of
 from .spec.outlines import Disc as Disc
 from .spec.outlines import Polygon as Polygon
 from .spec.outlines import RegularPolygon as RegularPolygon
 from .spec.outlines import Ring as Ring
-from .spec.printermodel import PrinterModel as PrinterModel
-from .spec.printermodel import read_printer_model as read_printer_model
-from .spec.printermodel import write_printer_model as write_printer_model
 from .spec.protocol import FORCES_N as FORCES_N
 from .spec.protocol import PressGrid as PressGrid
 from .spec.protocol import contact_radius_mm as contact_radius_mm

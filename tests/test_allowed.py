@@ -47,7 +47,7 @@ ELSEWHERE = {
             "lab.runs.region:stored_region",
             "extensions.scan.record:read_scan_record.number",
             "spec.storage:surface_from 2",
-            "spec.printermodel:PrinterModel.__post_init__",
+            "extensions.printer_models.model:PrinterModel.__post_init__",
             "extensions.virtual_rig.server:Server._order",
             "lab.analysis.variance.cells:Cell.__post_init__",
         ),

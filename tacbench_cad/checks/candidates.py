@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Literal
 
 from tacbench_cad.checks.body_shape import BodyShape
-from tacbench_cad.checks.claim import claimed_block, claimed_correction, corrected_preset
+from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.match import Candidate, Placement
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import PRESETS
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.texture_files import find_textures
 from tacbench_cad.spec.textures import Texture
@@ -45,7 +44,6 @@ class Expectation:
         preset: ``paper`` or ``released``; None for any preset.
         scale: The scale; None to compute it from the sides.
         claim: The part name in a file of this package; None for other files.
-        model: The printer for which the file is corrected; None if it is unknown.
         later: Whether the authors' later textures are meant if no texture is given, and not the six of the paper.
     """
 
@@ -53,7 +51,6 @@ class Expectation:
     preset: str | None = None
     scale: float | None = None
     claim: str | None = None
-    model: PrinterModel | None = None
     later: bool = False
 
     def __post_init__(self) -> None:
@@ -72,16 +69,9 @@ class Expectation:
 
     @property
     def claimed(self) -> Block | None:
-        """The block that the name in the file describes, with the user's texture and scale if they are given.
-
-        Raises:
-            InputError: The file is corrected for a printer that is unknown.
-        """
+        """The block that the name in the file describes, with the user's texture and scale if they are given."""
         if self.claim is None:
             return None
-        if (corrected := corrected_preset(self.claim)) is not None:
-            own = self.textures(corrected)[0] if self.texture is not None else None
-            return claimed_correction(self.claim, self.model, own) if self.preset in (None, corrected) else None
         words = self.claim.split("_")
         preset = words[1] if len(words) > 1 else ""
         if preset not in PRESETS or self.preset not in (None, preset):

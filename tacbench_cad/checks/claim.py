@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tacbench_cad.formats.stl import HEADER_BYTES, stl_header
-from tacbench_cad.spec.block import CORRECTED, Block
-from tacbench_cad.spec.compensation import corrected_for, in_file
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.outlines import outline_of_word
 from tacbench_cad.spec.presets import PRESETS, VALUES, with_table
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.texture_files import find_texture, is_texture_name
 from tacbench_cad.spec.textures import BlockTable, Texture
-from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.door import open_input, read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME
@@ -67,21 +64,6 @@ def _full_name(path: Path, begin: str) -> str:
     raise InputError("file", str(path), f"{allowed}; keep {MANIFEST_NAME} beside it, or check the 3MF or STEP file")
 
 
-def corrected_preset(name: str) -> str | None:
-    """Return the preset in the name of a block whose file is corrected for a printer; None for other names."""
-    words = name.split("_")
-    preset = words[1].removesuffix(f"-{CORRECTED}") if len(words) > 1 else ""
-    return preset if preset in PRESETS and words[1] != preset else None
-
-
-def model_beside(path: Path) -> PrinterModel | None:
-    """Return the printer for which a file is corrected, from the manifest in its folder; None if that says nothing."""
-    try:
-        return from_plain(PrinterModel, _row_beside(path)["spec"]["printer_model"])
-    except (InputError, LookupError, TypeError):
-        return None
-
-
 def _row_beside(path: Path) -> dict[str, Any]:
     """Return the row of a file in the manifest in its folder; an empty row if there is none."""
     manifest = path.parent / MANIFEST_NAME
@@ -92,26 +74,6 @@ def _row_beside(path: Path) -> dict[str, Any]:
         return next((row for row in rows if row["file"] == path.name), {})
     except (InputError, LookupError, TypeError):
         return {}
-
-
-def claimed_correction(name: str, model: PrinterModel | None, texture: Texture | None = None) -> Block | None:
-    """Return the block in a corrected file with a given name; None if the name is not that of a block.
-
-    Args:
-        name: The name, with :func:`corrected_preset`.
-        model: The printer for which the file is corrected.
-        texture: Same as for :func:`claimed_block`.
-
-    Raises:
-        InputError: The printer is unknown.
-    """
-    block = claimed_block(name.replace(f"-{CORRECTED}_", "_", 1), texture)
-    if block is None:
-        return None
-    if model is None:
-        allowed = f"is missing; the file is corrected for a printer: give its model, or keep {MANIFEST_NAME} beside it"
-        raise InputError("--compensate FILE.toml", None, allowed)
-    return in_file(corrected_for(block, model))
 
 
 def claimed_block(name: str, texture: Texture | None = None) -> Block | None:

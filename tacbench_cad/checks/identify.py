@@ -19,7 +19,7 @@ import numpy as np
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.body_shape import BodyShape, mesh_shape, solid_shape
 from tacbench_cad.checks.candidates import SIDE_MM, Expectation, stretch_of
-from tacbench_cad.checks.claim import claimed_name, model_beside
+from tacbench_cad.checks.claim import claimed_name
 from tacbench_cad.checks.complete import completeness_checks
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
 from tacbench_cad.checks.outline import outline_checks, outline_of
@@ -29,7 +29,6 @@ from tacbench_cad.formats.step import kernel_errors, with_kernel
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.spec.outlines import Outline
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import CheckFailedError
@@ -67,7 +66,6 @@ def examine(
     scale: float | None = None,
     *,
     full: bool | None = None,
-    compensate: PrinterModel | None = None,
 ) -> Report:
     """Identify the part in a file, and report every fault.
 
@@ -77,7 +75,6 @@ def examine(
         preset: ``paper`` or ``released`` (the published surface on its sample grid); None for the nearest preset.
         scale: The expected scale; None to take it from the part name in the file, or to compute it from the sides.
         full: Whether the checks by pymeshlab are done. None does them if pymeshlab is installed.
-        compensate: The printer for which the file is corrected; None to take it from the manifest beside the file.
 
     Returns:
         The report. A file that cannot be read has one failed check.
@@ -87,8 +84,7 @@ def examine(
             CAD kernel.
         MissingToolError: A package that the format or ``full`` needs is not installed.
     """
-    model = compensate or model_beside(path)
-    expected = Expectation(texture=texture, preset=preset, scale=scale, model=model)
+    expected = Expectation(texture=texture, preset=preset, scale=scale)
     try:
         if format_of(path).shape == "solid":
             report: Report = with_kernel(path, _examine_solid, path, expected)
@@ -329,7 +325,7 @@ def _near(match: Match) -> str:
 def _name(candidate: Candidate) -> str:
     block = candidate.block
     grid = " on its sample grid" if candidate.on_grid else ""
-    return f"{block.texture.name}, preset {block.preset_word}{grid}, scale {decimal(block.scale)}"
+    return f"{block.texture.name}, preset {block.preset}{grid}, scale {decimal(block.scale)}"
 
 
 def _allowed(candidate: Candidate) -> float:

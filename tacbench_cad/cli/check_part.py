@@ -24,19 +24,12 @@ if TYPE_CHECKING:
 )
 @options.option("--preset", options.PRESET, "Expected preset. Default: the nearest.", options.PARTS)
 @options.option("--scale", options.SCALE, "Expected scale. Default: from the file's name or the sides.", options.SIZE)
-@options.option(
-    "--compensate",
-    options.file("FILE.toml"),
-    "Model of the printer for which the files are corrected. Default: from manifest.json beside the file.",
-    options.PARTS,
-)
 @options.json
 def command(
     files: tuple[Path, ...],
     texture: str | None,
     preset: str | None,
     scale: float | None,
-    compensate: Path | None,
     json: bool,
 ) -> None:
     """Check an STL, 3MF or STEP file against the formula.
@@ -65,17 +58,15 @@ def command(
       tacbench check-part stl_out/assembly_paper_x1.step
     """
     from tacbench_cad.checks.identify import examine
-    from tacbench_cad.spec.printermodel import read_printer_model
     from tacbench_cad.util.files import existing_file
 
-    model = None if compensate is None else read_printer_model(compensate)
     if scale is not None:
         require_between("scale", scale, 0.01, 100.0)
     reports: list[Report] = []
     refusals: list[tuple[Path, TacbenchError]] = []
     for path in files:
         try:
-            reports.append(examine(existing_file(path), texture=texture, preset=preset, scale=scale, compensate=model))
+            reports.append(examine(existing_file(path), texture=texture, preset=preset, scale=scale))
         except InputError as error:
             if error.field in ("texture", "preset"):
                 raise

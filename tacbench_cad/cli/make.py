@@ -10,8 +10,6 @@ from click.exceptions import Exit
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.extensions.printer_models.compensating import show_effects
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.text import by, counted
 
 if TYPE_CHECKING:
@@ -36,7 +34,6 @@ if TYPE_CHECKING:
 @options.option(
     "--copies", options.COUNT, "Make N files of each block, labelled with the number of the copy.", options.PARTS
 )
-@options.compensate
 @options.flag("--assembly", "Also write holder, blocks and jig together as one file.", options.PARTS)
 @options.option(
     "--step-tolerance",
@@ -66,9 +63,6 @@ def command(verify: str, json: bool, **request: Any) -> None:
     If a part or a format needs a package that is not installed, this part or format is left out, and the command prints
     how to install the package. If you asked for the part or format by --parts or --formats, this is an error.
 
-    With --compensate, the sides, the height and the waves of each block are changed, so that its print is nearer to the
-    formula. The command prints the expected effect. Names and labels say that the block is corrected.
-
     Examples:
       tacbench make
       tacbench make --preset released --out published
@@ -77,25 +71,19 @@ def command(verify: str, json: bool, **request: Any) -> None:
       tacbench make --copies 6 --formats 3mf --parts blocks --out study
       tacbench make --parts coupon --formats stl  # find the fit first
       tacbench make --key --slots 6 --assembly    # all six blocks in one tray
-      tacbench make --compensate my-printer.toml --out corrected
     """
     from tacbench_cad.making.printset import Request, build
     from tacbench_cad.making.request import blocks_of
-    from tacbench_cad.spec.compensation import effect_of
     from tacbench_cad.spec.wavelengths import error_note, turned_note
 
     options_of_call = Request(**options.request_fields(request), full=verify == "full")
     with ProgressLine(every_s=0.0) as progress:
         result = build(options_of_call, progress.show)
     blocks = blocks_of(options_of_call)
-    effects = [effect_of(block) for block in blocks if block.correction is not None]
     if json:
-        expected = {"expected_prints": to_plain(effects)} if effects else {}
-        print_json({**result.as_dict(), **expected})
+        print_json(result.as_dict())
     else:
-        _print(result)
-        if effects:
-            show_effects(effects)
+        show_print_set(result)
         print_lines(*filter(None, [note_of(block) for note_of in (turned_note, error_note) for block in blocks]))
         if request["parts"] != ("coupon",):
             print_lines(_preset(request["preset"]))
@@ -112,8 +100,7 @@ def _next(request: Mapping[str, Any]) -> list[str]:
     parts = request["parts"] or ("blocks",)
     if "blocks" in parts and not any(request[name] for name in ("size_mm", "height_mm", "mm_per_unit")):
         block = next_block(request["textures"], request["preset"], request["scale"], request["key_mm"])
-        model = request.get("compensate")
-        return ["plate", "--printer", "NAME", *block, *([] if model is None else ["--compensate", str(model)])]
+        return ["plate", "--printer", "NAME", *block]
     return ["make", "--fit", "FIT"] if tuple(parts) == ("coupon",) else ["acquire", "--init", "study.toml"]
 
 
@@ -124,7 +111,8 @@ def _preset(preset: str) -> str:
     return "preset: paper, for new work (to compare with the authors' prints, use --preset released)"
 
 
-def _print(result: PrintSet) -> None:
+def show_print_set(result: PrintSet) -> None:
+    """Print a table of the files of a print set, and what was left out."""
     from tacbench_cad.making.manifest import largest_distance
 
     rows = [

@@ -329,12 +329,6 @@ textures = option(
     dest="textures",
     default="all",
 )
-compensate = option(
-    "--compensate",
-    file("FILE.toml"),
-    "Correct the files for a printer, whose model tacbench printer-model wrote.",
-    PARTS,
-)
 key = option(
     "--key",
     Value("[MM]", _key_of),

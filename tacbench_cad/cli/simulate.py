@@ -50,12 +50,11 @@ LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
 )
 @options.flag("--colour", "Make colour frames. They take three times the space.", options.FRAMES)
 @options.option(
-    "--printer-model",
+    "--printers",
     options.words("LIST", suffix=".toml"),
-    "Models of measured printers, written by tacbench printer-model. They replace the virtual printers of the same "
-    "printer and filament.",
+    "Files of measured printers, for example those that tacbench printer-model writes. They replace the virtual "
+    "printers of the same printer and filament.",
     options.PRINTER,
-    dest="models",
 )
 @options.out("DIR", "Folder of the runs. You can leave it out if your own study file names a folder.")
 @options.json
@@ -66,7 +65,7 @@ def command(
     study: str,
     colour: bool,
     look: str,
-    models: tuple[str, ...] | None,
+    printers: tuple[str, ...] | None,
     seed: int,
     jobs: int,
     dask: str | None,
@@ -90,12 +89,12 @@ def command(
     Examples:
       tacbench simulate --out runs
       tacbench simulate --study paper --out paper-runs --jobs 2
-      tacbench simulate --study mine.toml --printer-model my-printer.toml
+      tacbench simulate --study mine.toml --printers my-printer.toml
       tacbench simulate --study mine.toml --look tactip-bristol --colour
       tacbench simulate --study paper --out runs --dask tcp://10.0.0.5:8786
     """
     from tacbench_cad.lab.simulate.blockrun import SimulationOptions
-    from tacbench_cad.lab.simulate.prints import require_used
+    from tacbench_cad.lab.simulate.prints import read_printers, require_used
     from tacbench_cad.lab.simulate.study import (
         estimate_simulation,
         nearest_folder,
@@ -104,10 +103,9 @@ def command(
         simulate_study,
         study_of,
     )
-    from tacbench_cad.spec.printermodel import read_printer_model
 
-    known = tuple(read_printer_model(Path(word)) for word in models or ())
-    how = SimulationOptions(colour=colour, look=look, seed=seed, models=known)
+    known = read_printers([Path(word) for word in printers or ()])
+    how = SimulationOptions(colour=colour, look=look, seed=seed, printers=known)
     chosen = study_of(study)
     require_used(known, chosen.study)
     folder = out or chosen.out

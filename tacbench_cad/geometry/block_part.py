@@ -11,11 +11,9 @@ from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import in_file
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_summary
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,13 +21,8 @@ if TYPE_CHECKING:
 
 
 def block_part(block: Block) -> Part:
-    """Wrap a block as a part. The mesh and the solid are only built when they are needed.
-
-    If the block is corrected for a printer, the part has the geometry of the corrected file.
-    """
+    """Wrap a block as a part. The mesh and the solid are only built when they are needed."""
     from tacbench_cad.geometry.brep import solid_refusal
-
-    block = in_file(block)
 
     def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
         if block.outline is not None:
@@ -106,16 +99,7 @@ def block_spec(block: Block) -> dict[str, Any]:
     sampling = block.sampling
     extremes = block.extremes
     grid = PressGrid.paper(block.scale)
-    design = block.design
-    corrected = {}
-    if design is not None and design.correction is not None:
-        corrected = {
-            "corrected_for": design.correction.fingerprint,
-            "printer_model": to_plain(design.correction, without_none=True),
-            "design": block_spec(design),
-        }
     return {
-        **corrected,
         "texture": block.texture.name,
         "equation": block.texture.equation,
         **surface_summary(block.texture.surface),

@@ -7,21 +7,18 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from tacbench_cad.checks.claim import claimed_block, corrected_preset
+from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.making.choice import described
 from tacbench_cad.making.manifest import read_rows
-from tacbench_cad.spec.block import CORRECTED, Block
-from tacbench_cad.spec.compensation import corrected_for
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import PRESETS
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.texture_files import is_texture_name
-from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME
 
 #: The words of an engraved label: texture, preset, scale and copy.
 _LABEL = re.compile(
-    r"(?P<texture>[\w.-]+)\s+(?P<preset>[A-Za-z]+)(?P<corrected>\s+CORR)?\s+X(?P<scale>\d+(?:\.\d+)?)(?:\s+(?P<copy>\d{1,3}))?",
+    r"(?P<texture>[\w.-]+)\s+(?P<preset>[A-Za-z]+)\s+X(?P<scale>\d+(?:\.\d+)?)(?:\s+(?P<copy>\d{1,3}))?",
     re.IGNORECASE,
 )
 
@@ -51,9 +48,6 @@ def blocks_named(
     if folder.is_dir() and not is_texture_name(word):
         return _of_print_set(folder)
     label = _LABEL.fullmatch(word.strip())
-    if corrected_preset(word) is not None or (label is not None and label["corrected"]):
-        allowed = "is corrected for a printer; name the folder of its print set, whose manifest says for which printer"
-        raise InputError("block", word, allowed)
     if label is not None and label["preset"].lower() in PRESETS:
         texture = re.sub(r"^[tT](?=\d)", "", label["texture"]).lower()
         blocks = described((texture,), label["preset"].lower(), float(label["scale"]))
@@ -78,15 +72,6 @@ def _of_print_set(folder: Path) -> list[Block]:
 
 def _blocks(folder: Path) -> Iterator[Block]:
     for row in read_rows(folder):
-        name, spec = str(row.get("part")), row.get("spec")
-        if row.get("kind") != "block":
-            continue
-        is_corrected = corrected_preset(name) is not None
-        block = claimed_block(name.replace(f"-{CORRECTED}_", "_", 1) if is_corrected else name)
-        if block is None:
-            continue
-        block = replace(block, label=False, copy=None)
-        if is_corrected:
-            table = spec.get("printer_model") if isinstance(spec, dict) else None
-            block = corrected_for(block, from_plain(PrinterModel, table, f"{folder / MANIFEST_NAME}: printer_model "))
-        yield block
+        block = claimed_block(str(row.get("part"))) if row.get("kind") == "block" else None
+        if block is not None:
+            yield replace(block, label=False, copy=None)

@@ -14,9 +14,7 @@ from housing.kinds import FIXTURES
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
 from tacbench_cad.spec.block import MAX_COPIES, Block
-from tacbench_cad.spec.compensation import corrected_for, for_fixtures
 from tacbench_cad.spec.outlines import Outline
-from tacbench_cad.spec.printermodel import PrinterModel, read_printer_model
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.texture_files import find_textures
 from tacbench_cad.spec.textures import Texture
@@ -56,8 +54,6 @@ class Request:
         jig: ``"default"``, or ``"all"`` for a jig with 25 holes.
         step_tolerance_mm: The largest vertical distance of the solids in STEP files from the formula.
         assembly: Whether holder, blocks and jig are also written together as one file.
-        compensate: The model of the printer for which the files of the blocks are corrected, or its TOML file; None for
-            files as the formula says. Fixtures get the sides of the corrected files.
     """
 
     textures: tuple[str | int | Path | Texture, ...] = ("all",)
@@ -82,7 +78,6 @@ class Request:
     jig: str | None = None
     step_tolerance_mm: float | None = None
     assembly: bool = False
-    compensate: PrinterModel | Path | None = None
 
 
 def plan(request: Request) -> Plan:
@@ -96,15 +91,10 @@ def plan(request: Request) -> Plan:
     formats = _formats(request, left_out)
     kinds = _kinds(request, left_out)
     blocks = blocks_of(request)
-    if request.compensate is not None and "blocks" not in kinds:
-        raise InputError("compensate", str(request.compensate), "corrects blocks, which --parts does not contain")
     sources: list[Source] = []
     if "blocks" in kinds:
         sources += _block_sources(request, blocks, formats, left_out)
-    sources += [
-        Source(thing=fixture, formats=formats)
-        for fixture in _fixtures(request, kinds, [for_fixtures(block) for block in blocks], left_out)
-    ]
+    sources += [Source(thing=fixture, formats=formats) for fixture in _fixtures(request, kinds, blocks, left_out)]
     own = [part for part in request.parts or () if not isinstance(part, str)]
     sources += [_without_missing(Source(thing=part, formats=formats, foreign=True), left_out) for part in own]
     _require_distinct(sources)
@@ -220,12 +210,7 @@ def blocks_of(request: Request) -> list[Block]:
             label=request.label or request.copies is not None,
             step_tolerance_mm=request.step_tolerance_mm,
         )
-    chosen = [blocks[texture.name] for texture in textures]
-    if request.compensate is None:
-        return chosen
-    model = request.compensate
-    model = model if isinstance(model, PrinterModel) else read_printer_model(Path(model))
-    return [corrected_for(block, model) for block in chosen]
+    return [blocks[texture.name] for texture in textures]
 
 
 def _block_sources(

@@ -1,6 +1,5 @@
 """The names of :mod:`tacbench_cad.spec`, for type checkers and for its lazy loading alike."""
 
-from .block import CORRECTED as CORRECTED
 from .block import KEY_MM as KEY_MM
 from .block import MAX_COPIES as MAX_COPIES
 from .block import SIZE_RANGE_MM as SIZE_RANGE_MM

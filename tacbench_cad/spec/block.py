@@ -19,7 +19,6 @@ from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
 from tacbench_cad.spec.outlines import Outline, outline_of
 from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_table
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, attainable_mm, highest_sample
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.texture_files import find_texture
@@ -34,9 +33,6 @@ MIN_BASE_MM = 0.8
 SIZE_RANGE_MM = (0.5, 2000.0)
 #: The largest number of copies of a block.
 MAX_COPIES = 999
-#: The words in names and on labels of blocks whose files are corrected for a printer. A longer word on the label would
-#: make all its glyphs smaller.
-CORRECTED, CORRECTED_ON_LABEL = "corrected", "CORR"
 #: The default leg of the key, in mm.
 KEY_MM = 3.0
 
@@ -59,10 +55,6 @@ class Block:
         copy: The number of this copy, or None.
         step_tolerance_mm: The largest vertical distance of the solid (and of a STEP file) from the formula, in mm.
         nominal_outline: The outline before scaling; None for a rectangle.
-        correction: The printer for which the file of this block is corrected; None for a file as the formula says. All
-            other values describe the print.
-        design: The block that a print of this block is expected to equal, if this block describes a corrected file;
-            see :func:`tacbench_cad.spec.compensation.in_file`.
 
     Raises:
         InputError: A field has a value that is not allowed.
@@ -81,8 +73,6 @@ class Block:
     copy: int | None = None
     step_tolerance_mm: float = STEP_TOLERANCE_MM
     nominal_outline: Outline | None = None
-    correction: PrinterModel | None = None
-    design: Block | None = None
 
     @classmethod
     def of(
@@ -347,13 +337,10 @@ class Block:
 
     @property
     def label_words(self) -> tuple[str, ...]:
-        """The words of the label: texture, preset, whether the file is corrected for a printer, scale and copy."""
-        if self.design is not None:
-            return self.design.label_words
+        """The words of the label: texture, preset, scale and copy."""
         first = f"T{self.texture.number}" if self.texture.number else self.texture.name.upper()
         copy = () if self.copy is None else (f"{self.copy:02d}",)
-        corrected = () if self.correction is None else (CORRECTED_ON_LABEL,)
-        return (first, self.preset.upper(), *corrected, f"X{decimal(self.scale)}", *copy)
+        return (first, self.preset.upper(), f"X{decimal(self.scale)}", *copy)
 
     @cached_property
     def outline(self) -> Outline | None:
@@ -364,16 +351,11 @@ class Block:
     def silhouette(self) -> tuple[tuple[float, float], float, float | None, Outline | None]:
         """Sides, height, key and outline, from which a holder is made. Blocks with the same values fit one holder.
 
-        For a corrected file they are also corrected, because the same printer prints the holder.
+        The numbers are rounded, so that blocks that were computed differently are equal.
         """
-        if self.design is not None:
-            return self.design.silhouette
-        size, height, key, outline = self.size_mm, self.height_mm, self.key_mm, self.outline
-        if (model := self.correction) is not None:
-            size, height, key = model.file_size_mm(size), height / model.scale[2], model.file_key_mm(key)
-            if self.nominal_outline is not None:
-                outline = model.file_outline(self.nominal_outline, self.scale).scaled(self.scale)
-        return _rounded(*(size if outline is None else outline.size_mm), height, key, outline)
+        x, y = self.size_mm if self.outline is None else self.outline.size_mm
+        key = None if self.key_mm is None else round(self.key_mm, 9)
+        return ((round(x, 9), round(y, 9)), round(self.height_mm, 9), key, self.outline)
 
     @property
     def footprint_mm2(self) -> float:
@@ -416,10 +398,8 @@ class Block:
         return self._name(own if own != STEP_TOLERANCE_MM else None)
 
     def _name(self, tolerance_mm: float | None) -> str:
-        if self.design is not None:
-            return self.design._name(tolerance_mm)
         values, sampling = VALUES[self.preset], self.sampling
-        parts = [self.texture.name, self.preset_word, f"x{decimal(self.scale)}"]
+        parts = [self.texture.name, self.preset, f"x{decimal(self.scale)}"]
         if self.nominal_outline is not None:
             parts.append(self.nominal_outline.word)
             if self.nominal_height_mm != values.height_mm:
@@ -444,17 +424,12 @@ class Block:
         return "_".join(parts)
 
     @property
-    def preset_word(self) -> str:
-        """The preset in names: ``paper``, or ``paper-corrected`` if the file is corrected for a printer."""
-        return self.preset if (self.design or self).correction is None else f"{self.preset}-{CORRECTED}"
-
-    @property
     def title(self) -> str:
         """The texture, preset and size in one line."""
         if self.outline is not None:
-            return f"{self.texture.name}, preset {self.preset_word}, {self.outline}, {self.height_mm:g} mm high"
+            return f"{self.texture.name}, preset {self.preset}, {self.outline}, {self.height_mm:g} mm high"
         x, y = self.size_mm
-        return f"{self.texture.name}, preset {self.preset_word}, {x:g} x {y:g} x {self.height_mm:g} mm"
+        return f"{self.texture.name}, preset {self.preset}, {x:g} x {y:g} x {self.height_mm:g} mm"
 
     def __str__(self) -> str:
         """A dimension report."""
@@ -515,13 +490,6 @@ def extremes_on(
         parts.append(surface.extremes((x - key_mm, x), (0.0, key_mm), HalfPlane(1.0, -1.0, x - key_mm)))
     low, high = min(parts, key=lambda part: part.low), max(parts, key=lambda part: part.high)
     return Extremes(low.low, high.high, low.at_low, high.at_high, max(part.error for part in parts))
-
-
-def _rounded(
-    x: float, y: float, height: float, key: float | None, outline: Outline | None
-) -> tuple[tuple[float, float], float, float | None, Outline | None]:
-    """Return a silhouette whose numbers are rounded, so that blocks that were computed differently are equal."""
-    return ((round(x, 9), round(y, 9)), round(height, 9), None if key is None else round(key, 9), outline)
 
 
 def _same(one: tuple[float, float], other: tuple[float, float]) -> bool:

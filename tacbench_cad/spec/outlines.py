@@ -591,12 +591,15 @@ def outline_of(word: str, size_mm: tuple[float, float]) -> Outline:
 
     Args:
         word: ``disc``, ``hexagon`` and so on, or ``ring``, for the largest one in a rectangle; or with sizes:
-            ``disc:30``, ``hexagon:30``, ``ring:30,12``, ``polygon:0,0,20,0,10,15``.
+            ``disc:30``, ``hexagon:30``, ``ring:30,12``, ``polygon:0,0,20,0,10,15``. The words in names of files are
+            allowed as well, such as ``disc30``.
         size_mm: The sides of the rectangle.
 
     Raises:
         InputError: The word or a size is not allowed.
     """
+    if (known := outline_of_word(word)) is not None:
+        return known
     name, _, rest = word.strip().lower().partition(":")
     try:
         numbers = [float(number) for number in rest.split(",")] if rest else []

@@ -187,6 +187,7 @@ _Frequency = Annotated[float, WAVE_BOUNDS["f"]]
 _Phase = Annotated[float, WAVE_BOUNDS["phase"]]
 
 
+_Stretch = Annotated[float, Bounds(1e-3, 1e3)]
 _Wavelength = Annotated[float, Bounds(1e-4, 1e6)]
 
 
@@ -318,6 +319,7 @@ class _Combined:
     of: Annotated[tuple[Word, ...], Length(1, 10)]
     weights: Annotated[tuple[_Amplitude, ...], Length(1, 10)] | None = None
     turn_deg: Annotated[float, Bounds(-360.0, 360.0)] = 0.0
+    stretch: tuple[_Stretch, _Stretch, _Stretch] = (1.0, 1.0, 1.0)
     fade: Annotated[float, Bounds(1e-3, 1e4)] | None = None
 
     def made(self, document: _Document, files: _Files) -> tuple[Texture, BlockTable]:
@@ -340,6 +342,8 @@ class _Combined:
             table = _merged(table, part.block)
         table = _merged(table, own)
         surface = added([weight * part.surface for part, weight in zip(parts, weights, strict=True)])
+        if self.stretch != (1.0, 1.0, 1.0):
+            surface = surface.mapped(self.stretch[:2], self.stretch[2])
         if self.turn_deg:
             surface = surface.turned(self.turn_deg)
         named = [f"{weight:g} {part.name}" for part, weight in zip(parts, weights, strict=True)]

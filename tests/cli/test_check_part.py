@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
-from helpers.printers import PRINTER
 
 from tacbench_cad.cli import main
-from tacbench_cad.spec.printermodel import write_printer_model
 
 Capture = pytest.CaptureFixture[str]
 
@@ -138,29 +135,3 @@ def test_wrong_options_end_with_2(options: list[str], needle: str, block: Path, 
 def test_a_command_without_a_file_is_refused(capsys: Capture) -> None:
     assert main(["check-part"]) == 2
     assert "FILE" in capsys.readouterr().err
-
-
-def test_a_corrected_file_is_recognised_by_the_manifest_or_the_model(tmp_path: Path, capsys: Capture) -> None:
-    model = tmp_path / "my-printer.toml"
-    write_printer_model(PRINTER, model)
-    made = ["make", "--texture", "3", "--formats", "stl", "--parts", "blocks", "--out", str(tmp_path / "made")]
-    assert main([*made, "--compensate", str(model)]) == 0
-    assert "print of the plain file" in capsys.readouterr().out
-    path = tmp_path / "made" / "texture-3_paper-corrected_x1.stl"
-    assert main(["check-part", str(path), "--json"]) == 0
-    checks = json.loads(capsys.readouterr().out)["files"][0]["checks"]
-    assert any("texture-3, preset paper-corrected" in check["detail"] for check in checks)
-    (tmp_path / "made" / "manifest.json").unlink()
-    assert main(["check-part", str(path)]) == 2
-    assert "corrected for a printer: give its model" in capsys.readouterr().err
-    assert main(["check-part", str(path), "--compensate", str(model)]) == 0
-    wrong = tmp_path / "other.toml"
-    write_printer_model(replace(PRINTER, transfer_x=()), wrong)
-    assert main(["check-part", str(path), "--compensate", str(wrong)]) == 1
-
-
-def test_a_correction_needs_blocks(tmp_path: Path, capsys: Capture) -> None:
-    write_printer_model(PRINTER, tmp_path / "a.toml")
-    parts = ["--parts", "coupon", "--formats", "stl", "--out", str(tmp_path)]
-    assert main(["make", *parts, "--compensate", str(tmp_path / "a.toml")]) == 2
-    assert "corrects blocks" in capsys.readouterr().err

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from tacbench_cad.spec.printermodel import Measured, PrinterModel, TransferPoint
+from pathlib import Path
+
+from tacbench_cad.extensions.printer_models.correction import Corrected, corrected_for
+from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, TransferPoint
+from tacbench_cad.spec.block import Block
 
 
 def measured(value: float) -> Measured:
@@ -27,3 +31,12 @@ PRINTER = PrinterModel(
     transfer_x=points((0.8, 0.7), (8.0, 0.99)),
     transfer_y=points((0.8, 0.6), (8.0, 0.98)),
 )
+
+
+def write_corrected(folder: Path, block: Block, model: PrinterModel = PRINTER) -> Corrected:
+    """Correct a block for a printer, and write the texture file of the corrected block."""
+    folder.mkdir(exist_ok=True)
+    corrected = corrected_for(block, model)
+    name = block.texture.name
+    (folder / f"{name}.toml").write_text(corrected.toml(name), encoding="utf-8")
+    return corrected

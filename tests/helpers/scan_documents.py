@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.printer_models.model import PrinterModel
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.waves import WaveSum
 
 

@@ -6,11 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers.printers import PRINTER
 
 from tacbench_cad.making.labelled import blocks_named
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME
 
@@ -45,15 +43,6 @@ def test_a_print_set_means_its_blocks_once(tmp_path: Path) -> None:
     assert [block.name for block in blocks_named(str(tmp_path))] == ["texture-1_paper_x1", "texture-5_paper_x1_key3"]
 
 
-def test_a_corrected_block_of_a_print_set_means_its_intended_print(tmp_path: Path) -> None:
-    spec = {"printer_model": to_plain(PRINTER, without_none=True)}
-    row = {"file": "1.stl", "sha256": "", "part": "texture-1_paper-corrected_x1", "kind": "block", "spec": spec}
-    (tmp_path / MANIFEST_NAME).write_text(json.dumps({"schema": 1, "files": [row]}), encoding="utf-8")
-    (block,) = blocks_named(str(tmp_path))
-    assert "paper-corrected" in block.name and block.correction is not None
-    assert block.surface == Block.of(1).surface
-
-
 @pytest.mark.parametrize("word", ["4", "texture-4", "dunes"])
 def test_a_texture_comes_before_a_folder_with_its_name(
     word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -71,6 +60,5 @@ def test_a_folder_without_blocks_and_an_unknown_word_are_refused(tmp_path: Path)
         blocks_named(str(tmp_path))
     with pytest.raises(InputError, match="texture"):
         blocks_named("textur-4")
-    for word in ("texture-4_paper-corrected_x1", "T4 PAPER CORR X1"):
-        with pytest.raises(InputError, match="print set"):
-            blocks_named(word)
+    with pytest.raises(InputError, match="texture"):
+        blocks_named("T4-CORR PAPER X1")

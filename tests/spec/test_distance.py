@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers.printers import PRINTER
 
+from tacbench_cad.extensions.printer_models.prediction import Print
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import Print
 from tacbench_cad.spec.distance import distance_along_normal
 from tacbench_cad.util.types import Floats
 

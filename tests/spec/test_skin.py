@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.simulate.heights import cell_of, centres
-from tacbench_cad.lab.simulate.prints import VIRTUAL_PRINTERS, as_printed, seeded
+from tacbench_cad.lab.simulate.prints import VIRTUAL_PRINTERS, seeded
+from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.skin import FELT_PX, pin_shifts_px, shift_px_per_mm
 from tacbench_cad.spec.top_points import without_edge
@@ -55,7 +56,7 @@ def test_the_sensor_feels_the_errors_of_every_virtual_printer() -> None:
     inside = without_edge(block, x, y, 2.1)
     shifts = {}
     for name, printer in VIRTUAL_PRINTERS.items():
-        printed = as_printed(block, printer, seeded("scan", name)).z_mm.T
+        printed = printer.heights(PrintedBlock(block=block, printer=name, filament="any"), seeded("scan", name)).T
         shifts[name] = float(np.sqrt(np.mean(pin_shifts_px(printed - formula, cell_of(block))[inside] ** 2)))
     assert shifts["form-3"] == pytest.approx(0.3, abs=0.05)
     assert max(shifts.values()) == pytest.approx(1.1, abs=0.1) and min(shifts.values()) > FELT_PX

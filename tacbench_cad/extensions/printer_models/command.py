@@ -12,7 +12,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.spec.printermodel import ReliefRule
+    from tacbench_cad.extensions.printer_models.model import ReliefRule
 
 
 @options.command("printer-model", "Print")
@@ -74,8 +74,8 @@ def command(
     if out.suffix.lower() != ".toml":
         raise InputError("out", str(out), "must end in .toml")
     from tacbench_cad.extensions.printer_models.fitting import facts, find_scans, printer_model, read_print_scan
+    from tacbench_cad.extensions.printer_models.model import write_printer_model
     from tacbench_cad.lab.study.names import own_name
-    from tacbench_cad.spec.printermodel import write_printer_model
     from tacbench_cad.util.convert import to_plain
 
     model = printer_model(
@@ -105,4 +105,4 @@ def command(
         if write_picture(picture, partial(transfer_picture, model)):
             note(f"wrote {picture}")
     if not json:
-        print_next("make", "--compensate", out)
+        print_next("correct", out, "-o", "corrected")

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, ReliefRule, TransferPoint
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH, ScanFit
 from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_document
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import Measured, PrinterModel, ReliefRule, TransferPoint
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
@@ -76,6 +76,7 @@ class PrintScan:
         copy: The copy of the print; None if it is unknown.
         nozzle_mm: The diameter of the nozzle; None if it is unknown.
         geometry: The base and the mean height of the formula's block; None if they are unknown.
+        printed_from: The name of the block in the printed file, if it differs from ``block``.
         path: The file.
     """
 
@@ -88,6 +89,7 @@ class PrintScan:
     copy: int | str | None = None
     nozzle_mm: float | None = None
     geometry: Geometry | None = None
+    printed_from: str | None = None
     path: str = field(default="", metadata={"key": None})
 
     @property
@@ -211,7 +213,18 @@ def scan_of_fit(
     )
 
 
-_KEYS = ("block", "parameters", "waves", "simulated", "printer", "filament", "copy", "nozzle_mm", "geometry")
+_KEYS = (
+    "block",
+    "parameters",
+    "waves",
+    "simulated",
+    "printer",
+    "filament",
+    "copy",
+    "nozzle_mm",
+    "geometry",
+    "printed_from",
+)
 
 
 def _names(kind: Any) -> tuple[str, ...]:
@@ -263,9 +276,9 @@ def printer_model(
     if not scans:
         raise InputError("SCANS", None, "needs at least one scan")
     for scan in scans:
-        if "-corrected" in scan.block:
-            allowed = "is a print of a corrected file; a model needs scans of plain prints"
-            raise InputError(f"{scan.path}: block", scan.block, allowed)
+        if scan.printed_from is not None:
+            allowed = f"is the file of this print of {scan.block}; a model needs scans of prints of plain files"
+            raise InputError(f"{scan.path}: printed_from", scan.printed_from, allowed)
     printer = _common(scans, "printer", printer, "--printer NAME")
     filament = _common(scans, "filament", filament, "--filament NAME")
     nozzle = _common(scans, "nozzle_mm", nozzle_mm, "--nozzle MM")

@@ -1,4 +1,4 @@
-"""Compare scans of printed blocks with their formulas, and compute the model of a printer.
+"""Compare scans of printed blocks with their formulas.
 
 Import the names from this module. Each name is loaded when it is first used, so the import is fast::
 
@@ -7,7 +7,6 @@ Import the names from this module. Each name is loaded when it is first used, so
 * a scan: :func:`read_scan`, :class:`Cloud`; without a scanner: :func:`simulate_scan`, :class:`ScanTruth`
 * its result: :func:`analyse`, :class:`Options`, :class:`Limits`, :class:`ScanResult`, :func:`write_result`
 * only the fit: :func:`fit_scan`, :func:`identify`, :class:`ScanFit`, :class:`Pose`
-* the model of a printer from scans: :func:`printer_model`; it is used by :func:`tacbench_cad.corrected_for`
 """
 
 import lazy_loader

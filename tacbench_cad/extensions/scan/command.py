@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,6 +53,13 @@ _SCALE, _HALF_MM = 0.996, (0.9, 1.2)
     options.INPUT,
 )
 @options.option("--flat", options.file("FILE"), "A scan of a flat plate, for the same purpose.", options.INPUT)
+@options.option(
+    "--printed-from",
+    options.file("FILE.toml"),
+    "Texture file that was printed, if it is not that of the block, for example a corrected one. Default: from the run "
+    "folder.",
+    options.PARTS,
+)
 @options.option("--printer", options.text("NAME"), "Printer. Default: from the run folder.", options.PRINTER)
 @options.option("--filament", options.text("NAME"), "Filament. Default: from the run folder.", options.PRINTER)
 @options.option("--copy", options.COUNT, "Number of the copy. Default: from the label.", options.PRINTER)
@@ -101,6 +109,7 @@ def command(
     limits: tuple[str, ...] | None,
     compare: Path | None,
     simulate: Path | None,
+    printed_from: Path | None,
     out: Path | None,
     no_picture: bool,
     json: bool,
@@ -133,10 +142,15 @@ def command(
             raise InputError("simulate", str(simulate), f"writes a scan and reads none; leave out {file}")
         if block is not None and len(blocks) > 1:
             raise InputError("block", block, "means several blocks, but one is simulated; name one, for example 4")
-        _simulate(blocks[0], simulate, values["copy"])
+        _simulate(blocks[0] if printed_from is None else _file_of(blocks[0], printed_from), simulate, values["copy"])
         named = [] if block is None else ["--block", block]
+        named += [] if printed_from is None else ["--printed-from", str(printed_from)]
         print_next("scan", simulate, *named, *next_block(("all",), preset, scale, key_mm))
         return
+    if printed_from is not None:
+        if len(blocks) > 1:
+            raise InputError("printed-from", str(printed_from), "needs the block of the print; name it by --block")
+        origin = replace(origin, printed_from=_file_of(blocks[0], printed_from).name)
     from tacbench_cad.extensions.scan.writing import document_of
 
     if file is None:
@@ -153,7 +167,7 @@ def command(
         if run is not None:
             note(f"wrote {run.folder / SCAN_FILE}")
         print_lines(str(result.verdict))
-        if result.block.correction is None:
+        if result.origin.printed_from is None:
             print_next("printer-model", folder, "-o", "my-printer.toml")
     if not result.verdict.ok:
         raise Exit(1)
@@ -169,6 +183,7 @@ def _blocks(
 
     if word is not None and not is_texture_name(word) and (Path(word) / "run.json").is_file():
         from tacbench_cad.lab.runs.reading import Run
+        from tacbench_cad.lab.study.spec import PrintedBlock
 
         opened = Run.open(Path(word))
         printed = opened.info.printed
@@ -176,10 +191,24 @@ def _blocks(
             raise InputError("block", word, "is an imported run without a formula; name the texture instead")
         record = opened.print_record.values
         nozzle = record.get("nozzle_mm")
-        origin = PrintOrigin(printer=printed.printer, filament=printed.filament, copy=printed.copy, nozzle_mm=nozzle)
+        file = printed.file if isinstance(printed, PrintedBlock) else None
+        origin = PrintOrigin(
+            printer=printed.printer,
+            filament=printed.filament,
+            copy=printed.copy,
+            nozzle_mm=nozzle,
+            printed_from=None if file is None else file.name,
+        )
         return [printed.block], origin, opened
     blocks = blocks_named(word, preset, scale, key_mm)
     return blocks, PrintOrigin(copy=blocks[0].copy if len(blocks) == 1 else None), None
+
+
+def _file_of(block: Block, path: Path) -> Block:
+    """Return a block as it is in the file that was printed."""
+    from tacbench_cad.lab.study.plate import block_in_file
+
+    return block_in_file(block, path)
 
 
 def _result(
@@ -191,8 +220,6 @@ def _result(
     run: Run | None,
     values: dict[str, Any],
 ) -> tuple[ScanResult, Views | None]:
-    from dataclasses import replace
-
     from tacbench_cad.extensions.scan.analysing import LAYER_MM, Options, analyse
     from tacbench_cad.extensions.scan.limits import limits_of
     from tacbench_cad.extensions.slicing.gcode import read_gcode
@@ -295,12 +322,9 @@ def _show(result: ScanResult, views: Views | None) -> None:
 
 
 def _simulate(block: Block, path: Path, copy: int | None) -> None:
-    """Write a simulated scan of a print of the block's file. Each copy has its own pose and noise."""
-    from dataclasses import replace
-
+    """Write a simulated scan of a print of a block. Each copy has its own pose and noise."""
     from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan, stretch
     from tacbench_cad.extensions.scan.writing import write_simulated
-    from tacbench_cad.spec.compensation import in_file
 
     if path.suffix.lower() != ".ply":
         raise InputError("simulate", str(path), "must end in .ply")
@@ -312,7 +336,7 @@ def _simulate(block: Block, path: Path, copy: int | None) -> None:
         seed=copy or block.copy or 0,
     ).with_random_pose()
     truth = replace(truth, pose=replace(truth.pose, stretch=stretch((_SCALE, _SCALE, 1.0))))
-    cloud = simulate_scan(in_file(block), truth)
+    cloud = simulate_scan(block, truth)
     write_simulated(cloud, path)
     x, y = _HALF_MM
     note(f"wrote {path}: a simulated scan of {block.name}, {len(cloud):,} points with 0.02 mm of noise")

@@ -52,12 +52,14 @@ class PrintOrigin:
         filament: The filament.
         copy: The copy.
         nozzle_mm: The diameter of the nozzle.
+        printed_from: The name of the block in the printed file, if it differs from the block.
     """
 
     printer: str | None = None
     filament: str | None = None
     copy: int | str | None = None
     nozzle_mm: float | None = None
+    printed_from: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

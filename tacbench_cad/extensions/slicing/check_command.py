@@ -46,13 +46,6 @@ def _frame_of(option: str, text: str) -> Frame:
 @options.key
 @options.scale
 @options.option(
-    "--compensate",
-    options.file("FILE.toml"),
-    "Model of the printer for which the block's file is corrected. The G-code is then compared with the corrected "
-    "formula.",
-    options.PARTS,
-)
-@options.option(
     "--frame",
     options.Value("X,Y[,DEG]", _frame_of),
     "Position of the block on the bed: its lower left corner in mm, and its rotation if it is turned by 90, 180 or 270 "
@@ -71,7 +64,6 @@ def command(
     preset: str,
     scale: float,
     key_mm: float | None,
-    compensate: Path | None,
     frame: Frame | None,
     filament: float | None,
     out: Path | None,
@@ -102,7 +94,7 @@ def command(
     from tacbench_cad.extensions.slicing.compare import slice_check
     from tacbench_cad.extensions.slicing.pictures import as_sliced_picture
 
-    block = _block(texture, preset, scale, key_mm, compensate)
+    block = _block(texture, preset, scale, key_mm)
     pictures = _pictures(files, out, no_picture)
     results = [slice_check(path, block, frame, filament_mm=filament) for path in files]
     if json:
@@ -121,18 +113,15 @@ def command(
         print_next("plate", "--printer", "NAME", *next_block((texture,), preset, scale, key_mm))
 
 
-def _block(texture: str, preset: str, scale: float, key_mm: float | None, compensate: Path | None) -> Block:
+def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Block:
     from dataclasses import replace
 
     from tacbench_cad.making.choice import described
-    from tacbench_cad.spec.compensation import corrected_for, in_file
-    from tacbench_cad.spec.printermodel import read_printer_model
 
     blocks = described((texture,), preset, scale)
     if len(blocks) != 1:
         raise InputError("texture", texture, "name one texture: 1 to 6, a name such as dunes, or a TOML file")
-    block = replace(blocks[0], key_mm=key_mm)
-    return block if compensate is None else in_file(corrected_for(block, read_printer_model(compensate)))
+    return replace(blocks[0], key_mm=key_mm)
 
 
 def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list[Path]:

@@ -43,7 +43,7 @@ def as_sliced_picture(comparison: AsSliced, path: Path) -> None:
 def _figure(comparison: AsSliced) -> Figure:
     figure = new_figure((9.6, 9.8))
     block, sliced = comparison.block, comparison.sliced
-    title = f"{block.texture.name} ({block.preset_word}, scale {block.scale:g}) as sliced; G-code: {sliced.dialect}"
+    title = f"{block.texture.name} ({block.preset}, scale {block.scale:g}) as sliced; G-code: {sliced.dialect}"
     figure.text(0.02, 0.986, title, ha="left", va="top", fontsize=11.0, color=INK)
     figure.text(0.02, 0.961, _numbers(comparison), ha="left", va="top", fontsize=8.5, color=INK)
     height = np.where(comparison.printed_mm > 0.0, comparison.printed_mm, np.nan)

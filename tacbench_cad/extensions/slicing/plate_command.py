@@ -34,7 +34,12 @@ if TYPE_CHECKING:
 @options.preset
 @options.key
 @options.scale
-@options.compensate
+@options.option(
+    "--files",
+    options.file("DIR"),
+    "Folder with the texture files that are printed instead, such as texture-4.toml; tacbench correct writes them.",
+    options.PARTS,
+)
 @options.option("--spacing", options.MM, "Space between two blocks.", options.PRINTER, default="5")
 @options.option("--printers", options.file("FILE.toml"), "File with printers of your own.", options.PRINTER)
 @options.out("DIR", "Folder of the files.", default="plates")
@@ -46,7 +51,7 @@ def command(
     preset: str,
     scale: float,
     key_mm: float | None,
-    compensate: Path | None,
+    files: Path | None,
     filament: str | None,
     spacing: float,
     printers: Path | None,
@@ -90,30 +95,32 @@ def command(
     from tacbench_cad.extensions.slicing.printers import printers as known_printers
     from tacbench_cad.extensions.slicing.writing import write_plates
     from tacbench_cad.lab.study.names import own_name
+    from tacbench_cad.lab.study.plate import block_in_file
     from tacbench_cad.spec.block import Block
-    from tacbench_cad.spec.compensation import corrected_for
-    from tacbench_cad.spec.printermodel import read_printer_model
     from tacbench_cad.spec.texture_files import find_textures
 
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)
     material = own_name("filament", filament if filament is not None else machine.filaments[0])
     blocks = [Block.of(texture, preset, scale=scale, key_mm=key_mm) for texture in find_textures(textures, preset)]
-    if compensate is not None:
-        model = read_printer_model(compensate)
-        model.require_for(own_name("printer", machine.name), material)
-        blocks = [corrected_for(block, model) for block in blocks]
+    printed = {}
+    if files is not None:
+        paths = [files / f"{block.texture.name}.toml" for block in blocks]
+        in_files = [block_in_file(block, path) for block, path in zip(blocks, paths, strict=True)]
+        for block, file, path in zip(blocks, in_files, paths, strict=True):
+            printed[file.texture.name] = (block.texture.name, path)
+        blocks = in_files
     plates = arrange_plates(blocks, copies, machine, spacing)
     if not all(placed.block.label for plate in plates for placed in plate.blocks):
         note("warning: some blocks are too small for an engraved label; mark them by hand after printing")
-    files = [Path(word) for word in textures if word.lower().endswith(".toml")]
-    written = write_plates(plates, material, out, files, compensate)
+    own = [Path(word) for word in textures if word.lower().endswith(".toml")]
+    written = write_plates(plates, material, out, own, printed)
     pictures = [
-        write_picture(paths.picture, partial(plate_picture, plate, material))
-        for plate, paths in zip(plates, written, strict=True)
+        write_picture(made.picture, partial(plate_picture, plate, material))
+        for plate, made in zip(plates, written, strict=True)
     ]
-    for paths, drawn in zip(written, pictures, strict=True):
-        for path in (*paths.paths, *([paths.picture] if drawn else [])):
+    for made, drawn in zip(written, pictures, strict=True):
+        for path in (*made.paths, *([made.picture] if drawn else [])):
             note(f"wrote {path}")
     if json:
         rows = zip(plates, written, pictures, strict=True)

@@ -30,7 +30,7 @@ _STARTS, _SWAPS = 4, 2000
 #: The columns of the layout file, which ``tacbench acquire`` reads.
 COLUMNS = (
     *("plate", "label", "texture", "preset", "scale", "key_mm", "copy", "printer", "filament"),
-    *("x_mm", "y_mm", "width_mm", "depth_mm", "compensate"),
+    *("x_mm", "y_mm", "width_mm", "depth_mm", "file"),
 )
 
 
@@ -214,7 +214,9 @@ def _assignment(places: Floats, texture: Ints) -> list[int]:
     return min(orders)[1]
 
 
-def write_layout(plate: Plate, filament: str, path: Path, files: Mapping[str, str], compensate: str = "") -> None:
+def write_layout(
+    plate: Plate, filament: str, path: Path, files: Mapping[str, str], printed: Mapping[str, tuple[str, str]]
+) -> None:
     """Write a plate's layout as CSV, with a row for each block, beginning at the bed's lower left.
 
     Args:
@@ -222,7 +224,8 @@ def write_layout(plate: Plate, filament: str, path: Path, files: Mapping[str, st
         filament: The name of the filament.
         path: The file.
         files: The file names of users' textures, by the names of the textures.
-        compensate: The file name of the printer model for which the blocks are corrected; empty for plain blocks.
+        printed: For blocks that differ from what their prints are expected to equal, by the names of their textures:
+            the texture of the print, and the texture file of the block, relative to the layout.
 
     Raises:
         InputError: The file cannot be written.
@@ -233,7 +236,8 @@ def write_layout(plate: Plate, filament: str, path: Path, files: Mapping[str, st
         for placed in plate.blocks:
             block = placed.block
             key = "" if block.key_mm is None else f"{block.key_mm:g}"
-            texture = files.get(block.texture.name, block.texture.name)
+            name, file = printed.get(block.texture.name, (block.texture.name, ""))
+            texture = files.get(name, name)
             about = (plate.number, placed.label, texture, block.preset, f"{block.scale:g}", key, block.copy)
             place = (f"{value:.3f}" for value in (placed.x_mm, placed.y_mm, *block.size_mm))
-            writer.writerow([*about, plate.printer.name, filament, *place, compensate])
+            writer.writerow([*about, plate.printer.name, filament, *place, file])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from tacbench_cad.spec.printrecord import form
 from tacbench_cad.spec.texture_files import read_texture
 from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
-from tacbench_cad.util.files import locked, replacing
+from tacbench_cad.util.files import locked, replacing, write_text
 
 #: The largest distance of a vertex from its place in the file, caused by single precision, in mm.
 _PLACE_MM = 1e-4
@@ -61,7 +61,7 @@ def write_plates(
     filament: str,
     out: Path,
     texture_files: Sequence[Path] = (),
-    compensate: Path | None = None,
+    printed: Mapping[str, tuple[str, Path]] | None = None,
 ) -> list[PlateFiles]:
     """Write the 3MF, the layout and the print record of each plate.
 
@@ -72,7 +72,8 @@ def write_plates(
         filament: The name of the filament.
         out: The folder. It is created if it does not exist.
         texture_files: Users' texture files. They are copied into the folder, because the layouts refer to them.
-        compensate: The printer model for which the blocks are corrected. It is copied as well.
+        printed: For blocks that differ from what their prints are expected to equal, by the names of their textures:
+            the texture of the print, and the texture file of the block. These files are copied to the folder ``files``.
 
     Raises:
         MissingToolError: lib3mf is not installed.
@@ -90,13 +91,15 @@ def write_plates(
     all_files = [PlateFiles.of(plate, filament, out) for plate in plates]
     with locked(out):
         _require_no_others(all_files, f"{plates[0].printer.name}_{filament}_plate", out)
-        for path in (*texture_files, *(() if compensate is None else (compensate,))):
-            content = read_bytes(path, "texture", "toml")
-            with replacing(out / path.name) as temporary:
-                temporary.write_bytes(content)
+        copies = {out / path.name: path for path in texture_files}
+        others = {name: (texture, f"files/{path.name}") for name, (texture, path) in (printed or {}).items()}
+        copies |= {out / others[name][1]: path for name, (_, path) in (printed or {}).items()}
+        for copy, path in copies.items():
+            copy.parent.mkdir(exist_ok=True)
+            write_text(copy, read_bytes(path, "texture", "toml").decode())
         for plate, files in zip(plates, all_files, strict=True):
             _write_model(plate, files.model.stem, files.model)
-            write_layout(plate, filament, files.layout, names, "" if compensate is None else compensate.name)
+            write_layout(plate, filament, files.layout, names, others)
             if not files.record.exists():
                 with replacing(files.record) as temporary:
                     temporary.write_text(_record(plate, filament, files), encoding="utf-8")

@@ -141,7 +141,7 @@ def label_picture(printed: PrintedBlock) -> dict[str, Any] | None:
         The width and height of the underside in mm (``size``), and the outlines of the glyphs as a path of SVG
         (``path``); None if the label does not fit on the block.
     """
-    block = replace(printed.block, copy=printed.copy)
+    block = replace(printed.in_file, copy=printed.copy)
     try:
         label = engrave(block.label_words, block.size_mm, block.key_mm or 0.0, block.outline)
     except (InputError, ImportError):  # the library that joins the strokes is not part of the light installation

@@ -74,7 +74,7 @@ class Typing:
         """See :class:`Person` and :func:`is_label`."""
         where = "the holder" if slot is None else f"slot {slot}"
         self.say(
-            f"Put into {where}: {printed.texture}, preset {printed.block.preset_word}, scale {printed.block.scale:g}, "
+            f"Put into {where}: {printed.texture}, preset {printed.block.preset}, scale {printed.block.scale:g}, "
             f"{printed.printer}, {printed.filament}, copy {printed.copy}"
         )
         for _ in range(TRIES):

@@ -63,7 +63,7 @@ class Place:
     @property
     def label(self) -> str:
         """The text on the underside of a block that was printed with its label: ``T4 PAPER X1 02``."""
-        return " ".join(replace(self.printed.block, copy=self.printed.copy).label_words)
+        return " ".join(replace(self.printed.in_file, copy=self.printed.copy).label_words)
 
     @property
     def run(self) -> Run | None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.spec.printermodel import PrinterModel
+from tacbench_cad.lab.study.spec import Pressed, PrintedBlock
+from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Ints
 
@@ -25,7 +26,7 @@ def require_comparable(runs: Sequence[Run]) -> None:
     """
     first = runs[0]
     seen: dict[str, Run] = {}
-    corrected: dict[str, tuple[PrinterModel, Path]] = {}
+    files: dict[tuple[str | None, ...], tuple[Block | str | None, Path]] = {}
     for run in runs:
         known = _common(first.info)
         for what, value in _common(run.info).items():
@@ -35,16 +36,23 @@ def require_comparable(runs: Sequence[Run]) -> None:
                     what, value, f"in {run.folder}, but {expected!r} in {first.folder}; analyse them separately"
                 )
         printed = run.info.printed
-        model = None if printed.block is None else printed.block.correction
-        if model is not None:
-            other, folder = corrected.setdefault(printed.combination, (model, run.folder))
-            if other != model:
-                allowed = f"in {run.folder}, but {other.fingerprint} in {folder}; analyse them separately"
-                raise InputError("printer model of the corrected files", model.fingerprint, allowed)
+        file = _printed_file(printed)
+        # The files of a texture have the same name for all printers, and the same content for each printer.
+        stem, both = file and file.texture.name, (printed.texture, printed.combination)
+        for key, value in ((both[:1], stem), (both, file)):
+            other, folder = files.setdefault(key, (value, run.folder))
+            if other != value:
+                allowed = f"of {run.folder} differs from that of {folder}; analyse them separately"
+                raise InputError("printed file", stem, allowed)
         name = printed.name
         if name in seen:
             raise InputError("run", str(run.folder), f"has the same print as {seen[name].folder}: {name}")
         seen[name] = run
+
+
+def _printed_file(printed: Pressed) -> Block | None:
+    """Return the block in the printed file, if it differs from the block that the print is expected to equal."""
+    return printed.file if isinstance(printed, PrintedBlock) else None
 
 
 def _common(info: RunInfo) -> dict[str, object]:
@@ -56,8 +64,9 @@ def _common(info: RunInfo) -> dict[str, object]:
         common["grid"] = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
     if block is not None:
         common |= {"block size": [round(side, 9) for side in block.size_mm]}
-        common |= {"preset": block.preset_word, "scale": block.scale}
-        common |= {"relief rule of the corrected files": block.correction and block.correction.relief_rule}
+        common |= {"preset": block.preset, "scale": block.scale}
+        file = _printed_file(info.printed)
+        common |= {"printed file": "that of the block" if file is None else "another than that of the block"}
     return {
         "protocol": "none" if protocol is None else "planned",
         **common,

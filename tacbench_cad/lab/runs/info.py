@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 from tacbench_cad.lab.study.presses import Press, plan_presses
@@ -307,6 +307,7 @@ def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
     """
     try:
         block = dict(values)
+        file = block.pop("file", None)
         surface = surface_from({key: block.pop(key) for key in ("unit", "waves", "spline") if key in block}, where)
         sampling = block.pop("sampling")
         texture = {"name": block.pop("texture"), "surface": surface, "block": block.pop("texture_block")}
@@ -330,4 +331,5 @@ def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
     except (TypeError, ValueError):
         raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
     one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)
-    return from_plain(PrintedBlock, {"block": block, **printed}, where)
+    made = from_plain(PrintedBlock, {"block": block, **printed}, where)
+    return made if file is None else replace(made, file=printed_block_from({**file, **printed}, where).block)

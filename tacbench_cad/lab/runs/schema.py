@@ -353,7 +353,7 @@ def block_values(printed: Pressed) -> dict[str, Any]:
     block = printed.block
     names = ("object_label", "texture", "printer", "filament", "copy")
     values = {name: getattr(printed, name) for name in names}
-    return {"preset": block and block.preset_word, "scale": block and block.scale, **values}
+    return {"preset": block and block.preset, "scale": block and block.scale, **values}
 
 
 def columns(kind: type[Any]) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
@@ -20,13 +20,12 @@ from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.looks import CLEAN, look_named
-from tacbench_cad.lab.simulate.prints import printer_of, seeded
+from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.motion import course_of
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.rotation import lowest
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Bounds, Checked, to_plain
 from tacbench_cad.util.errors import InputError
@@ -46,13 +45,13 @@ class SimulationOptions(Checked):
         colour: Whether images are in colour (BGR) or grey.
         seed: The seed. Another seed gives other prints and other noise.
         look: The name of the sensor's look, see :data:`tacbench_cad.lab.simulate.looks.LOOKS`.
-        models: The models of measured printers. They replace the virtual printers of the same printer and filament.
+        printers: Simulated printers that replace the virtual printers of the same printer and filament.
     """
 
     colour: bool = False
     seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
     look: str = CLEAN.name
-    models: tuple[PrinterModel, ...] = ()
+    printers: Printers = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -87,7 +86,7 @@ class SimulatedBlock:
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
     """Return the contents of ``run.json`` for a block's simulated run."""
     sensor = options.sensor
-    printer = printer_of(planned.printed, options.models)
+    printer = printer_of(planned.printed, options.printers)
     return RunInfo.of(
         study,
         planned,
@@ -131,7 +130,7 @@ class FrameSource:
     def __init__(self, info: RunInfo, options: SimulationOptions) -> None:
         self.info = info
         self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
-        self._seed, self._models = options.seed, options.models
+        self._seed, self._printers = options.seed, options.printers
         self.sensor = options.sensor
         # If repeats of a press have the same pose, the pins are kept, about 6 kB for each press.
         self._kept: dict[tuple[int, int, int], tuple[Point, float, Pins]] = {}
@@ -141,7 +140,7 @@ class FrameSource:
         """Print the block when the first press needs it, so that a complete run takes no time."""
         with timed(self.seconds, "print"):
             printed, holder = self.info.plan.printed, self.info.plan.holder
-            return contact_for(printed, holder, printer_of(printed, self._models), seed=self._seed)
+            return contact_for(printed, holder, printer_of(printed, self._printers), seed=self._seed)
 
     def pressed(self, press: Press) -> tuple[Point, float, Pins]:
         """Return pose, contact force in N, and pins of a press at its target force or depth.
@@ -292,7 +291,7 @@ def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
 
 def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:
     """Write the print record of a new run. For a virtual printer, the values are known."""
-    printed, printer = info.plan.printed, printer_of(info.plan.printed)
+    printed, printer = info.plan.printed, printer_of(info.plan.printed, options.printers)
     known: dict[str, Any] = {
         "printer": f"{printed.printer}, virtual",
         "filament": f"{printed.filament}, virtual",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.lab.simulate.heights import HeightMap
-from tacbench_cad.lab.simulate.prints import VirtualPrinter, stimulus
+from tacbench_cad.lab.simulate.prints import SimulatedPrinter, stimulus
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FOUNDATION_N_PER_MM3
 from tacbench_cad.util.errors import InputError
@@ -194,14 +194,14 @@ class DomeContact:
 
 
 def contact_for(
-    printed: PrintedBlock, holder: HolderRim, printer: VirtualPrinter | None = None, *, seed: int = 0
+    printed: PrintedBlock, holder: HolderRim, printer: SimulatedPrinter | None = None, *, seed: int = 0
 ) -> DomeContact:
     """Create the dome over a printed block in its holder, with the block as its virtual printer prints it.
 
     Args:
         printed: The block, printer, filament and copy. Printers and filaments without a preset use the generic one.
         holder: The rim of the holder.
-        printer: The virtual printer; None for the preset of the block's printer and filament.
+        printer: The simulated printer; None for the preset of the block's printer and filament.
         seed: The seed. Another seed gives other copies.
     """
     return DomeContact(stimulus(printed, holder, printer, seed=seed))

@@ -13,9 +13,7 @@ A print is made in these steps:
 6. The whole print gets errors of height and tilt (``z_error_mm``, ``tilt_mm``).
 7. Strings are added (``stringing_per_cm2``).
 
-A printer whose prints were measured is simulated by its model instead
-(:class:`tacbench_cad.spec.printermodel.PrinterModel`): scales, offset of the walls, transfer function, and a smooth
-error of the height that differs between copies (its repeatability).
+Another simulated printer can replace the virtual printer of its printer and filament (:class:`SimulatedPrinter`).
 """
 
 from __future__ import annotations
@@ -24,17 +22,17 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Study
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import Print, in_file
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.convert import Bounds, Checked
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.door import read_document
+from tacbench_cad.util.entries import entries, load
+from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 
 #: Peaks narrower than this number of lines cool too slowly to keep their height.
@@ -69,7 +67,6 @@ class VirtualPrinter(Checked):
         peak_loss: The fraction of its height that a peak loses above the place where it is narrower than four lines.
         roughness_mm: The unevenness of the lines.
         stringing_per_cm2: The number of strings per cm^2 of the block.
-        model: The model of a measured printer, which replaces all other errors; None for the errors above.
     """
 
     name: str
@@ -82,7 +79,65 @@ class VirtualPrinter(Checked):
     peak_loss: UpToOne
     roughness_mm: UpToOne
     stringing_per_cm2: Annotated[float, Bounds(0.0, 100.0)]
-    model: PrinterModel | None = None
+
+    def heights(self, printed: PrintedBlock, rng: np.random.Generator) -> Floats:
+        """See :class:`SimulatedPrinter`."""
+        from scipy.ndimage import gaussian_filter
+
+        block = printed.block
+        cell = cell_of(block)
+        x, y = centres(block)
+        shift_x, shift_y = (self.xy_error_mm * _drift(along, rng) for along in (x, y))
+        z = _designed(printed, x + shift_x, y + shift_y)
+        thin = z - _opened(z, SLUMPING_LINES * self.nozzle_mm / cell)
+        spread = 1.0 + PEAK_SPREAD * smooth_noise(z.shape, DRIFT_MM / 2.0 / cell, rng)
+        z -= np.clip(self.peak_loss * spread, 0.0, 1.0) * thin
+        z = _opened(z, self.nozzle_mm / cell)
+        z = _layered(z, self, block.height_mm, rng)
+        z = gaussian_filter(z, self.layer_mm / 2.0 / cell, mode="nearest")
+        z += self.roughness_mm * smooth_noise(z.shape, self.nozzle_mm / 2.0 / cell, rng)
+        rise_x, rise_y = self.tilt_mm * rng.standard_normal(2)
+        z += rise_x * (x / block.size_mm[0] - 0.5)[None, :] + rise_y * (y / block.size_mm[1] - 0.5)[:, None]
+        z += self.z_error_mm * rng.standard_normal()
+        area_cm2 = block.size_mm[0] * block.size_mm[1] / 100.0
+        count = int(rng.poisson(self.stringing_per_cm2 * area_cm2))
+        return np.asarray(z + _strings(z, count, cell, rng))
+
+
+class SimulatedPrinter(Protocol):
+    """What a simulation needs to know about a printer.
+
+    A :class:`VirtualPrinter` is such a printer. Extensions and other packages make others, from the files of
+    ``tacbench simulate --printers``.
+
+    Attributes:
+        name: The name, with the printer and the filament that it represents.
+        nozzle_mm: The diameter of the nozzle.
+        layer_mm: The layer height.
+    """
+
+    @property
+    def name(self) -> str:
+        """The name."""
+
+    @property
+    def nozzle_mm(self) -> float:
+        """The diameter of the nozzle."""
+
+    @property
+    def layer_mm(self) -> float:
+        """The layer height."""
+
+    def heights(self, printed: PrintedBlock, rng: np.random.Generator) -> Floats:
+        """Return the heights of a print, shape (ny, nx), with z = 0 at the highest point of the block.
+
+        Args:
+            printed: The block, and its file.
+            rng: The random generator of the copy.
+
+        Returns:
+            The heights on the block's cells (:func:`tacbench_cad.lab.simulate.heights.centres`).
+        """
 
 
 #: The presets, in the order of the fields.
@@ -112,31 +167,23 @@ FILAMENTS: Mapping[str, tuple[float, float, float]] = {
     "petg": (3.0, 1.3, 1.3),
     "grey-v4": (1.0, 1.0, 1.0),
 }
-#: A printer without errors, to which the model of a measured printer is added.
-_EXACT = replace(
-    VIRTUAL_PRINTERS["form-3"],
-    xy_error_mm=0.0,
-    z_error_mm=0.0,
-    tilt_mm=0.0,
-    peak_loss=0.0,
-    roughness_mm=0.0,
-)
 #: The preset for other printers and filaments: a well maintained filament printer.
 GENERIC_PRINTER, GENERIC_FILAMENT = "ender-3-v3-se", "pla-plus"
 
 
-def printer_of(printed: PrintedBlock, models: Sequence[PrinterModel] = ()) -> VirtualPrinter:
-    """Return the virtual printer of a printed block; the generic one for a printer or filament without a preset.
+#: Simulated printers by printer and filament, which replace the virtual printers.
+Printers = Mapping[tuple[str, str], SimulatedPrinter]
+
+
+def printer_of(printed: PrintedBlock, others: Printers | None = None) -> SimulatedPrinter:
+    """Return the simulated printer of a printed block; the generic one for a printer or filament without a preset.
 
     Args:
         printed: The block.
-        models: The models of measured printers. They replace the presets of the same printer and filament.
+        others: The simulated printers that replace virtual printers.
     """
-    own = (printed.printer, printed.filament)
-    model = next((each for each in models if (each.printer, each.filament) == own), None)
-    if model is not None:
-        name = f"{printed.printer} with {printed.filament}, by the model {model.fingerprint}"
-        return replace(_EXACT, name=name, nozzle_mm=model.nozzle_mm, model=model)
+    if others and (printed.printer, printed.filament) in others:
+        return others[printed.printer, printed.filament]
     base = VIRTUAL_PRINTERS.get(printed.printer, VIRTUAL_PRINTERS[GENERIC_PRINTER])
     stringing, loss, roughness = FILAMENTS.get(printed.filament, FILAMENTS[GENERIC_FILAMENT])
     stands_in = "" if printed.printer in VIRTUAL_PRINTERS and printed.filament in FILAMENTS else f", as {base.name}"
@@ -149,20 +196,39 @@ def printer_of(printed: PrintedBlock, models: Sequence[PrinterModel] = ()) -> Vi
     )
 
 
-def require_used(models: Sequence[PrinterModel], study: Study) -> None:
-    """Check that each model is the model of a printer and filament of the study, and that they differ.
+def read_printers(paths: Sequence[Path]) -> Printers:
+    """Read simulated printers from TOML files.
+
+    The entry point of the group ``tacbench.simulated_printers`` whose name is the key ``format`` of a file reads it. It
+    names a function that takes the path, and returns the printer, the filament and the :class:`SimulatedPrinter`.
 
     Raises:
-        InputError: A model is not used.
+        InputError: A file cannot be read, its format is unknown, or two files are of the same printer and filament.
+        MissingToolError: The extension that reads a file is not installed.
+    """
+    readers = entries("tacbench.simulated_printers")
+    printers: dict[tuple[str, str], SimulatedPrinter] = {}
+    for path in paths:
+        document = read_document(path, "printer", "toml")
+        reader = readers[one_of(f"{path}: format", str(document.get("format")), readers)]
+        printer, filament, simulated = load(reader)(path)
+        if (printer, filament) in printers:
+            raise InputError("printers", str(path), "is the second file of this printer and filament; give one")
+        printers[printer, filament] = simulated
+    return printers
+
+
+def require_used(printers: Printers, study: Study) -> None:
+    """Check that the study has prints by each printer.
+
+    Raises:
+        InputError: A printer is not used.
     """
     combinations = {(planned.printed.printer, planned.printed.filament) for planned in study.blocks}
-    for i, model in enumerate(models):
-        own = (model.printer, model.filament)
-        if own in [(other.printer, other.filament) for other in models[:i]]:
-            raise InputError("printer-model", model.name, "is the second model of this printer and filament; give one")
+    for own in printers:
         if own not in combinations:
             known = ", ".join(sorted(" with ".join(each) for each in combinations))
-            raise InputError("printer-model", " with ".join(own), f"is not in the study, which has: {known}")
+            raise InputError("printers", " with ".join(own), f"is not in the study, which has: {known}")
 
 
 def seeded(*words: object) -> np.random.Generator:
@@ -172,76 +238,29 @@ def seeded(*words: object) -> np.random.Generator:
 
 
 def stimulus(
-    printed: PrintedBlock, holder: HolderRim, printer: VirtualPrinter | None = None, *, seed: int = 0
+    printed: PrintedBlock, holder: HolderRim, printer: SimulatedPrinter | None = None, *, seed: int = 0
 ) -> HeightMap:
     """Return the surface under the sensor: the block as printed, the gap around it, and the holder's rim.
 
     Args:
         printed: The block. Its name, including the copy, determines its random errors.
         holder: The rim of the holder.
-        printer: The virtual printer; None for the preset of its printer and filament.
+        printer: The simulated printer; None for the preset of its printer and filament.
         seed: The seed. Another seed gives other copies.
 
     Returns:
         The heights in the work frame. Its z = 0 is the highest point of the design.
     """
-    rng = seeded("print", seed, printed.name)
-    return held(printed.block, as_printed(printed.block, printer or printer_of(printed), rng), holder)
+    heights = (printer or printer_of(printed)).heights(printed, seeded("print", seed, printed.name))
+    return held(printed.block, on_block(printed.block, heights), holder)
 
 
-def as_printed(block: Block, printer: VirtualPrinter, rng: np.random.Generator) -> HeightMap:
-    """Return a block's top as printed, without its holder.
-
-    Args:
-        block: The design.
-        printer: The virtual printer.
-        rng: The random generator of the copy.
-
-    Returns:
-        The heights on the block's cells (:func:`tacbench_cad.lab.simulate.heights.centres`), with z = 0 at the highest
-        point of the design.
-    """
-    from scipy.ndimage import gaussian_filter
-
-    if printer.model is not None:
-        return on_block(block, _by_model(block, printer.model, rng))
-    cell = cell_of(block)
-    x, y = centres(block)
-    shift_x, shift_y = (printer.xy_error_mm * _drift(along, rng) for along in (x, y))
-    z = _designed(block, x + shift_x, y + shift_y)
-    thin = z - _opened(z, SLUMPING_LINES * printer.nozzle_mm / cell)
-    spread = 1.0 + PEAK_SPREAD * _smooth_noise(z.shape, DRIFT_MM / 2.0 / cell, rng)
-    z -= np.clip(printer.peak_loss * spread, 0.0, 1.0) * thin
-    z = _opened(z, printer.nozzle_mm / cell)
-    z = _layered(z, printer, block.height_mm, rng)
-    z = gaussian_filter(z, printer.layer_mm / 2.0 / cell, mode="nearest")
-    z += printer.roughness_mm * _smooth_noise(z.shape, printer.nozzle_mm / 2.0 / cell, rng)
-    rise_x, rise_y = printer.tilt_mm * rng.standard_normal(2)
-    z += rise_x * (x / block.size_mm[0] - 0.5)[None, :] + rise_y * (y / block.size_mm[1] - 0.5)[:, None]
-    z += printer.z_error_mm * rng.standard_normal()
-    area_cm2 = block.size_mm[0] * block.size_mm[1] / 100.0
-    return on_block(block, z + _strings(z, int(rng.poisson(printer.stringing_per_cm2 * area_cm2)), cell, rng))
-
-
-def _designed(block: Block, x: Floats, y: Floats) -> Floats:
-    """Return the heights of the block's file, (ny, nx), with z = 0 at the highest point of the design."""
-    if block.correction is None:
-        return np.asarray(np.ascontiguousarray(block.surface.grid(x, y).T) - block.extremes.high)
-    file = in_file(block)
+def _designed(printed: PrintedBlock, x: Floats, y: Floats) -> Floats:
+    """Return the heights of the printed file, (ny, nx), with z = 0 at the highest point of the block."""
+    block, file = printed.block, printed.in_file
     shift_x, shift_y = ((own - side) / 2.0 for own, side in zip(file.size_mm, block.size_mm, strict=True))
     z = np.ascontiguousarray(file.surface.grid(x + shift_x, y + shift_y).T)
     return np.asarray(z + (file.formula_datum_mm - block.height_mm))
-
-
-def _by_model(block: Block, model: PrinterModel, rng: np.random.Generator) -> Floats:
-    """Return the heights of a print by a measured printer, (ny, nx), with z = 0 at the highest point of the design."""
-    printed = Print(file=in_file(block), model=model)
-    x, y = centres(block)
-    shift_x, shift_y = printed.shift_mm(block)
-    z = np.ascontiguousarray(printed.heights(x + shift_x, y + shift_y).T) - block.height_mm
-    if model.repeatability_mm is not None:
-        z += model.repeatability_mm.value * _smooth_noise(z.shape, DRIFT_MM / 2.0 / cell_of(block), rng)
-    return np.asarray(z)
 
 
 def _drift(along_mm: Floats, rng: np.random.Generator) -> Floats:
@@ -255,7 +274,7 @@ def _drift(along_mm: Floats, rng: np.random.Generator) -> Floats:
     return np.asarray(np.cos(turn) * values[left] + np.sin(turn) * values[left + 1], dtype=np.float64)
 
 
-def _smooth_noise(shape: tuple[int, ...], cells: float, rng: np.random.Generator) -> Floats:
+def smooth_noise(shape: tuple[int, ...], cells: float, rng: np.random.Generator) -> Floats:
     """Return noise with standard deviation 1 and a correlation length of ``cells`` cells."""
     from scipy.ndimage import gaussian_filter
 

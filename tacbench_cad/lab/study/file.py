@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from tacbench_cad.lab.rig.drivers import find_driver, simulated_stages
 from tacbench_cad.lab.study import names
-from tacbench_cad.lab.study.plate import block_of_word, read_layout
+from tacbench_cad.lab.study.plate import block_in_file, block_of_word, read_layout
 from tacbench_cad.lab.study.spec import (
     Copy,
     GaugeSettings,
@@ -22,8 +22,8 @@ from tacbench_cad.lab.study.spec import (
     StageSettings,
     Study,
 )
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm
-from tacbench_cad.spec.printermodel import read_printer_model
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util import door
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
@@ -114,13 +114,17 @@ def virtual_study(
 
 @dataclass(frozen=True, kw_only=True)
 class _Prints:
-    """A line of ``[study] prints``. ``copies`` is the number of copies (3 means copies 1, 2 and 3) or a list."""
+    """A line of ``[study] prints``.
+
+    ``copies`` is the number of copies (3 means copies 1, 2 and 3) or a list. ``files`` is a folder with a texture file
+    for each texture, named after it, if the printed files differ from the blocks.
+    """
 
     printer: str
     filament: str
     copies: Copy | Numbers = 1
     force_levels: Numbers | None = None
-    compensate: str | None = None
+    files: str | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("copies", self.copies), ("force_levels", self.force_levels)):
@@ -151,7 +155,7 @@ class _BlockTable(_Blocks):
     printer: str
     filament: str
     copy: Copy = 1
-    compensate: str | None = None
+    files: str | None = None
 
     @property
     def textures(self) -> tuple[str, ...]:
@@ -160,7 +164,7 @@ class _BlockTable(_Blocks):
     @property
     def prints(self) -> tuple[_Prints, ...]:
         copies = (self.copy,)
-        return (_Prints(printer=self.printer, filament=self.filament, copies=copies, compensate=self.compensate),)
+        return (_Prints(printer=self.printer, filament=self.filament, copies=copies, files=self.files),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,14 +280,13 @@ def _planned(table: _BlockTable | _StudyTable, levels: tuple[int, ...], folder: 
         blocks = [block_of_word(word, table.preset, table.scale, table.key_mm, folder) for word in table.textures]
         for each in table.prints:
             printer, filament = names.own_name("printer", each.printer), names.own_name("filament", each.filament)
-            corrected = blocks
-            if each.compensate is not None:
-                model = read_printer_model(folder / each.compensate)
-                model.require_for(printer, filament)
-                corrected = [replace(block, correction=model) for block in blocks]
+            files: list[Block | None] = [None] * len(blocks)
+            if each.files is not None:
+                paths = [folder / each.files / f"{block.texture.name}.toml" for block in blocks]
+                files = [block_in_file(block, path) for block, path in zip(blocks, paths, strict=True)]
             for copy in range(1, each.copies + 1) if isinstance(each.copies, int) else each.copies:
-                for block in corrected:
-                    printed = PrintedBlock(block=block, printer=printer, filament=filament, copy=copy)
+                for block, file in zip(blocks, files, strict=True):
+                    printed = PrintedBlock(block=block, printer=printer, filament=filament, copy=copy, file=file)
                     yield PlannedBlock(printed=printed, levels=each.force_levels or levels)
 
 

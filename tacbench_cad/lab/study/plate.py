@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import read_printer_model
 from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.util import door
 from tacbench_cad.util.errors import InputError, located
 
 T = TypeVar("T")
 
-#: The column with the printer model of corrected files, which older layouts lack.
-COMPENSATE = "compensate"
+#: The column with the texture file of a printed file that differs from the block.
+FILE = "file"
 #: The columns that describe the block. The other columns describe its position on the plate and are not needed.
 NEEDED = ("texture", "preset", "scale", "key_mm", "copy", "printer", "filament")
 
@@ -37,6 +35,20 @@ def block_of_word(word: str, preset: str, scale: float, key_mm: float | None, fo
         InputError: A value is not allowed.
     """
     return Block.of(find_texture(word, preset, folder), preset, scale=scale, key_mm=key_mm)
+
+
+def block_in_file(block: Block, path: Path) -> Block:
+    """Return a block as it is in a printed file that differs from it.
+
+    Args:
+        block: The block that the print is expected to equal.
+        path: The TOML file of the texture in the printed file, with its block settings.
+
+    Raises:
+        InputError: The file cannot be read, or a value is not allowed.
+    """
+    texture = find_texture(path, block.preset)
+    return Block.of(texture, block.preset, scale=block.scale, key_mm=block.key_mm, sampling=block.sampling)
 
 
 def read_layout(path: Path) -> tuple[PrintedBlock, ...]:
@@ -63,13 +75,10 @@ def read_layout(path: Path) -> tuple[PrintedBlock, ...]:
             key_mm = _number(float, "key_mm", word["key_mm"]) if word["key_mm"] else None
             block = block_of_word(word["texture"], word["preset"], scale, key_mm, path.parent)
             printer, filament = names.own_name("printer", word["printer"]), names.own_name("filament", word["filament"])
-            compensate = row[header.index(COMPENSATE)].strip() if COMPENSATE in header else ""
-            if compensate:
-                model = read_printer_model(path.parent / compensate)
-                model.require_for(printer, filament)
-                block = replace(block, correction=model)
+            other = row[header.index(FILE)].strip() if FILE in header else ""
+            file = block_in_file(block, path.parent / other) if other else None
             copy = _number(int, "copy", word["copy"])
-            blocks.append(PrintedBlock(block=block, printer=printer, filament=filament, copy=copy))
+            blocks.append(PrintedBlock(block=block, printer=printer, filament=filament, copy=copy, file=file))
     return tuple(blocks)
 
 

@@ -108,16 +108,19 @@ class PrintedBlock(Pressed):
     """A printed block.
 
     Args:
-        block: The geometry.
+        block: The geometry that the print is expected to have.
         printer: The name of the printer, as in :mod:`tacbench_cad.lab.study.names`.
         filament: The name of the filament, as in the same module.
         copy: The number of the copy, from 1.
+        file: The block as it is in the printed file, if it differs from ``block``, for example because it makes up for
+            errors of the printer; None if it does not.
     """
 
     block: Block
     printer: str
     filament: str
     copy: Copy = 1
+    file: Block | None = None
 
     @property
     def texture(self) -> str:
@@ -133,12 +136,19 @@ class PrintedBlock(Pressed):
     def name(self) -> str:
         """The name of the run folder: ``texture-4_paper_x1_bambu-p1p_pla-minus_copy01``."""
         stem = self.block.name.split("_copy")[0]
-        return f"{stem}_{self.combination}_copy{self.copy:02d}"
+        file = "" if self.file is None else f"_from-{self.file.texture.name}"
+        return f"{stem}{file}_{self.combination}_copy{self.copy:02d}"
+
+    @property
+    def in_file(self) -> Block:
+        """The block as it is in the printed file."""
+        return self.file or self.block
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for ``run.json``, from which :mod:`tacbench_cad.lab.runs` can make the block again."""
         origin = {"printer": self.printer, "filament": self.filament, "copy": self.copy}
-        return {**block_values(self.block), **origin}
+        file = {} if self.file is None else {"file": block_values(self.file)}
+        return {**block_values(self.block), **origin, **file}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +226,6 @@ def block_values(block: Block) -> dict[str, Any]:
         ),
         "label": block.label,
         "engraved_copy": block.copy,
-        **({} if block.correction is None else {"correction": to_plain(block.correction, without_none=True)}),
     }
 
 

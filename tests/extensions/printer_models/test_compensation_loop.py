@@ -13,17 +13,18 @@ import numpy as np
 import pytest
 from helpers.printers import PRINTER, points
 
+from tacbench_cad.extensions.printer_models.correction import corrected_for
 from tacbench_cad.extensions.printer_models.fitting import printer_model, scan_of_fit
+from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel
+from tacbench_cad.extensions.printer_models.prediction import Print
 from tacbench_cad.extensions.scan.fitting import fit_scan
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import Print, corrected_for, in_file
 from tacbench_cad.spec.families import plane_waves
-from tacbench_cad.spec.printermodel import Measured, PrinterModel
 from tacbench_cad.spec.textures import Texture
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "compensation.py"
+BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "compensation.py"
 #: The printer shrinks 0.4 % and loses 30 % of the finest wave that a nozzle of 0.4 mm can print.
 SCALE, FINEST_MM, NOISE_MM = 0.996, 0.8, 0.005
 
@@ -58,7 +59,7 @@ def test_one_round_of_scan_and_correction_reduces_the_deviation_by_more_than_3_t
 
     model = measured_model(block)
     assert np.allclose(model.scale, SCALE, atol=1e-3)
-    file = in_file(corrected_for(block, model))
+    file = corrected_for(block, model).file
     assert deviation(file, 2) < deviation(block, 3) / 3.0
 
 
@@ -74,7 +75,7 @@ def test_a_free_relief_corrects_the_waves_that_the_nozzle_can_print() -> None:
         return float(np.nanstd(Print(file=file, model=real).deviation_mm(block, printable=printable)))
 
     formula, free = (
-        in_file(corrected_for(block, replace(model, relief_rule=rule)))
+        corrected_for(block, replace(model, relief_rule=rule)).file
         for rule in ("formula", "free")  # type: ignore[arg-type]
     )
     assert error(free, True) < error(block, True) / 10.0 and error(free, True) < error(formula, True) / 3.0

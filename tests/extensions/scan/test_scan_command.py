@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.gcode_writer import write_gcode
-from helpers.printers import PRINTER
+from helpers.printers import write_corrected
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
@@ -18,7 +18,6 @@ from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan
 from tacbench_cad.extensions.scan.writing import write_ply, write_simulated
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import corrected_for
 
 pytest.importorskip("trimesh")
 Capture = pytest.CaptureFixture[str]
@@ -120,16 +119,21 @@ def test_a_copy_of_a_simulated_scan_has_other_points_and_the_next_command_names_
     assert first.shape == second.shape and not np.array_equal(first, second)
 
 
-def test_a_simulated_scan_of_a_corrected_block_shows_the_print_of_its_file(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    block = corrected_for(BLOCK, PRINTER)
-    monkeypatch.setattr("tacbench_cad.making.labelled.blocks_named", lambda *_: [block])
-    assert main(["scan", "--simulate", "corrected.ply", "--block", "set"]) == 0
+def test_a_simulated_scan_of_a_corrected_file_shows_its_print(folder: Path) -> None:
+    write_corrected(folder, BLOCK)
+    file = ["--printed-from", f"{BLOCK.texture.name}.toml"]
+    assert main(["scan", "--simulate", "corrected.ply", *HALF, *file]) == 0
     points = read_scan(folder / "corrected.ply").cloud.points_mm[:20_000]
     fit = fit_scan(Cloud(points_mm=points, source="corrected.ply"), BLOCK)
     # The simulated printer shrinks 0.4 %. The file is larger, by the scales of the model.
     assert [fit.parameter(f"scale_{axis}").value for axis in "xy"] == pytest.approx([1.0, 0.996 / 0.995], abs=5e-4)
+    main(["scan", "corrected.ply", *HALF, *file, "--no-picture", "--out", "result"])
+    document = json.loads((folder / "result" / SCAN_FILE).read_text(encoding="utf-8"))
+    assert document["block"] == BLOCK.name and document["printed_from"].startswith("t2-corr_")
+    # A model needs scans of prints of plain files.
+    assert (
+        main(["printer-model", "result", "--printer", "a", "--filament", "b", "--nozzle", "0.4", "-o", "m.toml"]) == 2
+    )
 
 
 def test_a_second_scan_in_the_same_folder_leaves_no_old_pictures(scan: Path, folder: Path) -> None:

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import pytest
 from helpers.gcode_writer import write_gcode
-from helpers.printers import PRINTER, points
+from helpers.printers import PRINTER, points, write_corrected
 
 from tacbench_cad.cli import main
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import corrected_for, in_file
-from tacbench_cad.spec.printermodel import write_printer_model
 
 Capture = pytest.CaptureFixture[str]
 HALF = ("--texture", "2", "--scale", "0.5")
@@ -121,12 +119,11 @@ def test_an_empty_file_is_refused(tmp_path: Path, capsys: Capture) -> None:
 
 def test_the_g_code_of_a_corrected_file_is_compared_with_the_corrected_formula(tmp_path: Path, capsys: Capture) -> None:
     high = replace(PRINTER, transfer_x=points((1.0, 0.8)), transfer_y=points((1.0, 0.8)))
-    model = tmp_path / "my-printer.toml"
-    write_printer_model(high, model)
-    path = write_gcode(tmp_path / "two.gcode", in_file(corrected_for(Block.of(2, scale=0.5), high)))
+    path = write_gcode(tmp_path / "two.gcode", write_corrected(tmp_path, Block.of(2, scale=0.5), high).file)
 
-    def rms(*options: str) -> float:
-        assert main(["check-gcode", str(path), *HALF, "--json", "--no-picture", "--frame", "90,80", *options]) == 0
+    def rms(texture: str) -> float:
+        options = ("--texture", texture, "--scale", "0.5")
+        assert main(["check-gcode", str(path), "--json", "--no-picture", "--frame", "90,80", *options]) == 0
         return float(json.loads(capsys.readouterr().out)["files"][0]["height"]["rms_mm"])
 
-    assert 1.3 * rms("--compensate", str(model)) < rms()
+    assert 1.3 * rms(str(tmp_path / "texture-2.toml")) < rms("2")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.printers import PRINTER
+from helpers.printers import write_corrected
 from helpers.rigs import rig_settings
 
 from tacbench_cad.cli import main
@@ -22,7 +22,6 @@ from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.names import COMBINATIONS, PRINTERS
 from tacbench_cad.lab.study.plate import read_layout
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import write_printer_model
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
@@ -319,16 +318,14 @@ def test_wrong_input_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_plate_of_corrected_blocks_names_its_model(tmp_path: Path, capsys: Capture) -> None:
-    model = tmp_path / "my-printer.toml"
-    write_printer_model(PRINTER, model)
+def test_a_plate_of_other_files_names_the_files_and_the_textures_of_the_prints(tmp_path: Path, capsys: Capture) -> None:
+    corrected = write_corrected(tmp_path / "corrected", Block.of(1))
     out = tmp_path / "plates"
-    options = ("--texture", "1", "--copies", "2", "--compensate", str(model), "--out", str(out))
-    assert main(["plate", "--printer", "ender-3", "--filament", "petg", *options]) == 2
-    assert "must be the model of ender-3 with petg" in capsys.readouterr().err
+    options = ("--texture", "1", "--copies", "2", "--files", str(tmp_path / "corrected"), "--out", str(out))
     assert main(["plate", "--printer", "ender-3", "--filament", "pla-plus", *options]) == 0
-    assert "T1 PAPER CORR X1 01" in capsys.readouterr().out
+    assert "T1-CORR PAPER X1 01" in capsys.readouterr().out
     printed = read_layout(out / "ender-3_pla-plus_plate01.csv")
-    assert [each.block.correction for each in printed] == [PRINTER, PRINTER]
+    assert [each.block for each in printed] == [Block.of(1)] * 2
+    assert [each.file and each.file.size_mm for each in printed] == [corrected.file.size_mm] * 2
     parts, _ = threemf.read_parts(out / "ender-3_pla-plus_plate01.3mf")
     assert parts[0][1].bounds_mm[1][0] - parts[0][1].bounds_mm[0][0] == pytest.approx((23.3 - 0.1) / 0.996, abs=1e-4)

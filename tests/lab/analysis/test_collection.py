@@ -8,15 +8,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers.printers import PRINTER
+from helpers.printers import PRINTER, measured
 from helpers.studies import GRID, Plan, write_run, write_study
 
+from tacbench_cad.extensions.printer_models.correction import corrected_for
+from tacbench_cad.extensions.printer_models.model import PrinterModel
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.runs.reading import find_runs
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -122,27 +123,30 @@ def test_other_arrays_are_not_changed() -> None:
         Pixels(resolution=0.0)
 
 
-def test_corrected_and_plain_prints_do_not_mix(tmp_path: Path) -> None:
+def test_prints_of_files_that_differ_from_the_block_do_not_mix_with_others(tmp_path: Path) -> None:
     def write(folder: str, model: PrinterModel | None, copy: int, printer: str = "ender-3") -> None:
-        block = replace(Block.of(1), correction=model)
-        printed = PrintedBlock(block=block, printer=printer, filament="pla-plus", copy=copy)
+        block = Block.of(1)
+        file = None if model is None else corrected_for(block, model).file
+        printed = PrintedBlock(block=block, printer=printer, filament="pla-plus", copy=copy, file=file)
         write_run(tmp_path / folder / printed.name, printed, Plan())
 
     write("plain", None, 1)
     write("corrected", PRINTER, 1)
-    # Prints of several printers may each be corrected by the model of their own printer.
-    write("corrected", replace(PRINTER, name="another"), 1, "bambu-p1p")
-    assert "texture-1_paper-corrected_x1_ender-3_pla-plus_copy01" in [run.name for run in find_runs([tmp_path])]
+    # The file for each printer may be corrected by the model of that printer.
+    write("corrected", replace(PRINTER, scale_x=measured(0.99)), 1, "bambu-p1p")
+    name = "texture-1_paper_x1_from-t1-corr_ender-3_pla-plus_copy01"
+    assert name in [run.name for run in find_runs([tmp_path])]
     collection = Collection.open([tmp_path / "corrected"])
-    assert {row.preset for row in collection.rows} == {"paper-corrected"}
-    assert PRINTER in [run.info.printed.block and run.info.printed.block.correction for run in collection.runs]
-    with pytest.raises(InputError, match=r"preset = 'paper': in .*plain.*, but 'paper-corrected' in"):
+    assert {row.preset for row in collection.rows} == {"paper"}
+    files = [getattr(run.info.printed, "file", None) for run in collection.runs]
+    assert corrected_for(Block.of(1), PRINTER).file in files
+    with pytest.raises(InputError, match=r"printed file = 'that of the block': in .*plain.*, but 'another than that"):
         Collection.open([tmp_path / "corrected", tmp_path / "plain"])
-    write("remade", replace(PRINTER, prints=2), 2)
-    with pytest.raises(InputError, match="printer model of the corrected files"):
+    write("remade", replace(PRINTER, scale_x=measured(0.98)), 2)
+    with pytest.raises(InputError, match=r"printed file = 't1-corr': of .*remade.* differs from that of .*corrected"):
         Collection.open([tmp_path / "corrected", tmp_path / "remade"])
     # The same printer, and another printer, with the other rule for the relief.
-    for printer in ("ender-3", "bambu-p1p"):
+    for printer in ("ender-3", "bambu-p1p", "form-3"):
         write(f"free-{printer}", replace(PRINTER, relief_rule="free"), 3, printer)
-        with pytest.raises(InputError, match=r"relief rule of the corrected files = 'free': in .*, but 'formula' in"):
+        with pytest.raises(InputError, match=r"printed file = 't1-free': of .*free.* differs from that of"):
             Collection.open([tmp_path / "corrected", tmp_path / f"free-{printer}"])

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.printers import PRINTER, measured
 
+from tacbench_cad.extensions.printer_models.correction import corrected_for
+from tacbench_cad.extensions.printer_models.model import write_printer_model
+from tacbench_cad.extensions.printer_models.simulated_printer import MeasuredPrinter
 from tacbench_cad.lab.simulate.heights import centres
 from tacbench_cad.lab.simulate.prints import (
     FILAMENTS,
     VIRTUAL_PRINTERS,
+    SimulatedPrinter,
     VirtualPrinter,
-    as_printed,
     printer_of,
+    read_printers,
     require_used,
     seeded,
     stimulus,
@@ -24,7 +29,6 @@ from tacbench_cad.lab.simulate.study import quick_study
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import corrected_for
 from tacbench_cad.util.errors import InputError
 
 #: A printer without errors and with very thin layers.
@@ -47,9 +51,16 @@ def _design(block: Block) -> np.ndarray:
     return np.asarray(block.surface.grid(x, y).T - block.extremes.high)
 
 
+def _heights(
+    block: Block, printer: SimulatedPrinter, rng: np.random.Generator, file: Block | None = None
+) -> np.ndarray:
+    printed = PrintedBlock(block=block, printer="ender-3", filament="pla-plus", file=file)
+    return printer.heights(printed, rng)
+
+
 def _error(printer: VirtualPrinter, texture: int = 2, seed: int = 1) -> np.ndarray:
     block = Block.of(texture)
-    return as_printed(block, printer, seeded("test", seed)).z_mm - _design(block)
+    return _heights(block, printer, seeded("test", seed)) - _design(block)
 
 
 def _printed(printer: str = "bambu-p1p", filament: str = "pla-minus", copy: int = 1, texture: int = 3) -> PrintedBlock:
@@ -62,7 +73,7 @@ def test_a_printer_without_errors_prints_the_formula() -> None:
 
 def test_layers_make_terraces_at_most_half_a_layer_off() -> None:
     block = Block.of(1, mm_per_unit=(6.0, 6.0, 1.0))
-    z = as_printed(block, replace(PERFECT, layer_mm=0.25), seeded("test")).z_mm
+    z = _heights(block, replace(PERFECT, layer_mm=0.25), seeded("test"))
     # Only the edges are round. Of random heights only 2 % would be this near to a whole number of layers.
     layers = (z + block.height_mm) / 0.25
     assert np.mean(np.abs(layers - np.round(layers)) < 0.01) > 0.3
@@ -86,7 +97,7 @@ def test_peaks_lose_height_and_nothing_gains_height() -> None:
 
 def test_misplaced_walls_have_the_largest_effect_on_steep_relief() -> None:
     block = Block.of(1)
-    error = as_printed(block, replace(PERFECT, xy_error_mm=0.1), seeded("test")).z_mm - _design(block)
+    error = _heights(block, replace(PERFECT, xy_error_mm=0.1), seeded("test")) - _design(block)
     x, _ = centres(block)
     slope = np.abs(block.surface(x, 0.0, (1, 0)))
     column = np.abs(error).mean(axis=0)
@@ -142,7 +153,7 @@ def test_resin_is_closer_to_the_design_than_filament() -> None:
 def stimulus_error(block: Block, printer: str, filament: str) -> np.ndarray:
     """Return the height error of a preset's print of a block, in mm."""
     printed = PrintedBlock(block=block, printer=printer, filament=filament)
-    return as_printed(block, printer_of(printed), seeded(printed.name)).z_mm - _design(block)
+    return _heights(block, printer_of(printed), seeded(printed.name)) - _design(block)
 
 
 @pytest.mark.parametrize(
@@ -155,30 +166,39 @@ def test_an_impossible_printer_is_refused(field: str, value: float) -> None:
 
 def test_a_measured_printer_prints_by_its_model() -> None:
     printed = _printed("ender-3", "pla-plus", texture=2)
-    printer = printer_of(printed, [PRINTER])
-    assert PRINTER.fingerprint in printer.name and printer_of(printed).model is None
-    plain = as_printed(printed.block, printer, seeded("a")).z_mm - _design(printed.block)
-    corrected = corrected_for(printed.block, PRINTER)
+    block, printer = printed.block, MeasuredPrinter(model=PRINTER)
+    assert printer_of(printed, {("ender-3", "pla-plus"): printer}) is printer
+    assert PRINTER.fingerprint in printer.name and printer_of(printed) != printer
+    plain = _heights(block, printer, seeded("a")) - _design(block)
+    file = corrected_for(block, PRINTER).file
     # The print of the corrected file is the design, also in its height.
-    assert np.max(np.abs(as_printed(corrected, printer, seeded("a")).z_mm - _design(printed.block))) < 1e-4
+    assert np.max(np.abs(_heights(block, printer, seeded("a"), file) - _design(block))) < 1e-4
     assert np.std(plain) > 0.02
-    uneven = replace(PRINTER, repeatability_mm=measured(0.03))
-    first, second = (as_printed(corrected, replace(printer, model=uneven), seeded(i)).z_mm for i in range(2))
+    uneven = MeasuredPrinter(model=replace(PRINTER, repeatability_mm=measured(0.03)))
+    first, second = (_heights(block, uneven, seeded(i), file) for i in range(2))
     assert np.std(first - second) == pytest.approx(0.03 * math.sqrt(2.0), rel=0.3)
 
 
-def test_a_preset_prints_the_corrected_file() -> None:
+def test_a_preset_prints_the_file() -> None:
     block = Block.of(2)
-    change = as_printed(corrected_for(block, PRINTER), PERFECT, seeded("a")).z_mm - _design(block)
+    change = _heights(block, PERFECT, seeded("a"), corrected_for(block, PRINTER).file) - _design(block)
     # Waves of the file are higher by the factors of the model, and so is the highest point.
     assert np.max(change) > 0.01 and np.std(change) > 0.01
 
 
-def test_models_must_belong_to_the_study() -> None:
+def test_printers_must_belong_to_the_study() -> None:
     study = quick_study()
-    known = replace(PRINTER, printer="bambu-p1p", filament="pla-minus")
-    require_used([known], study)
+    printer = MeasuredPrinter(model=PRINTER)
+    require_used({("bambu-p1p", "pla-minus"): printer}, study)
     with pytest.raises(InputError, match="is not in the study"):
-        require_used([PRINTER], study)
-    with pytest.raises(InputError, match="second model"):
-        require_used([known, known], study)
+        require_used({("ender-3", "pla-plus"): printer}, study)
+
+
+def test_printers_are_read_by_the_extension_of_their_format(tmp_path: Path) -> None:
+    write_printer_model(PRINTER, tmp_path / "a.toml")
+    assert read_printers([tmp_path / "a.toml"]) == {("ender-3", "pla-plus"): MeasuredPrinter(model=PRINTER)}
+    with pytest.raises(InputError, match="second file of this printer"):
+        read_printers([tmp_path / "a.toml"] * 2)
+    (tmp_path / "b.toml").write_text('format = "laser"\n')
+    with pytest.raises(InputError, match="format = 'laser'"):
+        read_printers([tmp_path / "b.toml"])

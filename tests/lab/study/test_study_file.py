@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.printers import PRINTER
+from helpers.printers import write_corrected
 
 from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
 from tacbench_cad.lab.study.presses import block_order, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
-from tacbench_cad.spec.printermodel import write_printer_model
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid
 from tacbench_cad.util.errors import InputError
 
@@ -249,15 +249,16 @@ def test_turns_that_are_not_possible_are_refused(tmp_path: Path, text: str, word
         _read(tmp_path, f"{BLOCK}[protocol]\n{text}")
 
 
-def test_prints_of_corrected_files(tmp_path: Path) -> None:
-    write_printer_model(PRINTER, tmp_path / "my-printer.toml")
-    text = '[study]\ntextures = [1]\nprints = [{printer = "ender-3", filament = "pla-plus", '
-    text += 'compensate = "my-printer.toml"}'
+def test_prints_of_files_that_differ_from_the_block(tmp_path: Path) -> None:
+    corrected = write_corrected(tmp_path / "corrected", Block.of(1))
+    text = '[study]\ntextures = [1]\nprints = [{printer = "ender-3", filament = "pla-plus", files = "corrected"}'
     file = _read(tmp_path, f'{text}, {{printer = "bambu-p1p", filament = "petg"}}]\n')
-    corrected, plain = (planned.printed for planned in file.study.blocks)
-    assert corrected.block.correction == PRINTER and plain.block.correction is None
-    assert corrected.name == "texture-1_paper-corrected_x1_ender-3_pla-plus_copy01"
-    with pytest.raises(InputError, match="must be the model of ender-3 with petg"):
-        _read(tmp_path, text.replace("pla-plus", "petg") + "]\n")
-    block = BLOCK.replace("bambu", "ender-3").replace("PLA-", "PLA+") + 'compensate = "my-printer.toml"\n'
-    assert _read(tmp_path, block).study.blocks[0].printed.block.correction == PRINTER
+    other, plain = (planned.printed for planned in file.study.blocks)
+    assert other.block == plain.block == plain.in_file == Block.of(1) and plain.file is None
+    assert other.in_file.size_mm == corrected.file.size_mm and other.in_file.texture.name == "t1-corr"
+    assert other.name == "texture-1_paper_x1_from-t1-corr_ender-3_pla-plus_copy01"
+    with pytest.raises(InputError, match=r"texture-2\.toml"):
+        _read(tmp_path, text.replace("[1]", "[1, 2]") + "]\n")
+    write_corrected(tmp_path / "corrected", Block.of(4))
+    block = _read(tmp_path, BLOCK + 'files = "corrected"\n').study.blocks[0].printed
+    assert block.in_file.texture.name == "t4-corr" and block.block == Block.of(4)

@@ -109,8 +109,8 @@ def _of_pressing(collection: Collection, force_level: Level) -> Iterator[str]:
         yield "The positions are not those of the paper's grid."
     if block is None:
         yield "The geometry of the blocks is unknown."
-    elif (block.preset_word, block.scale) != ("released", 1.0):
-        yield f"The blocks have preset {block.preset_word} at scale {block.scale:g}, not preset released at scale 1."
+    elif (block.preset, block.scale) != ("released", 1.0):
+        yield f"The blocks have preset {block.preset} at scale {block.scale:g}, not preset released at scale 1."
     if pressing.repeats != published.REPEATS:
         yield f"There are {pressing.repeats} repeats at each position, and {published.REPEATS} in the paper."
     if collection.in_counts:

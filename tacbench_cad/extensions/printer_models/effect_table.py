@@ -9,7 +9,8 @@ from tacbench_cad.cli.common import print_lines, print_table
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.spec.compensation import Effect, Errors
+    from tacbench_cad.extensions.printer_models.effect import Effect
+    from tacbench_cad.extensions.printer_models.prediction import Errors
 
 #: The number of waves that the table shows. The JSON document has all of them.
 MAX_WAVES = 12

@@ -10,6 +10,7 @@ import pytest
 from helpers.printers import PRINTER
 from helpers.scan_documents import scan_document, write_scan
 
+from tacbench_cad.extensions.printer_models.correction import corrected_for
 from tacbench_cad.extensions.printer_models.fitting import (
     PrintScan,
     find_scans,
@@ -17,10 +18,10 @@ from tacbench_cad.extensions.printer_models.fitting import (
     printer_model,
     read_print_scan,
 )
+from tacbench_cad.extensions.printer_models.model import PrinterModel
 from tacbench_cad.extensions.printer_models.picture import transfer_picture
+from tacbench_cad.extensions.printer_models.prediction import Print
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.compensation import Print, corrected_for, in_file
-from tacbench_cad.spec.printermodel import PrinterModel
 from tacbench_cad.util.errors import InputError
 
 BLOCK = Block.of("4")
@@ -59,7 +60,7 @@ def test_the_model_corrects_the_print_that_it_was_measured_on(tmp_path: Path) ->
     # A texture without waves below the nozzle. The print is that of the true printer.
     block = Block.of("2")
     plain, printed = (
-        Print(file=file, model=PRINTER).deviation_mm(block) for file in (block, in_file(corrected_for(block, model)))
+        Print(file=file, model=PRINTER).deviation_mm(block) for file in (block, corrected_for(block, model).file)
     )
     assert np.std(printed) < np.std(plain) / 5.0
 
@@ -97,7 +98,7 @@ def test_scans_of_one_print_count_once(tmp_path: Path) -> None:
         ({"filament": "petg"}, {}, "one printer, one filament and one nozzle"),
         ({"nozzle_mm": 0.6}, {}, "one nozzle"),
         ({}, {"printer": "form-3"}, "--printer NAME"),
-        ({"block": "texture-4_paper-corrected_x1"}, {}, "print of a corrected file"),
+        ({"printed_from": "t4-corr_paper_x1"}, {}, "prints of plain files"),
         ({"kind": "something"}, {}, "tacbench scan"),
         ({"waves": [{"wavelength_mm": "long"}]}, {}, "[[waves]] 1: wavelength_mm"),
     ],

@@ -1,7 +1,7 @@
 """The measured model of a printer and a filament: how much smaller, wider and smoother prints are than their files.
 
-``tacbench printer-model`` computes it from scans of prints and writes it as TOML. ``tacbench make --compensate`` and
-the virtual printers read it.
+``tacbench printer-model`` computes it from scans of prints and writes it as TOML. ``tacbench correct`` and
+``tacbench simulate --printers`` read it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tacbench_cad.util.files import write_text
 from tacbench_cad.util.text import toml_item
 
 #: The first key of a file, which tells a printer model from other TOML files.
-FORMAT = "tacbench printer model 1"
+FORMAT = "tacbench-printer-model-1"
 #: The allowed scales of a print. Larger errors are mistakes of units or of the slicer.
 _SCALE = Bounds(0.8, 1.2)
 #: The largest difference between the sides of a printed disc or ring that can be corrected, in mm.
@@ -168,16 +168,6 @@ class PrinterModel(Checked):
         """The offset of the walls; 0 if no scan determines it."""
         return 0.0 if self.offset_mm is None else self.offset_mm.value
 
-    def require_for(self, printer: str, filament: str) -> None:
-        """Check that this is the model of a printer with a filament.
-
-        Raises:
-            InputError: It is the model of another printer or filament.
-        """
-        if (self.printer, self.filament) != (printer, filament):
-            own = f"{self.printer} with {self.filament}"
-            raise InputError("printer model", own, f"must be the model of {printer} with {filament}")
-
     def print_size_mm(self, sides_mm: tuple[float, float]) -> tuple[float, float]:
         """Return the sides x, y of a print from those of its file, for a rectangle."""
         x, y = sides_mm
@@ -203,7 +193,7 @@ class PrinterModel(Checked):
         if isinstance(outline.loops[0], Circle) and oval_mm > MAX_OVAL_MM:
             oval = f"an oval whose sides differ by {oval_mm:.3f} mm"
             allowed = f"prints the {outline} as {oval}; at most {MAX_OVAL_MM:g} mm can be corrected"
-            raise InputError("compensate", self.name, allowed)
+            raise InputError("printer model", self.name, allowed)
         return outline.moved_outwards(-self.wall_offset_mm / scale).stretched(1.0 / x, 1.0 / y)
 
     def file_key_mm(self, key_mm: float | None) -> float | None:
@@ -237,7 +227,7 @@ def _at(points: tuple[TransferPoint, ...], wavelength_mm: float) -> float:
 class _Document(PrinterModel):
     """The document of a model's file."""
 
-    format: Literal["tacbench printer model 1"]
+    format: Literal["tacbench-printer-model-1"]
 
 
 def read_printer_model(path: Path) -> PrinterModel:

@@ -10,8 +10,8 @@ from helpers.printers import PRINTER
 from helpers.scan_documents import scan_document, write_scan
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.printer_models.model import read_printer_model
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printermodel import read_printer_model
 
 Capture = pytest.CaptureFixture[str]
 
@@ -24,7 +24,7 @@ def test_a_folder_of_scans_gives_a_model_and_a_picture(tmp_path: Path, capsys: C
     printed = capsys.readouterr().out
     assert "ender-3 with pla-plus: 3 prints, 3 scans, simulated" in printed
     assert "waves along y" in printed and "not determined" in printed
-    assert printed.endswith(f"\nNext: tacbench make --compensate {out}\n")
+    assert printed.endswith(f"\nNext: tacbench correct {out} -o corrected\n")
     model = read_printer_model(out)
     assert (model.prints, len(model.transfer_x), model.transfer_y) == (3, 13, ())
     assert out.with_suffix(".png").exists()

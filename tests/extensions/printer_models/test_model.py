@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.spec.printermodel import (
+from tacbench_cad.extensions.printer_models.model import (
     Measured,
     PrinterModel,
     TransferPoint,
@@ -44,7 +44,7 @@ def test_a_model_is_the_same_after_writing_and_reading(tmp_path: Path) -> None:
     write_printer_model(replace(MODEL, relief_rule="free"), path)
     assert read_printer_model(path) == replace(MODEL, relief_rule="free") != MODEL
     assert replace(MODEL, relief_rule="free").fingerprint != MODEL.fingerprint
-    assert path.read_text().startswith('format = "tacbench printer model 1"\nname = "ender-3_pla-plus"\n')
+    assert path.read_text().startswith('format = "tacbench-printer-model-1"\nname = "ender-3_pla-plus"\n')
 
 
 def test_the_transfer_function_is_interpolated_on_a_logarithmic_scale_and_keeps_its_ends() -> None:
@@ -62,7 +62,7 @@ def test_an_axis_without_measured_waves_has_the_factor_1_and_an_oblique_wave_the
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('format = "tacbench printer model 1"\n', "", "format: is missing"),
+        ('format = "tacbench-printer-model-1"\n', "", "format: is missing"),
         ("prints = 3", "prints = 0", "prints = 0: must be a whole number of at least 1"),
         ("nozzle_mm", "nozle_mm", "nozle_mm"),
         ("value = 0.996", "value = 0.99", "from low 0.9955 to high 0.9965"),
