@@ -31,6 +31,7 @@ from tacbench_cad.util.errors import InputError, MissingToolError
 ROWS = {**offered_blocks.ROWS, **offered_commands.ROWS, **offered_lab.ROWS}
 #: The places that are not tested with a row, and why.
 ELSEWHERE = {
+    "lab.simulate.prints:read_printers": "formats of extensions; tests/lab/simulate/test_prints.py",
     **dict.fromkeys(
         ("util.errors:require_between", "util.errors:one_of 2", "util.convert:_literal_hook"), "their callers have rows"
     ),
