@@ -92,10 +92,10 @@ def recorded(folder: Path, runs: list[Path]) -> None:
     """Write the images of run folders, grey and at 40 % of their size."""
     from tacbench_cad.lab.analysis.classification.features import read_features
     from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.preprocess import Preprocess
+    from tacbench_cad.lab.analysis.pixels import Pixels
 
     study = Collection.open(runs)
-    np.save(folder / "images.npy", read_features(study, Preprocess(resolution=0.4)).rows)
+    np.save(folder / "images.npy", read_features(study, Pixels(resolution=0.4)).rows)
     labels = [np.unique(values, return_inverse=True)[1] for values in (study.texture, study.combination)]
     np.save(folder / "labels.npy", np.array(labels))
 

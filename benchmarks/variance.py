@@ -31,7 +31,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.preprocess import Preprocess
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.variance.streaming import stream
 from tacbench_cad.lab.parallel import workers
 
@@ -58,7 +58,7 @@ def pass_once(folders: list[Path], divisor: int) -> tuple[int, float]:
     collection.level, collection.position, collection.repeat  # noqa: B018 reads the press table now
     tracemalloc.start()
     with workers(1) as executor:
-        stream(collection, Preprocess(), executor)
+        stream(collection, Pixels(), executor)
     return len(collection), tracemalloc.get_traced_memory()[1] / 2**20
 
 
@@ -71,9 +71,14 @@ def seconds(function: Callable[[], Any]) -> tuple[float, Any]:
 
 def decode(collection: Collection, part: np.ndarray[Any, Any]) -> None:
     """Read and decode some frames and make them grey."""
-    grey = Preprocess()
     for index in part.tolist():
-        grey(collection.frame(index))
+        grey(collection, index)
+
+
+def grey(collection: Collection, index: int) -> np.ndarray[Any, Any]:
+    """Return the grey pixels of the frame of a press."""
+    (path,) = collection.paths(index)
+    return Pixels().transform(collection.runs[int(collection.run[index])], path)
 
 
 def largest_difference(collection: Collection, places: Any, cells: int) -> float:
@@ -88,7 +93,7 @@ def largest_difference(collection: Collection, places: Any, cells: int) -> float
         key = list(place.cells)[number // len(places) % len(place.cells)]
         chosen = (collection.level == place.level) & (collection.position == place.position)
         chosen &= (collection.combination == key[0]) & (collection.texture == key[1])
-        stack = np.stack([Preprocess()(collection.frame(int(i))) for i in np.flatnonzero(chosen)]).astype(np.float64)
+        stack = np.stack([grey(collection, int(i)) for i in np.flatnonzero(chosen)]).astype(np.float64)
         two_pass = float(stack.var(axis=0).mean())
         worst = max(worst, abs(place.cells[key].variance() - two_pass) / two_pass)
     return worst
@@ -110,15 +115,15 @@ def main() -> int:
         calls = (delayed(decode)(collection, part) for part in parts)
         times["decode"].append(seconds(lambda calls=calls: Parallel(n_jobs=options.jobs)(calls))[0])
         with workers(options.jobs) as executor:
-            wall_s, sums = seconds(lambda executor=executor: stream(collection, Preprocess(), executor))
+            wall_s, sums = seconds(lambda executor=executor: stream(collection, Pixels(), executor))
         times["variance"].append(wall_s)
     assert sums is not None
     best = {name: min(values) for name, values in times.items()}
     total_s = sum(sums.seconds.values())
-    per_frame = best["variance"] / sums.readings / (best["decode"] / len(collection))
+    per_frame = best["variance"] / sums.frames / (best["decode"] / len(collection))
     print(f"{len(collection):,} images and {frames:,} stationary frames, {options.jobs} process(es)")
     print(f"reading and decoding the images alone: {best['decode']:.1f} s")
-    print(f"the whole pass, stationary frames too:  {best['variance']:.1f} s ({sums.readings:,} frames)")
+    print(f"the whole pass, stationary frames too:  {best['variance']:.1f} s ({sums.frames:,} frames)")
     print(f"decoding, as part of the pass: {100.0 * sums.seconds['decode'] / total_s:.0f} %")
     print(f"a frame in the pass takes {per_frame:.2f} times as long as its decoding")
     few, many = (in_child(pass_once, options.runs, divisor) for divisor in (8, 1))

@@ -17,11 +17,13 @@ import tacbench_cad
 from tacbench_cad import Block, CheckFailedError, InputError, as_part, check, export
 
 ROOT = Path(__file__).parents[1]
+#: The packages that list their public names in a stub, and the modules for CadQuery and build123d.
 PUBLIC = (
-    *("tacbench_cad", "tacbench_cad.lab", "tacbench_cad.cq", "tacbench_cad.bd", "housing", "housing.cq", "housing.bd"),
+    *("tacbench_cad.cq", "tacbench_cad.bd", "housing.cq", "housing.bd"),
     *(
-        f"tacbench_cad.extensions.{path.parent.name}"
-        for path in sorted((ROOT / "tacbench_cad" / "extensions").glob("*/__init__.pyi"))
+        ".".join(stub.relative_to(ROOT).parent.parts)
+        for package in ("tacbench_cad", "housing")
+        for stub in sorted((ROOT / package).rglob("__init__.pyi"))
     ),
 )
 HEAVY = ("numpy", "scipy", "OCP", "build123d", "cadquery", "matplotlib", "rich")
