@@ -33,12 +33,11 @@ import tacbench_cad
 
 GENERATED = Path("api") / "generated"
 #: The packages that load their public names from other modules when they are used.
-PUBLIC = (
-    "housing",
-    "tacbench_cad",
-    "tacbench_cad.lab",
-    "tacbench_cad.extensions.scan",
-    "tacbench_cad.extensions.virtual_rig",
+PUBLIC = tuple(
+    ".".join((package.__name__, *stub.relative_to(folder).parent.parts))
+    for package in (housing, tacbench_cad)
+    for folder in map(Path, package.__path__)
+    for stub in sorted(folder.rglob("__init__.pyi"))
 )
 #: The length in characters above which the value of a constant is not shown.
 MAX_VALUE_LENGTH = 300
@@ -56,7 +55,7 @@ def public_modules() -> list[str]:
     for package in (housing, tacbench_cad):
         modules = pkgutil.walk_packages(package.__path__, f"{package.__name__}.", onerror=importlib.import_module)
         names += [package.__name__, *(module.name for module in modules)]
-    return [name for name in names if not re.search(r"\._|^tacbench_cad\.cli\b", name)]
+    return [name for name in names if not re.search(r"\._|^tacbench_cad\.cli\b|\.(\w*command|completing)$", name)]
 
 
 class Arrays:

@@ -1,1 +1,1 @@
-"""Modules that make images: shaded pictures, plots, dimension drawings and the 3D page."""
+"""Modules that make images: shaded pictures, plots and the 3D page."""
