@@ -35,15 +35,11 @@ print(json.dumps(results))
 
 
 #: The modules of the extra ``analysis``.
-ANALYSIS = "serial,cv2,matplotlib,sklearn,joblib"
+ANALYSIS = "serial,cv2,matplotlib,sklearn"
 
 
 #: The missing modules, and for each of them the commands with the words that their messages must contain.
 MISSING: dict[str, list[tuple[list[str], list[str]]]] = {
-    "joblib": [
-        (["variance", "{runs}"], ["joblib", "tacbench-cad[analysis]"]),
-        (["classify", "{runs}", "-o", "{out}"], ["joblib", "tacbench-cad[analysis]"]),
-    ],
     "cv2": [
         (["check-runs", "{runs}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
         (["export-runs", "{runs}", "--to", "tactile-data", "--out", "{out}"], ["tacbench-cad[lab]"]),
@@ -60,7 +56,7 @@ MISSING: dict[str, list[tuple[list[str], list[str]]]] = {
         (["classify", "{runs}", "-o", "{out}"], ["scikit-learn", "tacbench-cad[analysis]"]),
         (["report", "{runs}", "-o", "{folder}/report.html"], ["scikit-learn", "tacbench-cad[analysis]"]),
         (["compare", "{runs}", "{others}", "-o", "{out}/b"], ["scikit-learn", "tacbench-cad[analysis]"]),
-        (["variance", "{runs}", "-o", "{out}"], ["joblib", "tacbench-cad[analysis]"]),
+        (["variance", "{runs}", "-o", "{out}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
     ],
 }
 

@@ -83,7 +83,7 @@ ROWS: Rows = {
     ],
     "extensions.slicing.check_command:_block": lambda folder: [
         Offer(
-            attempt=lambda word: check_command._block(word, "paper", 1.0, None, None),
+            attempt=lambda word: check_command._block(word, "paper", 1.0, None),
             wrong="all",
             things={"1 to 6": ["1", "6"], "dunes": "dunes", "a TOML file": str(texture_file(folder))},
         )
@@ -221,6 +221,7 @@ READERS: Mapping[str, Callable[[str], object]] = {
     "outline": lambda word: outline_of(word, (20.0, 30.0)),
     "fit": clearance_mm,
     "make parts": partial(request_words, "parts"),
+    "correct parts": partial(request_words, "parts"),
     "formats": partial(request_words, "formats"),
     "view parts": lambda word: request_of((word,), Request(textures=(1,))),
     "up": lambda word: axes_of(np.array([0.48, 0.6, 0.64]), word, "face"),

@@ -121,7 +121,7 @@ def test_fixtures_fit_together_on_the_page() -> None:
     assert inside[:, 2].min() - block.max(axis=0)[2] == pytest.approx(0.3, abs=1e-5)
     assert {thing.set_number for thing in shown.values()} == {0}
     assert shown["jig"].mesh.volume_mm3 > 0.0, "the seated jig must not be mirrored"
-    assert ("pocket", "23.6 x 30.3 x 5.82 mm") in shown["holder"].facts
+    assert ("pocket size", "23.6 x 30.3 x 5.82 mm") in shown["holder"].facts
 
 
 def test_in_the_authors_holder_the_block_is_turned_by_90_degrees() -> None:

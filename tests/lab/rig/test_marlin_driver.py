@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections import Counter
 from collections.abc import Iterator
 
@@ -254,7 +253,14 @@ def test_an_abandoned_move_is_not_made_later() -> None:
 
 def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it() -> None:
     script = ScriptedMarlin()
-    stopped_at = first_after = 0.0
+    stopped_at = 0.0
+    arrivals: list[float] = []
+    answer = script.answer
+
+    def noted(line: bytes) -> Iterator[bytes | float]:
+        if stopped_at and line not in (b"", b"M410"):
+            arrivals.append(clock().monotonic())
+        return answer(line)
 
     def until_stopped(line: bytes) -> Iterator[bytes | float]:
         script.at = (3.0, 4.0, 50.0)
@@ -267,22 +273,15 @@ def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it
         # The interrupted M400 sends ok far from the target; M410 itself is never acknowledged.
         return iter([b"ok\n"])
 
+    script.answer = noted  # type: ignore[method-assign]
     with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=3.0) as stage:
         stage.home()
         script.on = {b"M400": until_stopped, b"M410": stop}
         clock().after(0.1, stage.stop)
         with pytest.raises(NotThereError, match="stopped on request"):
             stage.move(THERE, 20.0)
-        sent = len(peer.lines)
-        answered: list[Point] = []
-        asking = threading.Thread(target=lambda: answered.append(stage.position()))
-        asking.start()
-        while len([line for line in peer.lines[sent:] if line not in (b"", b"M410")]) == 0:
-            clock().sleep(0.005)
-        first_after = clock().monotonic()
-        asking.join()
-        assert first_after - stopped_at > 1.0
-        assert answered == [(3.0, 4.0, 50.0)]
+        assert stage.position() == (3.0, 4.0, 50.0)
+        assert arrivals[0] - stopped_at > 1.0
         assert stage.move(THERE, 20.0) == THERE
 
 

@@ -287,8 +287,8 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
 
 
 def test_a_missing_command_is_reported_in_one_line(capsys: Capture) -> None:
-    assert main(["runs"]) == 2
-    assert capsys.readouterr().err == "error: Missing command. (see tacbench runs --help)\n"
+    assert main(["rig"]) == 2
+    assert capsys.readouterr().err == "error: Missing command. (see tacbench rig --help)\n"
 
 
 def test_the_command_refuses_folders_without_runs(tmp_path: Path, capsys: Capture) -> None:
