@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tacbench_cad.extensions.slicing.compare import compare
+from tacbench_cad.extensions.slicing.comparison import compare
 from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import block_part

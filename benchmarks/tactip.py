@@ -22,9 +22,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 import cv2
 import numpy as np
 
+from tacbench_cad.lab.simulate.appearances import CLEAN, LOOKS
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.heights import flat_plate
-from tacbench_cad.lab.simulate.looks import CLEAN, LOOKS
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block

@@ -18,7 +18,7 @@ from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
 
 from tacbench_cad.checks.solidcheck import points_on, spline_faces
-from tacbench_cad.geometry.textured.relief import FaceRelief
+from tacbench_cad.geometry.textured.face_relief import FaceRelief
 from tacbench_cad.geometry.textured.solid import TexturedSolid, textured_solid
 from tacbench_cad.geometry.texturing import texturing
 

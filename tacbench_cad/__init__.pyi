@@ -10,7 +10,7 @@ from .geometry.mesh import Certificate as Certificate
 from .geometry.mesh import ExpectedGeometry as ExpectedGeometry
 from .geometry.mesh import Mesh as Mesh
 from .geometry.part import Part as Part
-from .geometry.textured.part import textured_part as textured_part
+from .geometry.textured.textured_faces import textured_part as textured_part
 from .making.printset import PrintSet as PrintSet
 from .making.printset import build as build
 from .making.request import Request as Request

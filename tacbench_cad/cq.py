@@ -119,7 +119,7 @@ def textured(
     """
     shape = part.findSolid() if isinstance(part, cq.Workplane) else part
     if isinstance(face, str):
-        from tacbench_cad.geometry.textured.part import faces_by
+        from tacbench_cad.geometry.textured.textured_faces import faces_by
 
         faces = faces_by(shape.wrapped, face)
     else:

@@ -113,13 +113,13 @@ def test_a_name_that_does_not_exist_is_found(tmp_path: Path) -> None:
         "from tacbench_cad.spec.block import Block, Blok\n"
         "from tacbench_cad.util import door\n"
         "import housing.holdr\n"
-        "door.no_such_name('tacbench_cad.util.door.nor_this')\n"
+        "door.no_such_name('tacbench_cad.util.untrusted.nor_this')\n"
         "CODE = 'from housing import Holder, Holdr'\n"
     )
     assert {name for name in used(path) if not exists(name)} == {
         "tacbench_cad.spec.block.Blok",
         "housing.holdr",
-        "tacbench_cad.util.door.no_such_name",
-        "tacbench_cad.util.door.nor_this",
+        "tacbench_cad.util.untrusted.no_such_name",
+        "tacbench_cad.util.untrusted.nor_this",
         "housing.Holdr",
     }

@@ -17,9 +17,9 @@ from tacbench_cad.spec.presets import PRESETS, VALUES, with_table
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.texture_files import find_texture, is_texture_name
 from tacbench_cad.spec.textures import BlockTable, Texture
-from tacbench_cad.util.door import open_input, read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME
+from tacbench_cad.util.untrusted import open_input, read_document
 
 _NUMBER = r"-?\d+(?:\.\d+)?"
 _STEP_NAME = re.compile(r"FILE_NAME\(\s*'([^']*)'.*?'tacbench-cad ", re.DOTALL)

@@ -19,10 +19,10 @@ import numpy as np
 
 from tacbench_cad.checks.report import Check
 from tacbench_cad.geometry.mesh import Mesh, cross
-from tacbench_cad.util.door import limits_factor
 from tacbench_cad.util.errors import MissingToolError
 from tacbench_cad.util.processes import LostProcessError, isolated
 from tacbench_cad.util.types import Bools, Floats, Indices, Ints
+from tacbench_cad.util.untrusted import limits_factor
 
 #: pymeshlab does not test an untrusted mesh if more pairs of triangles than this have overlapping bounding boxes.
 MAX_PAIRS = 5e7

@@ -16,7 +16,7 @@ from weakref import ref
 import numpy as np
 
 from tacbench_cad.checks import meshcheck
-from tacbench_cad.checks.assembly import verify_mesh_assembly, verify_solid_assembly
+from tacbench_cad.checks.assembly_check import verify_mesh_assembly, verify_solid_assembly
 from tacbench_cad.checks.complete import completeness_checks
 from tacbench_cad.checks.match import GRID_MM, PLACEMENTS, Candidate, Facets, Match
 from tacbench_cad.checks.outline import outline_checks

@@ -172,8 +172,8 @@ def command(
       tacbench classify runs --protocol as-published -o as-published
       tacbench classify runs --sweep resolution=0.025:0.475 --hold-out copy
     """
+    from tacbench_cad.lab.analysis.classification.accuracy_figures import draw_result
     from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
-    from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
     from tacbench_cad.lab.analysis.classification.splits import levels_of
     from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep

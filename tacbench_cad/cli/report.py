@@ -9,9 +9,9 @@ import rich_click as click
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_paths, print_json, print_next
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.untrusted import read_document
 
 
 @options.command("report", "Analyse")

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
+    from tacbench_cad.lab.rig.driver_list import ListedDriver
     from tacbench_cad.lab.rig.loadcell import LoadCell
-    from tacbench_cad.lab.rig.plugged import ListedDriver
     from tacbench_cad.lab.study.spec import Point
 
 
@@ -149,7 +149,7 @@ def drivers(json: bool) -> None:
       tacbench rig drivers
       tacbench rig drivers --json
     """
-    from tacbench_cad.lab.rig.plugged import list_drivers
+    from tacbench_cad.lab.rig.driver_list import list_drivers
     from tacbench_cad.lab.rig.ports import candidates
     from tacbench_cad.lab.rig.video_nodes import video_nodes
     from tacbench_cad.util.convert import to_plain

@@ -21,7 +21,7 @@ from tacbench_cad.lab.study.editing import store_keys
 from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.first_press import first_press
 from tacbench_cad.lab.study.names import own_name
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 
@@ -165,7 +165,7 @@ def _first_press(path: Path) -> None:
 
 
 def _table(path: Path, name: str) -> dict[str, Any]:
-    table: dict[str, Any] = door.read_document(path, "study", "toml").get(name, {})
+    table: dict[str, Any] = untrusted.read_document(path, "study", "toml").get(name, {})
     return table
 
 

@@ -17,11 +17,11 @@ from tacbench_cad import __version__
 from tacbench_cad.formats.step_text import compact
 from tacbench_cad.geometry.kernel import location
 from tacbench_cad.geometry.part import Part, rgb_of
-from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import read_isolated
 from tacbench_cad.util.types import Floats
+from tacbench_cad.util.untrusted import open_input
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import Part
-from tacbench_cad.util.door import open_input, read_bytes
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats, Floats32, Indices
+from tacbench_cad.util.untrusted import open_input, read_bytes
 
 #: The length of the header of a binary STL, in bytes.
 HEADER_BYTES = 80

@@ -33,11 +33,11 @@ from tacbench_cad import __version__
 from tacbench_cad.formats.stl import require_finite
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import Part
-from tacbench_cad.util.door import open_input, require_within
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import read_isolated
 from tacbench_cad.util.types import Floats
+from tacbench_cad.util.untrusted import open_input, require_within
 
 #: The XML namespace of this project's metadata. 3MF requires a namespace for names that it does not define. It is only
 #: a name, not the address of a page.

@@ -82,14 +82,14 @@ from .runs.reading import find_runs as find_runs
 from .runs.region_search import find_region as find_region
 from .runs.run_writer import RunWriter as RunWriter
 from .runs.schema import Row as Row
+from .simulate.appearances import LOOKS as LOOKS
+from .simulate.appearances import Look as Look
 from .simulate.blockrun import SimulationOptions as SimulationOptions
 from .simulate.contact import DomeContact as DomeContact
 from .simulate.contact import contact_for as contact_for
-from .simulate.figures import simulated_images as simulated_images
 from .simulate.heights import HeightMap as HeightMap
 from .simulate.heights import flat_plate as flat_plate
-from .simulate.looks import LOOKS as LOOKS
-from .simulate.looks import Look as Look
+from .simulate.preview_figures import simulated_images as simulated_images
 from .simulate.prints import VIRTUAL_PRINTERS as VIRTUAL_PRINTERS
 from .simulate.prints import VirtualPrinter as VirtualPrinter
 from .simulate.prints import stimulus as stimulus

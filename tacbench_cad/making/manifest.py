@@ -10,10 +10,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import MANIFEST_NAME, replacing, sha256
 from tacbench_cad.util.text import at_most
+from tacbench_cad.util.untrusted import parse_json, read_bytes
 
 #: The version of the manifest's layout. It changes when a key changes its meaning.
 SCHEMA = 1

@@ -11,7 +11,7 @@ from typing import Any
 from tacbench_cad.checks.report import Report
 from tacbench_cad.formats import format_of, step
 from tacbench_cad.geometry.textured.height import around
-from tacbench_cad.geometry.textured.part import TexturedFaces, face_at, faces_by
+from tacbench_cad.geometry.textured.textured_faces import TexturedFaces, face_at, faces_by
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.making.writing import export
 from tacbench_cad.spec.sampling import TOLERANCE_MM

@@ -31,12 +31,12 @@ from .images import image_texture as image_texture
 from .images import read_heights as read_heights
 from .interpolation import height_map as height_map
 from .interpolation import sampled as sampled
-from .intervals import Intervals as Intervals
 from .label import LABEL_DEPTH_MM as LABEL_DEPTH_MM
 from .label import MARGIN_MM as MARGIN_MM
 from .label import STROKE_MM as STROKE_MM
 from .label import Engraving as Engraving
 from .label import engrave as engrave
+from .lookup import Intervals as Intervals
 from .operations import added as added
 from .operations import as_spline as as_spline
 from .operations import masked as masked

@@ -13,11 +13,11 @@ import numpy as np
 from tacbench_cad.spec.interpolation import MAX_SAMPLES, height_map, smoothed
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.wavefit import fit_waves
-from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import InputError, located, one_line
 from tacbench_cad.util.numbers import read_numbers
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.processes import read_isolated
+from tacbench_cad.util.untrusted import open_input
 
 #: The endings of pictures.
 PICTURES = (".png", ".tif", ".tiff")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import Bounds, Word, from_plain
 
 #: The fields of the form, each with its explanation. An empty string means that a field is not filled in.
@@ -99,7 +99,7 @@ def read_record(path: Path, *, within: Path | None = None) -> PrintRecord:
     Raises:
         InputError: The file is missing or not TOML, or a field is unknown or has a wrong type.
     """
-    document = door.read_document(path, "print record", "toml", within=within)
+    document = untrusted.read_document(path, "print record", "toml", within=within)
     values = {name: value for name, value in document.items() if name not in FIELDS or value not in ("", [])}
     from_plain(_Fields, values, f"{path}: ")
     empty = tuple(name for name in FIELDS if name not in values)

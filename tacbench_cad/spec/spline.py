@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, Region, search_cells
-from tacbench_cad.spec.intervals import Intervals
+from tacbench_cad.spec.lookup import Intervals
 from tacbench_cad.spec.sines import Sines
 from tacbench_cad.spec.surface import Ends, Surface, Unit
 from tacbench_cad.util.errors import InputError

@@ -28,8 +28,8 @@ from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import WAVE_BOUNDS, BlockTable, Texture, require_own_unit, table_in_mm
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
-from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, located, nearest
+from tacbench_cad.util.untrusted import read_document
 
 #: The largest number of waves in a texture file.
 MAX_WAVES = 1_000

@@ -33,7 +33,7 @@ from functools import cache
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import decimal_hint
 
@@ -190,12 +190,12 @@ def read_toml(path: Path, cls: type[T], what: str, *, within: Path | None = None
     Raises:
         InputError: The file cannot be read, or a value is not allowed. The message names the file, table and key.
     """
-    return from_plain(cls, door.read_document(path, what, "toml", within=within), f"{path}: ")
+    return from_plain(cls, untrusted.read_document(path, what, "toml", within=within), f"{path}: ")
 
 
 def read_json(path: Path, cls: type[T], what: str, *, within: Path | None = None) -> T:
     """Read an untrusted JSON file into a dataclass; same arguments and errors as :func:`read_toml`."""
-    return from_plain(cls, door.read_document(path, what, "json", within=within), f"{path}: ")
+    return from_plain(cls, untrusted.read_document(path, what, "json", within=within), f"{path}: ")
 
 
 def to_plain(value: Any, *, without_none: bool = False, without_defaults: bool = False) -> Any:
@@ -306,8 +306,8 @@ def _flag(value: Any, _: Any) -> bool:
 def _whole(value: Any, _: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise _FaultError(value, "must be a whole number")
-    if abs(value) > door.MAX_WHOLE:
-        raise _FaultError(None, f"must be a whole number of at most {door.MAX_WHOLE}")
+    if abs(value) > untrusted.MAX_WHOLE:
+        raise _FaultError(None, f"must be a whole number of at most {untrusted.MAX_WHOLE}")
     return value
 
 

@@ -18,8 +18,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.untrusted import open_input
 
 #: The prefix of every temporary file. The next process that locks the folder deletes those that a killed process left.
 TEMPORARY_PREFIX = ".tacbench-unfinished-"

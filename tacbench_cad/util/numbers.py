@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError, one_line
 from tacbench_cad.util.types import Floats
+from tacbench_cad.util.untrusted import read_bytes
 
 #: The words that mean that a cell has no value.
 MISSING = frozenset({"", "-", "--", "---", "*", "**", "***", "bad", "void", "nodata", "n/a", "#n/a", "null", "none"})

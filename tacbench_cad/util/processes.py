@@ -22,8 +22,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.util.door import LIMITS_VARIABLE, limits_factor
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError, one_line
+from tacbench_cad.util.untrusted import LIMITS_VARIABLE, limits_factor
 
 if TYPE_CHECKING:
     from pebble import ProcessPool

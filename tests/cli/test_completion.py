@@ -128,7 +128,7 @@ def test_the_completed_words_agree_with_the_program() -> None:
     from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
     from tacbench_cad.lab.runs import schema
     from tacbench_cad.lab.runs.importing.sources import FIELDS
-    from tacbench_cad.lab.simulate.looks import LOOKS
+    from tacbench_cad.lab.simulate.appearances import LOOKS
     from tacbench_cad.making.request import PARTS
 
     assert set(options.FILE_FORMATS) == set(FORMATS)

@@ -13,8 +13,8 @@ from helpers.rigs import small_protocol
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage
-from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
-from tacbench_cad.lab.simulate.stage import HOME_MM, SimulatedStage
+from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
+from tacbench_cad.lab.simulate.simulated_stage import HOME_MM, SimulatedStage
 from tacbench_cad.lab.study.spec import (
     Angles,
     GaugeSettings,

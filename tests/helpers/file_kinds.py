@@ -244,7 +244,7 @@ def make_gcode(folder: Path) -> None:
 
 
 def read_gcode_file(folder: Path) -> object:
-    from tacbench_cad.extensions.slicing.compare import slice_check
+    from tacbench_cad.extensions.slicing.comparison import slice_check
     from tacbench_cad.spec.block import Block
 
     return slice_check(folder / "block.gcode", Block.of(2, scale=0.3)).as_dict()

@@ -13,7 +13,7 @@ from helpers.arms import ARM_RIG, LastingArm, rig_of, turning_protocol
 from helpers.emulated import emulated_study
 from helpers.fakes import FakeSensor
 from helpers.rigs import FakeRig, info_of, printed, small_protocol
-from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study

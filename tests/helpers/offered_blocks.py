@@ -29,14 +29,14 @@ from tacbench_cad.extensions.serving.server import bound_socket
 from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.extensions.slicing.plates import arrange_plates
+from tacbench_cad.extensions.slicing.printed_surface import Frame
 from tacbench_cad.extensions.slicing.printers import Printer, printer_named, printers
-from tacbench_cad.extensions.slicing.surface import Frame
 from tacbench_cad.formats import SUFFIXES, format_of
 from tacbench_cad.geometry.block_part import as_part, block_part
 from tacbench_cad.geometry.textured.field import Fade
 from tacbench_cad.geometry.textured.frame import DIRECTIONS, axes_of
 from tacbench_cad.geometry.textured.height import height_over
-from tacbench_cad.geometry.textured.part import faces_by, textured_part
+from tacbench_cad.geometry.textured.textured_faces import faces_by, textured_part
 from tacbench_cad.geometry.texturing import Texturing, texturing
 from tacbench_cad.making.request import Request, _formats, _kinds, blocks_of
 from tacbench_cad.making.showing import request_of
@@ -54,9 +54,9 @@ from tacbench_cad.spec.texture_files import find_texture, texture_of_document
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.convert import from_plain
-from tacbench_cad.util.door import read_rows
 from tacbench_cad.util.plotting import SUFFIXES as PICTURES
 from tacbench_cad.util.plotting import picture_format
+from tacbench_cad.util.untrusted import read_rows
 
 Rows = Mapping[str, Callable[[Path], Sequence[Offer]]]
 
@@ -165,10 +165,10 @@ ROWS: Rows = {
             things={**{word: word for word in DIRECTIONS}, "a vector": (1.0, 2.0, 0.0)},
         )
     ],
-    "geometry.textured.part:textured_part": lambda _: _fields(
+    "geometry.textured.textured_faces:textured_part": lambda _: _fields(
         lambda **values: textured_part(None, [], "1", name="x", **values), 0.0, "face: must be", "mesh_tolerance_mm"
     ),
-    "geometry.textured.part:faces_by": lambda _: [
+    "geometry.textured.textured_faces:faces_by": lambda _: [
         Offer(attempt=lambda word: faces_by(_shape().wrapped, word), wrong="%Sphere", things=[">Z", "%Cylinder"])
     ],
     "geometry.textured.height:height_over": lambda _: [
@@ -268,7 +268,7 @@ ROWS: Rows = {
     "extensions.slicing.printers:printer_named": lambda _: [
         Offer(attempt=lambda word: printer_named(word, printers()), wrong="xyz")
     ],
-    "extensions.slicing.surface:Frame.__post_init__": lambda _: [
+    "extensions.slicing.printed_surface:Frame.__post_init__": lambda _: [
         Offer(
             attempt=lambda quarters: Frame(x_mm=0.0, y_mm=0.0, quarters=quarters),
             wrong=5,
@@ -383,7 +383,7 @@ ROWS: Rows = {
             later="is missing|at least one",
         )
     ],
-    "util.door:read_rows 2": lambda folder: [Offer(attempt=_header(folder), wrong="a,x", things=["a,b"])],
+    "util.untrusted:read_rows 2": lambda folder: [Offer(attempt=_header(folder), wrong="a,x", things=["a,b"])],
     "util.plotting:picture_format": lambda _: [
         Offer(attempt=lambda end: picture_format(Path(f"a{end}")), wrong=".gif", things=list(PICTURES))
     ],

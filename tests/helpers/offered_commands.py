@@ -31,7 +31,7 @@ from tacbench_cad.lab.analysis.feature import feature_of
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.runs.importing.sources import FIELDS
 from tacbench_cad.lab.runs.region import parse_region
-from tacbench_cad.lab.simulate.looks import look_named
+from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.names import own_name

@@ -49,7 +49,7 @@ from tacbench_cad.lab.runs.importing.import_formats import _Formats
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions
 from tacbench_cad.lab.runs.importing.sources import columns_of_fields, field_of
 from tacbench_cad.lab.runs.region import parse_region
-from tacbench_cad.lab.simulate.looks import LOOKS, look_named
+from tacbench_cad.lab.simulate.appearances import LOOKS, look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.file import _protocol, virtual_study
@@ -289,7 +289,7 @@ ROWS: Rows = {
         Offer(attempt=lambda text: schema._time("time", text), wrong=wrong, things=["2026-01-31T12:00:00.000Z"])
         for wrong in ("x", "2026-01-31T12:00:00")
     ],
-    "lab.simulate.looks:look_named": lambda _: [Offer(attempt=look_named, wrong="xyz", things=list(LOOKS))],
+    "lab.simulate.appearances:look_named": lambda _: [Offer(attempt=look_named, wrong="xyz", things=list(LOOKS))],
     "lab.simulate.study:study_of": lambda folder: [
         Offer(
             attempt=study_of,

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from helpers.fakes import FakeGauge, FakeSensor, FakeStage, Plate, SlidingStage
-from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from tacbench_cad.extensions.markers.markers import Markers as FoundMarkers
 from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.simulate.looks import look_named
 from tacbench_cad.lab.simulate.tactip import Markers, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block

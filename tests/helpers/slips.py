@@ -10,7 +10,7 @@ from pathlib import Path
 
 from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, printed, small_protocol
-from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, RigError, SlipError

@@ -12,7 +12,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.simulate.stage import SimulatedStage
+from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.study.spec import Angles
 
 Point = tuple[float, float, float]

@@ -11,12 +11,12 @@ import pytest
 from helpers.checkout import ROOT
 from helpers.outsiders import Run
 
-from tacbench_cad.extensions.slicing.compare import compare, slice_check
+from tacbench_cad.extensions.slicing.comparison import compare, slice_check
 from tacbench_cad.extensions.slicing.gcode import read_gcode
+from tacbench_cad.extensions.slicing.plate_files import write_plates
 from tacbench_cad.extensions.slicing.plates import arrange_plates
+from tacbench_cad.extensions.slicing.printed_surface import Frame
 from tacbench_cad.extensions.slicing.printers import printers
-from tacbench_cad.extensions.slicing.surface import Frame
-from tacbench_cad.extensions.slicing.writing import write_plates
 from tacbench_cad.making.writing import export
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError

@@ -13,8 +13,8 @@ pymeshlab = pytest.importorskip("pymeshlab")
 from tacbench_cad.extensions.scan.colours import coloured, reach_mm
 from tacbench_cad.extensions.scan.deviations import top_map, wall_points
 from tacbench_cad.extensions.scan.result import Noise, ScanResult
+from tacbench_cad.extensions.scan.result_files import write_coloured
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass
-from tacbench_cad.extensions.scan.writing import write_coloured
 from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real

@@ -9,7 +9,7 @@ import pytest
 from helpers.outsiders import Run, Written, part_named, program
 from helpers.slicing import by_cura, by_prusa, cura_search_path
 
-from tacbench_cad.extensions.slicing.compare import AsSliced, compare
+from tacbench_cad.extensions.slicing.comparison import AsSliced, compare
 from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.spec.block import Block
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tacbench_cad.spec.intervals import Intervals
+from tacbench_cad.spec.lookup import Intervals
 from tacbench_cad.util.types import Floats
 
 RANDOM = np.random.default_rng(0)

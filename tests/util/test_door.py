@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no named pipes or devices")
@@ -16,7 +16,7 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="no named pipes or de
 
 def refusal(path: Path, kind: str = "any", within: Path | None = None) -> str:
     with pytest.raises(InputError) as caught:
-        door.read_bytes(path, "thing", kind, within=within)
+        untrusted.read_bytes(path, "thing", kind, within=within)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -36,7 +36,7 @@ def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     assert "cannot be read: No such file" in refusal(tmp_path / "gone")
     assert "is a folder" in refusal(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
-        door.read_bytes(Path("a\0b"))
+        untrusted.read_bytes(Path("a\0b"))
 
 
 @posix
@@ -48,8 +48,8 @@ def test_a_link_that_leads_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     (inner / "out").symlink_to("../secret")
     (inner / "in").symlink_to("file")
     assert "is a link to a file outside" in refusal(inner / "out", within=inner)
-    assert door.read_bytes(inner / "in", within=inner) == b"y"
-    assert door.read_bytes(inner / "out") == b"x"
+    assert untrusted.read_bytes(inner / "in", within=inner) == b"y"
+    assert untrusted.read_bytes(inner / "out") == b"x"
 
 
 def test_the_message_about_a_size_limit_names_the_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,20 +57,20 @@ def test_the_message_about_a_size_limit_names_the_variable(tmp_path: Path, monke
     with path.open("wb") as stream:
         stream.truncate(20_000_000)
     assert "has 20 MB, more than the 8 allowed; set the environment variable TACBENCH_LIMITS=3" in refusal(path, "toml")
-    monkeypatch.setenv(door.LIMITS_VARIABLE, "3")
-    assert len(door.read_bytes(path, "thing", "toml")) == 20_000_000
+    monkeypatch.setenv(untrusted.LIMITS_VARIABLE, "3")
+    assert len(untrusted.read_bytes(path, "thing", "toml")) == 20_000_000
     for wrong in ("0", "-1", "nan", "inf", "x", ""):
-        monkeypatch.setenv(door.LIMITS_VARIABLE, wrong)
+        monkeypatch.setenv(untrusted.LIMITS_VARIABLE, wrong)
         with pytest.raises(InputError, match="TACBENCH_LIMITS"):
-            door.read_bytes(path)
+            untrusted.read_bytes(path)
 
 
 def test_a_table_has_its_header_and_rows_of_equal_length(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_bytes(b'\xef\xbb\xbfa,b\r\n1,"x, y"\r\n\r\n2,z\r\n')
-    assert door.read_rows(path, "table", ("a", "b")) == [["1", "x, y"], ["2", "z"]]
+    assert untrusted.read_rows(path, "table", ("a", "b")) == [["1", "x, y"], ["2", "z"]]
     with pytest.raises(InputError, match=r't\.csv header = .a,b.: must be a,c; "b" is unknown'):
-        door.read_rows(path, "table", ("a", "c"))
+        untrusted.read_rows(path, "table", ("a", "c"))
 
 
 @pytest.mark.parametrize(
@@ -89,4 +89,4 @@ def test_a_file_that_is_not_a_table_is_refused(tmp_path: Path, content: bytes, n
     path = tmp_path / "t.csv"
     path.write_bytes(content)
     with pytest.raises(InputError, match=needle):
-        door.read_table(path, "table")
+        untrusted.read_table(path, "table")

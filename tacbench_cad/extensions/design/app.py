@@ -37,9 +37,9 @@ from tacbench_cad.formats import FORMATS
 from tacbench_cad.making.printset import build
 from tacbench_cad.spec.images import PICTURES, TABLES
 from tacbench_cad.util.convert import Bounds, from_plain, to_plain
-from tacbench_cad.util.door import parse_json
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.files import replacing
+from tacbench_cad.util.untrusted import parse_json
 
 #: The largest size of the JSON text of a message, in characters.
 MAX_TEXT = 1_000_000

@@ -15,9 +15,9 @@ from tacbench_cad.spec.outlines import NAMED
 from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.spline import SplineSurface
 from tacbench_cad.spec.texture_files import texture_of_document, texture_path, unknown_texture
-from tacbench_cad.util.door import parse_toml, read_text
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal
+from tacbench_cad.util.untrusted import parse_toml, read_text
 
 _HALF_TURN = round(math.pi, 6)
 _WAVES = {"family": "equation1", "A1": 1.0, "A2": 0.0, "f1": 1.0, "f2": 1.0, "phase": math.pi / 2.0}

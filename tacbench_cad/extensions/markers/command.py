@@ -60,9 +60,9 @@ def command(
       tacbench markers imported/ -o pictures --reference at_rest.png
     """
     from tacbench_cad.extensions.markers.displacements import MarkerFeatures
+    from tacbench_cad.extensions.markers.marker_pictures import markers_drawn
     from tacbench_cad.extensions.markers.markers import MarkerSettings
     from tacbench_cad.extensions.markers.pattern import circle_around, expected_count
-    from tacbench_cad.extensions.markers.pictures import markers_drawn
     from tacbench_cad.extensions.markers.references import add_references
     from tacbench_cad.lab.runs.frame_files import write_png
     from tacbench_cad.lab.runs.reading import Run, find_runs

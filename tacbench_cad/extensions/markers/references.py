@@ -9,8 +9,8 @@ from tacbench_cad.lab.runs.frame_files import decoded
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES
-from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.untrusted import read_bytes
 
 
 def add_references(runs: Sequence[Run], path: Path) -> list[Run]:

@@ -17,7 +17,7 @@ from typing import Generic, Self, TypeVar
 
 import numpy as np
 
-from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import RigError, TooFewFramesError

@@ -9,7 +9,7 @@ import numpy as np
 
 from tacbench_cad.extensions.printer_models.correction import MAX_FACTOR
 from tacbench_cad.extensions.printer_models.model import PrinterModel
-from tacbench_cad.extensions.scan.pictures import wavelength_axis
+from tacbench_cad.extensions.scan.scan_pictures import wavelength_axis
 from tacbench_cad.util.plotting import BLUE, INK, ORANGE, new_figure, save_figure, styled
 
 

@@ -9,12 +9,12 @@ from .estimates import WaveEstimate as WaveEstimate
 from .fitting import fit_scan as fit_scan
 from .fitting import identify as identify
 from .limits import Limits as Limits
-from .pictures import deviation_picture as deviation_picture
-from .pictures import waves_picture as waves_picture
 from .pose import Pose as Pose
 from .reading import read_scan as read_scan
 from .result import PrintOrigin as PrintOrigin
 from .result import ScanResult as ScanResult
+from .result_files import write_result as write_result
+from .scan_pictures import deviation_picture as deviation_picture
+from .scan_pictures import waves_picture as waves_picture
 from .simulating import ScanTruth as ScanTruth
 from .simulating import simulate_scan as simulate_scan
-from .writing import write_result as write_result

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.extensions.scan.relief import Relief
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Bools, Floats
 

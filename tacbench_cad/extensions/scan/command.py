@@ -151,7 +151,7 @@ def command(
         if len(blocks) > 1:
             raise InputError("printed-from", str(printed_from), "needs the block of the print; name it by --block")
         origin = replace(origin, printed_from=_file_of(blocks[0], printed_from).name)
-    from tacbench_cad.extensions.scan.writing import document_of
+    from tacbench_cad.extensions.scan.result_files import document_of
 
     if file is None:
         raise InputError("file", None, "name a scan, or write a simulated scan with --simulate FILE.ply")
@@ -271,7 +271,7 @@ def _result(
 
 def _views(result: ScanResult, sliced: Any) -> Views:
     from tacbench_cad.extensions.scan.comparison import View, Views
-    from tacbench_cad.extensions.slicing.compare import compare
+    from tacbench_cad.extensions.slicing.comparison import compare
 
     top = result.top
     as_sliced = compare(sliced, result.block, pitch_mm=top.cell_mm)
@@ -288,8 +288,8 @@ def _views(result: ScanResult, sliced: Any) -> Views:
 
 
 def _write(result: ScanResult, views: Views | None, folder: Path, run: Run | None, no_picture: bool) -> list[Path]:
-    from tacbench_cad.extensions.scan.pictures import comparison_picture, deviation_picture, waves_picture
-    from tacbench_cad.extensions.scan.writing import document_of, write_result
+    from tacbench_cad.extensions.scan.result_files import document_of, write_result
+    from tacbench_cad.extensions.scan.scan_pictures import comparison_picture, deviation_picture, waves_picture
 
     drawings = {
         "deviation.png": partial(deviation_picture, result),
@@ -323,8 +323,8 @@ def _show(result: ScanResult, views: Views | None) -> None:
 
 def _simulate(block: Block, path: Path, copy: int | None) -> None:
     """Write a simulated scan of a print of a block. Each copy has its own pose and noise."""
+    from tacbench_cad.extensions.scan.result_files import write_simulated
     from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan, stretch
-    from tacbench_cad.extensions.scan.writing import write_simulated
 
     if path.suffix.lower() != ".ply":
         raise InputError("simulate", str(path), "must end in .ply")

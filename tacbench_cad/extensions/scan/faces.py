@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.extensions.scan.relief import Relief
+from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -52,7 +52,8 @@ class Assigned:
         normal: The derivative of the error by the point, shape (n, 3). Its length is 1 except on the top.
         clear: Whether the point is farther than the edge width from every edge of its face, shape (n,).
         slope2: The squared slope of the top, and 0 on other faces, shape (n,).
-        scatter: What :meth:`~tacbench_cad.extensions.scan.relief.Relief.scatter` says of the top, and 0 on other faces.
+        scatter: What :meth:`Relief.scatter <tacbench_cad.extensions.scan.height_model.Relief.scatter>` says of the top,
+            and 0 on other faces.
     """
 
     face: Ints

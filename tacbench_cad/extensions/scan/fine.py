@@ -9,6 +9,7 @@ import numpy as np
 
 from tacbench_cad.extensions.scan.estimates import Estimate, Fit, WaveEstimate
 from tacbench_cad.extensions.scan.faces import TABLE, TOP, WALL, assign, walls_of
+from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.refining import (
     SCALES,
@@ -27,7 +28,6 @@ from tacbench_cad.extensions.scan.refining import (
     unknowns,
     with_noise,
 )
-from tacbench_cad.extensions.scan.relief import Relief
 from tacbench_cad.extensions.scan.waves import wave_estimates
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats

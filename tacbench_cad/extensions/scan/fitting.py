@@ -16,6 +16,7 @@ from tacbench_cad.extensions.scan.coarse import SEARCH_POINTS, Search, Seen, loo
 from tacbench_cad.extensions.scan.estimates import FITS, Estimate, Fit, ScanFit
 from tacbench_cad.extensions.scan.faces import NOTHING, TOP, WALL, assign, walls_of
 from tacbench_cad.extensions.scan.fine import COMPARED_POINTS, FIRST_POINTS, Rough, cost, thinned
+from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.refining import (
     TUKEY,
@@ -29,7 +30,6 @@ from tacbench_cad.extensions.scan.refining import (
     trimmed_deviation,
     variance,
 )
-from tacbench_cad.extensions.scan.relief import Relief
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.distance import distance_along_normal
 from tacbench_cad.util.errors import InputError, one_of

@@ -15,9 +15,9 @@ from typing import Annotated
 from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.skin import FELT_PX
 from tacbench_cad.util.convert import Bounds, Checked, from_plain
-from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import short
+from tacbench_cad.util.untrusted import read_document
 
 Positive = Annotated[float, Bounds(0.0)]
 Fraction = Annotated[float, Bounds(0.0, 1.0)]

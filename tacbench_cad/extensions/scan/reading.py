@@ -20,13 +20,13 @@ from tacbench_cad.extensions.scan.cloud import Cloud, HeightGrid
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.formats.threemf import read_foreign_mesh
 from tacbench_cad.spec.images import PICTURES, TABLES, read_heights
-from tacbench_cad.util.door import open_input, read_bytes, require_within
 from tacbench_cad.util.errors import InputError, as_input, one_line, one_of
 from tacbench_cad.util.numbers import layout, read_numbers
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.processes import read_isolated
 from tacbench_cad.util.text import counted, short
 from tacbench_cad.util.types import Bools, Floats, Ints
+from tacbench_cad.util.untrusted import open_input, read_bytes, require_within
 
 Unit = Literal["um", "mm", "m", "inch"]
 #: The millimetres of each unit.

@@ -16,8 +16,8 @@ import numpy as np
 
 from tacbench_cad.extensions.scan.estimates import Fit
 from tacbench_cad.extensions.scan.faces import TABLE, TOP, WALL, Assigned, assign
+from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.extensions.scan.relief import Relief
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Bools, Floats, Ints
 
@@ -228,7 +228,7 @@ def normal_equations(
 
 
 def free_waves(relief: Relief, unknown: Unknowns) -> Ints:
-    """Return the columns of :meth:`~tacbench_cad.extensions.scan.relief.Relief.columns` that are unknown."""
+    """Return the columns of :meth:`~tacbench_cad.extensions.scan.height_model.Relief.columns` that are unknown."""
     if not unknown.waves:
         return np.zeros(0, dtype=np.int64)
     count = len(relief.fitted)

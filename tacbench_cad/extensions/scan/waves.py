@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH, WaveEstimate, wave_direction_deg
+from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.refining import Unknowns, free_waves
-from tacbench_cad.extensions.scan.relief import Relief
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.types import Floats
 

@@ -16,9 +16,9 @@ from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.extensions.simulators.readme import readme
 from tacbench_cad.geometry.block_part import block_spec
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked, refusing, sha256
+from tacbench_cad.util.untrusted import read_document
 
 #: The description of the folder for programs: the block, and the files and the note of each target.
 RECORD = "texture.json"

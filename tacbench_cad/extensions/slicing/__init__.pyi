@@ -1,14 +1,14 @@
 """The names of :mod:`tacbench_cad.extensions.slicing`, for type checkers and for its lazy loading alike."""
 
-from .compare import AsSliced as AsSliced
-from .compare import slice_check as slice_check
+from .comparison import AsSliced as AsSliced
+from .comparison import slice_check as slice_check
 from .overhang import overhangs as overhangs
-from .pictures import as_sliced_picture as as_sliced_picture
-from .pictures import plate_picture as plate_picture
+from .plate_files import write_plates as write_plates
 from .plates import Plate as Plate
 from .plates import arrange_plates as arrange_plates
+from .printed_surface import Frame as Frame
 from .printers import Printer as Printer
 from .printers import printer_named as printer_named
 from .printers import printers as printers
-from .surface import Frame as Frame
-from .writing import write_plates as write_plates
+from .slicing_pictures import as_sliced_picture as as_sliced_picture
+from .slicing_pictures import plate_picture as plate_picture

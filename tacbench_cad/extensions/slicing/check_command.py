@@ -12,14 +12,14 @@ from tacbench_cad.cli.common import next_block, note, print_json, print_next, pr
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
-    from tacbench_cad.extensions.slicing.compare import AsSliced
-    from tacbench_cad.extensions.slicing.surface import Frame
+    from tacbench_cad.extensions.slicing.comparison import AsSliced
+    from tacbench_cad.extensions.slicing.printed_surface import Frame
     from tacbench_cad.spec.block import Block
     from tacbench_cad.spec.crest_errors import Extrema
 
 
 def _frame_of(option: str, text: str) -> Frame:
-    from tacbench_cad.extensions.slicing.surface import Frame
+    from tacbench_cad.extensions.slicing.printed_surface import Frame
 
     try:
         numbers = options.numbers_of(option, text)
@@ -91,8 +91,8 @@ def command(
       tacbench check-gcode plate.gcode --texture 4 --frame 88.35,85
       tacbench check-gcode turned.gcode --texture hex.toml --frame 20,30,90
     """
-    from tacbench_cad.extensions.slicing.compare import slice_check
-    from tacbench_cad.extensions.slicing.pictures import as_sliced_picture
+    from tacbench_cad.extensions.slicing.comparison import slice_check
+    from tacbench_cad.extensions.slicing.slicing_pictures import as_sliced_picture
 
     block = _block(texture, preset, scale, key_mm)
     pictures = _pictures(files, out, no_picture)

@@ -20,9 +20,9 @@ from typing import NoReturn
 import numpy as np
 
 from tacbench_cad.extensions.slicing.dialects import Dialect, Role, dialect_of
-from tacbench_cad.util.door import read_bytes, require_within
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.types import Bools, Floats
+from tacbench_cad.util.untrusted import read_bytes, require_within
 
 #: The largest distance between an arc and its chords, in mm.
 CHORD_MM = 0.005

@@ -11,8 +11,8 @@ from tacbench_cad.cli.common import note, print_json, print_next, print_table, w
 from tacbench_cad.extensions.slicing.completing import of_filaments, of_printers
 
 if TYPE_CHECKING:
+    from tacbench_cad.extensions.slicing.plate_files import PlateFiles
     from tacbench_cad.extensions.slicing.plates import Plate
-    from tacbench_cad.extensions.slicing.writing import PlateFiles
 
 
 @options.command("plate", "Print")
@@ -89,11 +89,11 @@ def command(
       tacbench plate --printer ender-3 --texture 2,4 --copies 3 --filament petg
       tacbench plate --printer my-printer --printers my.toml --texture hex.toml
     """
-    from tacbench_cad.extensions.slicing.pictures import plate_picture
+    from tacbench_cad.extensions.slicing.plate_files import write_plates
     from tacbench_cad.extensions.slicing.plates import arrange_plates
     from tacbench_cad.extensions.slicing.printers import printer_named
     from tacbench_cad.extensions.slicing.printers import printers as known_printers
-    from tacbench_cad.extensions.slicing.writing import write_plates
+    from tacbench_cad.extensions.slicing.slicing_pictures import plate_picture
     from tacbench_cad.lab.study.names import own_name
     from tacbench_cad.lab.study.plate import block_in_file
     from tacbench_cad.spec.block import Block

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tacbench_cad.spec.intervals import Intervals
+from tacbench_cad.spec.lookup import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats

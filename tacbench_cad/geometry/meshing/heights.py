@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, leaning, shortest
-from tacbench_cad.spec.intervals import Intervals
+from tacbench_cad.spec.lookup import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats, Ints
 

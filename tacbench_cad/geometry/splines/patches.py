@@ -12,10 +12,10 @@ from functools import cache, cached_property
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Certificate
+from tacbench_cad.geometry.splines.curve import Axis, basis
 from tacbench_cad.geometry.splines.exact import PieceAxis
 from tacbench_cad.geometry.splines.fit import Fit, Task, fit_both, short_decimal
 from tacbench_cad.geometry.splines.kernelrule import area_error
-from tacbench_cad.geometry.splines.spline import Axis, basis
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError

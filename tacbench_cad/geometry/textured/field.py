@@ -2,7 +2,7 @@
 
 A wave along a face is a product of two exponentials, one along s and one along t. The same is true after it fades out
 by half a period of a cosine, and after it is wound around a cylinder: a point of the cross-section is
-``(R + h) exp(i s / R)``, again a sum of exponentials. So the proof of :mod:`tacbench_cad.geometry.splines.spline`
+``(R + h) exp(i s / R)``, again a sum of exponentials. So the proof of :mod:`tacbench_cad.geometry.splines.curve`
 holds for all of them. A fade along any other outline is not such a sum. It is interpolated on a
 grid, and its error is measured.
 """
@@ -16,8 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
+from tacbench_cad.geometry.splines.curve import Axis, basis
 from tacbench_cad.geometry.splines.patches import AIM, DEGREE, MAX_SPANS, MIN_SPANS, WAVES_PER_PATCH, spans_needed
-from tacbench_cad.geometry.splines.spline import Axis, basis
 from tacbench_cad.geometry.textured.frame import Frame
 from tacbench_cad.spec.spline import greville
 from tacbench_cad.spec.surface import Surface

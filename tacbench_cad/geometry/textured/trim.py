@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.geometry.splines.spline import Axis
+from tacbench_cad.geometry.splines.curve import Axis
 from tacbench_cad.geometry.textured.region import OutlineEdge, Region
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats

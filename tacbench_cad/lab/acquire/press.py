@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.acquire.stiffness import GROWTH, KnownGrowth, Slope
 from tacbench_cad.lab.acquire.touch import Touch

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from tacbench_cad.lab.acquire.after_touch import motion_of
-from tacbench_cad.lab.acquire.block import BlockResult, press_block
+from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import PressProgress

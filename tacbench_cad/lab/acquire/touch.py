@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.sensor import Sensor

@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.util.convert import from_plain, to_plain
-from tacbench_cad.util.door import read_document, read_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.text import interval
+from tacbench_cad.util.untrusted import read_document, read_table
 
 T = TypeVar("T")
 

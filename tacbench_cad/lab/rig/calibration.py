@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_json
@@ -173,7 +173,7 @@ def read_calibration(path: Path) -> Calibration:
     hint = "`tacbench rig calibrate-force` writes one"
     if not path.exists():
         raise InputError("calibration", str(path), f"does not exist; {hint}")
-    document = door.read_document(path, "calibration", "json")
+    document = untrusted.read_document(path, "calibration", "json")
     if not isinstance(document, dict) or document.pop("kind", None) != _KIND:
         raise InputError("calibration", str(path), f"is not a force calibration; {hint}")
     schema = document.pop("schema", None)

@@ -26,10 +26,10 @@ from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.runs.typical_frame import TypicalFrame
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.untrusted import read_bytes
 
 #: The largest number of frames for the typical frame of a run.
 TYPICAL_FRAMES = 25

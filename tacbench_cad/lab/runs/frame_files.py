@@ -19,10 +19,10 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.npyfile import array_of
-from tacbench_cad.util.door import require_within
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, replacing
 from tacbench_cad.util.types import Bytes, Floats32
+from tacbench_cad.util.untrusted import require_within
 
 #: The keyword of the PNG text that lists the simulated devices.
 SIMULATED_KEYWORD = "simulated"

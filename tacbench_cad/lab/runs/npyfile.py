@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: The largest allowed number of dimensions of an array.
@@ -90,7 +90,7 @@ def mapped(path: Path, texts: bool = False) -> NDArray[Any]:
     Raises:
         InputError: The file cannot be opened, or is not a complete NumPy file of real numbers.
     """
-    with door.open_input(path, kind="array") as stream:
+    with untrusted.open_input(path, kind="array") as stream:
         try:
             _require_complete(stream, texts)
         except CheckFailedError as error:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.files import replacing
 
 #: The table. It has a row for each frame of ``targets.csv``.
@@ -47,7 +47,7 @@ def read_origins(folder: Path) -> dict[str, dict[str, str]]:
     path = folder / ORIGINS_FILE
     if not path.is_file():
         return {}
-    header, rows = door.read_table(path, "table", within=folder)
+    header, rows = untrusted.read_table(path, "table", within=folder)
     texts = (dict(zip(header, row, strict=True)) for row in rows)
     return {row.get(IMAGE, ""): row for row in texts}
 

@@ -20,7 +20,7 @@ from tacbench_cad.lab.runs.run_tables import RunTable, read_table
 from tacbench_cad.lab.runs.schema import PositionCheck, PressKey, Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import Series, series_rows
 from tacbench_cad.spec.printrecord import PrintRecord, read_record
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import natural
 
@@ -48,7 +48,7 @@ class Run:
         _require_folder(folder)
         if not path.is_file():
             raise InputError("run", str(folder), f"is not a run folder: it has no {schema.RUN_FILE}")
-        document = door.read_document(path, "run", "json", within=folder)
+        document = untrusted.read_document(path, "run", "json", within=folder)
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise InputError("run", str(path), f'does not describe a run: "schema" must be "{SCHEMA}"')
         version = document.get("version")
@@ -138,7 +138,7 @@ class Run:
         Raises:
             InputError: The file is missing or damaged.
         """
-        return door.read_document(self.folder / name, "parameters", "json", within=self.folder)
+        return untrusted.read_document(self.folder / name, "parameters", "json", within=self.folder)
 
     def frame(self, row: Row, verify: bool = False) -> Frame:
         """Read the frame of a press.
@@ -268,7 +268,7 @@ class Run:
             CheckFailedError: The file cannot be read, is too large, is a link out of the folder, or was changed.
         """
         try:
-            data = door.read_bytes(self.folder / path, "frame", "image", within=self.folder)
+            data = untrusted.read_bytes(self.folder / path, "frame", "image", within=self.folder)
         except InputError as error:
             raise CheckFailedError(f"{self.folder / path}: {error.allowed}") from None
         if digest is not None and sha256(data) != digest:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.frame_files import MAX_MEGAPIXELS, decoded, write_png
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import Bounds, read_json
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, write_json
@@ -124,7 +124,7 @@ def parse_region(text: str, height: int, width: int) -> Region:
 def _mask_of(path: Path, height: int, width: int, within: Path | None = None) -> Bools:
     """Read a picture, and return its pixels that are brighter than half of the largest value."""
     try:
-        picture = decoded(door.read_bytes(path, "roi", "image", within=within), str(path))
+        picture = decoded(untrusted.read_bytes(path, "roi", "image", within=within), str(path))
     except CheckFailedError as error:
         raise InputError("roi", str(path), str(error)) from None
     if picture.shape[:2] != (height, width):
@@ -169,7 +169,7 @@ def stored_region(folder: Path) -> Region | None:
     if not path.exists():
         return None
     kept = read_json(path, _Kept, "region of interest", within=folder)
-    door.require_within("width", kept.width * kept.height / 1e6, MAX_MEGAPIXELS, "megapixels", str(path))
+    untrusted.require_within("width", kept.width * kept.height / 1e6, MAX_MEGAPIXELS, "megapixels", str(path))
     if kept.roi == MASK_FILE:
         mask = _mask_of(folder / MASK_FILE, kept.height, kept.width, within=folder)
         return Region(text=str(folder / MASK_FILE), mask=mask, sureness=kept.sureness)

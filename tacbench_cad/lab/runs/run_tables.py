@@ -16,7 +16,7 @@ from typing import Generic
 
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.schema import T, cells, columns, parse_row
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.files import refusing
 
@@ -106,7 +106,7 @@ def read_lines(
     Raises:
         InputError: The file cannot be read, is not UTF-8 or lacks a column, or a line has a wrong number of fields.
     """
-    content = door.read_bytes(path, kind="table", within=within) if os.path.lexists(path) else b""
+    content = untrusted.read_bytes(path, kind="table", within=within) if os.path.lexists(path) else b""
     end = content.rfind(b"\n") + 1
     zero = content.find(b"\0")
     if zero >= 0:

@@ -33,7 +33,7 @@ from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.rotation import UPRIGHT
 from tacbench_cad.lab.study.spec import Angles, Point
 from tacbench_cad.spec.printrecord import form
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, write_json, write_text
 from tacbench_cad.util.packages import version
@@ -434,7 +434,7 @@ def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
 def _record_session(folder: Path, info: RunInfo, durable: bool) -> None:
     """Record in ``run.json`` when the run was started or resumed, and with which software and devices."""
     path = folder / schema.RUN_FILE
-    document = door.read_document(path, "run", "json", within=folder)
+    document = untrusted.read_document(path, "run", "json", within=folder)
     sessions = document.setdefault("sessions", [])
     devices = {"stage": info.stage, "gauge": info.gauge, "sensor": info.sensor}
     session = {

@@ -17,9 +17,9 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.run_writer import RunWriter, timed
 from tacbench_cad.lab.runs.series import MovingFrame
+from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
-from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.motion import course_of
@@ -44,7 +44,7 @@ class SimulationOptions(Checked):
     Args:
         colour: Whether images are in colour (BGR) or grey.
         seed: The seed. Another seed gives other prints and other noise.
-        look: The name of the sensor's look, see :data:`tacbench_cad.lab.simulate.looks.LOOKS`.
+        look: The name of the sensor's look, see :data:`tacbench_cad.lab.simulate.appearances.LOOKS`.
         printers: Simulated printers that replace the virtual printers of the same printer and filament.
     """
 

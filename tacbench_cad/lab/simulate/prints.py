@@ -30,10 +30,10 @@ import numpy as np
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Study
 from tacbench_cad.util.convert import Bounds, Checked
-from tacbench_cad.util.door import read_document
 from tacbench_cad.util.entries import entries, load
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
+from tacbench_cad.util.untrusted import read_document
 
 #: Peaks narrower than this number of lines cool too slowly to keep their height.
 SLUMPING_LINES = 4.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.simulate.looks import Look, Profile, Spot, Tint
+from tacbench_cad.lab.simulate.appearances import Look, Profile, Spot, Tint
 from tacbench_cad.spec.skin import CAMERA_BELOW_MM, FOCAL_PX
 from tacbench_cad.util.types import Bytes, Floats
 

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacbench_cad.lab.simulate.appearances import CLEAN, Look, Ring
 from tacbench_cad.lab.simulate.contact import DomeContact
-from tacbench_cad.lab.simulate.looks import CLEAN, Look, Ring
 from tacbench_cad.lab.simulate.rendering import (
     Camera,
     Discs,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
 from tacbench_cad.util.text import toml_item
@@ -33,14 +33,14 @@ def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
 
     target = path.resolve()
     try:
-        text = door.read_bytes(target, "study", "toml").decode("utf-8")
-        expected = door.parse_toml(text, "study", str(path))
+        text = untrusted.read_bytes(target, "study", "toml").decode("utf-8")
+        expected = untrusted.parse_toml(text, "study", str(path))
         expected[table] = {key: value for key, value in (expected[table] | values).items() if value is not None}
         document = tomlkit.parse(text.replace("\r\n", "\n"))
         for key, value in values.items():
             _store_key(document, table, key, value)
         text = document.as_string().replace("\n", "\r\n" if "\r\n" in text else "\n")
-        same = door.parse_toml(text, "study", str(path)) == expected
+        same = untrusted.parse_toml(text, "study", str(path)) == expected
     except (InputError, ValueError, KeyError, TypeError, TOMLKitError):
         same = False
     if not same:

@@ -25,7 +25,7 @@ from tacbench_cad.lab.study.spec import (
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 
@@ -71,7 +71,7 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
         InputError: The file cannot be read, or a value is empty or not allowed. The message names the key and the
             value.
     """
-    document = door.read_document(path, "study", "toml")
+    document = untrusted.read_document(path, "study", "toml")
     with located(f"{path}: "):
         return _study_file(document, path.parent, teaching)
 

@@ -10,7 +10,7 @@ from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.texture_files import find_texture
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError, located
 
 T = TypeVar("T")
@@ -61,7 +61,7 @@ def read_layout(path: Path) -> tuple[PrintedBlock, ...]:
         InputError: The file cannot be read, lacks a column, or has a value that is not allowed. The message names the
             row.
     """
-    header, rows = door.read_table(path, "layout")
+    header, rows = untrusted.read_table(path, "layout")
     missing = [name for name in NEEDED if name not in header]
     if missing:
         raise InputError(f"layout {path}", None, f"has no column {missing[0]}; use a file that tacbench plate wrote")

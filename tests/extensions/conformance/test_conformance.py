@@ -20,8 +20,8 @@ from tacbench_cad.lab.rig.drivers import open_device
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context
-from tacbench_cad.lab.simulate.devices import SimulatedGauge, SimulatedSensor
-from tacbench_cad.lab.simulate.stage import DRIVER, SimulatedStage
+from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
+from tacbench_cad.lab.simulate.simulated_stage import DRIVER, SimulatedStage
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
 

@@ -16,7 +16,7 @@ from helpers.fakes import Plate, SlidingStage
 from helpers.rigs import AT_ONCE, FakeRig, info_of, rig_settings, small_protocol, study_of
 
 from tacbench_cad.extensions.motions.contact_motion import Recorder, nearest_frames
-from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress

@@ -28,7 +28,7 @@ from tacbench_cad.lab.rig.errors import DepthLimitError, ForceLimitError
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.simulate.stage import SimulatedStage
+from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.study.motion import course_of
 from tacbench_cad.lab.study.rotation import UPRIGHT, angle_between, lowest, tilt, towards
 from tacbench_cad.lab.study.spec import (

@@ -18,8 +18,14 @@ from tacbench_cad.extensions.scan.deviations import top_map, wall_points
 from tacbench_cad.extensions.scan.limits import limits_of
 from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
 from tacbench_cad.extensions.scan.result import Noise, PrintOrigin, ScanResult, wave_table
+from tacbench_cad.extensions.scan.result_files import (
+    DEVIATION_FILE,
+    POINTS_FILE,
+    WAVES_FILE,
+    write_result,
+    write_simulated,
+)
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, stretch
-from tacbench_cad.extensions.scan.writing import DEVIATION_FILE, POINTS_FILE, WAVES_FILE, write_result, write_simulated
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -124,7 +130,7 @@ def test_the_views_have_the_same_numbers_on_the_same_grid() -> None:
 @pytest.mark.parametrize("name", ["deviation", "waves", "comparison"])
 def test_a_picture_says_that_the_scan_is_simulated(tmp_path: Path, name: str) -> None:
     pytest.importorskip("matplotlib")
-    from tacbench_cad.extensions.scan.pictures import comparison_picture, deviation_picture, waves_picture
+    from tacbench_cad.extensions.scan.scan_pictures import comparison_picture, deviation_picture, waves_picture
 
     path = tmp_path / f"{name}.svg"
     if name == "comparison":
@@ -136,7 +142,7 @@ def test_a_picture_says_that_the_scan_is_simulated(tmp_path: Path, name: str) ->
 
 def test_the_picture_counts_all_lost_crests_and_marks_some(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from tacbench_cad.extensions.scan.pictures import deviation_picture
+    from tacbench_cad.extensions.scan.scan_pictures import deviation_picture
 
     many = replace(result().top, height_error_mm=result().top.height_error_mm - 1.0)
     places = np.tile([[1.0, 2.0]], (450, 1))

@@ -15,8 +15,8 @@ from helpers.studies import write_study
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.scan import Cloud, analysing, fit_scan, read_scan
 from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
+from tacbench_cad.extensions.scan.result_files import write_ply, write_simulated
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan
-from tacbench_cad.extensions.scan.writing import write_ply, write_simulated
 from tacbench_cad.spec.block import Block
 
 pytest.importorskip("trimesh")

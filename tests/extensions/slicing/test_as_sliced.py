@@ -10,9 +10,9 @@ import pytest
 from helpers.cases import mostly_long
 from helpers.gcode_writer import write_gcode
 
-from tacbench_cad.extensions.slicing.compare import AsSliced, compare
+from tacbench_cad.extensions.slicing.comparison import AsSliced, compare
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.extensions.slicing.surface import Frame, staircase
+from tacbench_cad.extensions.slicing.printed_surface import Frame, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture

@@ -10,7 +10,7 @@ import pytest
 from helpers.gcode_writer import write_gcode
 
 from tacbench_cad.extensions.slicing.gcode import Beads, Sliced, read_gcode
-from tacbench_cad.extensions.slicing.surface import Frame, frames_of, printed_heights, staircase
+from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.top_points import points_of
 from tacbench_cad.util.errors import InputError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from tacbench_cad.geometry.splines.curve import Axis, basis
 from tacbench_cad.geometry.splines.fit import Fit, Task, fit_both, short_decimal
-from tacbench_cad.geometry.splines.spline import Axis, basis
 from tacbench_cad.spec.sines import Sines
 
 LINES = np.array([0.0, 1.3, 2.6, 4.0])

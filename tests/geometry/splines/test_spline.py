@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from tacbench_cad.geometry.splines.spline import Axis, Basis, basis
+from tacbench_cad.geometry.splines.curve import Axis, Basis, basis
 from tacbench_cad.spec.sines import Sines
 
 CASES = [(3, 1), (5, 1), (5, 5), (5, 26), (7, 12), (9, 3)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
 
-from tacbench_cad.lab.acquire.block import BlockResult
+from tacbench_cad.lab.acquire.block_presses import BlockResult
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study, places

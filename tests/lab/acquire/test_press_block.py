@@ -17,7 +17,7 @@ import pytest
 from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, small_protocol
 
-from tacbench_cad.lab.acquire.block import BlockResult, press_block
+from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.signals import Signals

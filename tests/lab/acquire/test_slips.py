@@ -9,7 +9,7 @@ import pytest
 from helpers.rigs import FakeRig, info_of, printed, rig_settings, small_protocol, study_of
 from helpers.slips import PROTOCOL, Trial, slipping
 
-from tacbench_cad.lab.acquire.block import press_block
+from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
@@ -51,7 +51,7 @@ def test_a_clock_that_is_set_back_an_hour_hides_no_slip_and_no_reference(
         def now(cls, tz: tzinfo | None = None) -> datetime:
             return datetime.now(tz) - timedelta(hours=len(trial.wrong_mm) > 1)
 
-    monkeypatch.setattr("tacbench_cad.lab.acquire.block.datetime", SetBack)
+    monkeypatch.setattr("tacbench_cad.lab.acquire.block_presses.datetime", SetBack)
     run = trial.run()
     second, third = sorted(run.rows, key=lambda row: row.number)[1:3]
     assert third.time_utc < second.time_utc, "the clock was set back in the run"

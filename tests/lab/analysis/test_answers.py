@@ -12,11 +12,11 @@ from helpers.studies import noise_image, texture_image
 
 pytest.importorskip("sklearn")
 
-from tacbench_cad.lab.analysis import answers
-from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, MORE_ALIKE, PRINTS_DIFFER, WHICH_TEXTURES, Answer
+from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, MORE_ALIKE, PRINTS_DIFFER, WHICH_TEXTURES, Answer
 from tacbench_cad.lab.analysis.tables import Table
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
@@ -49,7 +49,7 @@ def frames(prints: float, **others: float) -> DrawFrame:
 def answers_about(make_study: MakeStudy, between: float, **plan: object) -> dict[str, Answer]:
     values = {"prints": ONE, "copies": 4, "textures": (1, 2, 3), "still": 0, "shape": SHAPE, "units": "kPa"}
     study = make_study(**{"image": frames(between), **values, **plan})
-    return {answer.question: answer for answer in answers.print_answers(variance_table(study))}
+    return {answer.question: answer for answer in conclusions.print_answers(variance_table(study))}
 
 
 def test_a_printer_with_similar_prints_is_repeatable(make_study: MakeStudy) -> None:
@@ -93,7 +93,7 @@ def test_an_impossible_answer_has_a_reason(make_study: MakeStudy, plan: dict[str
 
 def test_one_repeat_gives_no_answer_about_prints(make_study: MakeStudy) -> None:
     study = make_study(still=0)
-    result = answers.print_answers(variance_table(study.chosen(study.repeat == 1)))
+    result = conclusions.print_answers(variance_table(study.chosen(study.repeat == 1)))
     assert {answer.answer for answer in result if answer.question != MORE_ALIKE} == {
         "cannot be said: there is only one repeat; press each position at least twice"
     }
@@ -144,4 +144,4 @@ def test_the_view_begins_with_the_answers_and_reads_them_again(make_study: MakeS
     assert questions == [IS_REPEATABLE, "", PRINTS_DIFFER, "", MORE_ALIKE]
     view.write(tmp_path)
     assert list(VarianceView.read(tmp_path, study).answers.texts()) == list(first.texts())
-    assert Table.read(tmp_path / "printer_answers.csv", answers.COLUMNS).rows == view.tables["printer_answers"].rows
+    assert Table.read(tmp_path / "printer_answers.csv", conclusions.COLUMNS).rows == view.tables["printer_answers"].rows

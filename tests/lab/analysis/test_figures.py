@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from tacbench_cad.lab.analysis.figures import new_figure, save, styled
-from tacbench_cad.lab.analysis.variance.figures import _panels
+from tacbench_cad.lab.analysis.variance.variance_figures import _panels
 from tacbench_cad.util.plotting import save_figure
 
 

@@ -27,10 +27,10 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.figures import draw_frames
 from tacbench_cad.lab.analysis.report.page import Options, copy_files, write_report
 from tacbench_cad.lab.analysis.report.parts import table_part
-from tacbench_cad.lab.analysis.report.rendering import macro, read_image, render_page
+from tacbench_cad.lab.analysis.report.report_figures import draw_frames
+from tacbench_cad.lab.analysis.report.report_html import macro, read_image, render_page
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.tables import Column, Table
 from tacbench_cad.lab.runs.checking import Finding, RunReport

@@ -11,12 +11,12 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from tacbench_cad.lab.analysis import answers
-from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, RIGHT, WHICH_TEXTURES, Answer
+from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS
 from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, RIGHT, WHICH_TEXTURES, Answer
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.parts import long_part, wide_parts
 from tacbench_cad.lab.analysis.report.results import Results
@@ -70,7 +70,7 @@ def variance(study: Collection, *rows: Answer, floor_from: str = FRAMES) -> Vari
         for texture in study.textures
     ]
     how = {"colour": False, "resolution": 1.0, "ddof": 0, "seed": 0, "registered": False, "left_out": (), "data": ""}
-    tables = {"printer_answers": Table.of(answers.COLUMNS, rows)}
+    tables = {"printer_answers": Table.of(conclusions.COLUMNS, rows)}
     return VarianceView(collection=study, settings=Settings(**how), cells=tuple(cells), tables=tables)
 
 
@@ -101,7 +101,7 @@ def classification(study: Collection, hold_out: str, recall: Sequence[float], *r
         folder=Path("classification"),
         record=record,
         methods="",
-        answers=Table.of(answers.COLUMNS, rows),
+        answers=Table.of(conclusions.COLUMNS, rows),
         scores=Table.of(COLUMNS, [score]),
         confusion=Table.of(CONFUSION_COLUMNS, confusion),
     )

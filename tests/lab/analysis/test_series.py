@@ -33,10 +33,10 @@ from tacbench_cad.lab.analysis.feature import fitted
 from tacbench_cad.lab.analysis.figures import styled
 from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.report.classification import Classification
-from tacbench_cad.lab.analysis.variance.figures import motion_figure
 from tacbench_cad.lab.analysis.variance.registration import register
 from tacbench_cad.lab.analysis.variance.streaming import Pass, stream
 from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad.lab.analysis.variance.variance_figures import motion_figure
 from tacbench_cad.lab.analysis.variance.view import VarianceView, write_all
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.rig.sensor import Frame

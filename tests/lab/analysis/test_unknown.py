@@ -14,7 +14,7 @@ import pytest
 from tacbench_cad.lab import Collection, ImportOptions, import_samples, make_splits, variance_table
 from tacbench_cad.lab.analysis.classification.splits import PressTable, folds_of
 from tacbench_cad.lab.analysis.report.facts import open_points, unknown_in_words
-from tacbench_cad.lab.analysis.report.rendering import macro
+from tacbench_cad.lab.analysis.report.report_html import macro
 from tacbench_cad.lab.analysis.variance.cells import name_of
 from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.notes import variance_warnings

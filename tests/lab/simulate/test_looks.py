@@ -36,8 +36,8 @@ from tacbench_cad.lab import (
 )
 from tacbench_cad.lab.rig.frames import frame_faults
 from tacbench_cad.lab.runs.region_search import find_region
-from tacbench_cad.lab.simulate.devices import SimulatedSensor
-from tacbench_cad.lab.simulate.looks import look_named
+from tacbench_cad.lab.simulate.appearances import look_named
+from tacbench_cad.lab.simulate.simulated_devices import SimulatedSensor
 from tacbench_cad.lab.study.spec import PlannedBlock, Protocol, Study, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid

@@ -14,7 +14,7 @@ from tacbench_cad.lab.rig.drivers import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError, PositionLostError
 from tacbench_cad.lab.rig.stage import can_turn
 from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.simulate.stage import SimulatedStage
+from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.rotation import UPRIGHT, above, in_stage_frame, lowest, towards

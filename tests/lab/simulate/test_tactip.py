@@ -13,11 +13,11 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.frames import frame_faults
 from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.sensor import Sensor
+from tacbench_cad.lab.simulate.appearances import CLEAN
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
-from tacbench_cad.lab.simulate.devices import GAUGE_NOISE_N, SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.simulate.heights import flat_plate
-from tacbench_cad.lab.simulate.looks import CLEAN
 from tacbench_cad.lab.simulate.rendering import with_noise
+from tacbench_cad.lab.simulate.simulated_devices import GAUGE_NOISE_N, SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.simulate.tactip import Skin, TacTip
 from tacbench_cad.lab.study.rotation import UPRIGHT, above, lowest, matrix, towards
 from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, PrintedBlock, WorkFrame

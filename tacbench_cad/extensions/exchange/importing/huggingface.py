@@ -20,7 +20,7 @@ from tacbench_cad.lab.runs import (
     Source,
     columns_of_fields,
 )
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.packages import require
 
@@ -51,7 +51,7 @@ def _read(folder: Path, paths: Paths, options: ImportOptions) -> Source:
     except Exception as error:  # datasets and Arrow can raise almost any exception for damaged files
         raise InputError("data set", str(folder), f"cannot be read: {one_line(error, 200)}") from None
     for file in (file for split in splits.values() for file in split.cache_files):
-        door.open_input(Path(file["filename"]), "data set", "array", within=folder).close()
+        untrusted.open_input(Path(file["filename"]), "data set", "array", within=folder).close()
     samples: list[Sample] = []
     notes: list[str] = []
     facts: dict[str, Any] = {}
@@ -153,7 +153,7 @@ def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
         return bytes(value["bytes"])
     if not value.get("path"):
         raise CheckFailedError("has no image")
-    return door.read_bytes(folder / value["path"], "image", "image", within=folder)
+    return untrusted.read_bytes(folder / value["path"], "image", "image", within=folder)
 
 
 FORMAT = ImportFormat(

@@ -28,7 +28,7 @@ from tacbench_cad.lab.runs import (
     Source,
     name_fault,
 )
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.packages import require
 
@@ -57,7 +57,7 @@ class Video:
         require("the import of videos", "cv2")
         self.path = path
         self._lock = threading.Lock()
-        door.open_input(path, "video", kind="array").close()
+        untrusted.open_input(path, "video", kind="array").close()
         self._ahead: Any = self._opened()
         self._capture: Any = None
         self._next = 0

@@ -15,7 +15,7 @@ from tacbench_cad.extensions.exchange.publishing.publication import Publication
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import (
     LOCK_NAME,
@@ -69,7 +69,9 @@ def publish(
     twice = next((name for name, count in Counter(run.folder.name for run in runs).items() if count > 1), None)
     if twice is not None:
         raise InputError("runs", twice, "is the name of two run folders; publish them separately, or rename one")
-    licence = b"" if publication.licence_file is None else door.read_bytes(Path(publication.licence_file), "licence")
+    licence = (
+        b"" if publication.licence_file is None else untrusted.read_bytes(Path(publication.licence_file), "licence")
+    )
     with _data_set(out) as folder:
         sums: dict[str, str] = {}
         contents = [_copy_run(run, folder, sums, progress) for run in runs]
@@ -139,7 +141,10 @@ def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) 
         raise CheckFailedError(f"{run.folder / missing}: is missing, but a row refers to it")
     for count, name in enumerate(names, start=1):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
-        with door.open_input(run.folder / name, "run", within=run.folder) as source, (target / name).open("wb") as copy:
+        with (
+            untrusted.open_input(run.folder / name, "run", within=run.folder) as source,
+            (target / name).open("wb") as copy,
+        ):
             shutil.copyfileobj(source, copy)
         digest = sums[f"{RUNS}/{run.folder.name}/{name}"] = sha256(target / name)
         if digest != expected.get(name, digest):

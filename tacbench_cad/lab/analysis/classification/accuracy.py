@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.analysis.answers import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, Outcome
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
+from tacbench_cad.lab.analysis.conclusions import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
 from tacbench_cad.util.text import natural_unique
 from tacbench_cad.util.types import Floats, Ints
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.answers import Answer
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
 from tacbench_cad.lab.analysis.classification.accuracy import Score, scores, texture_answers
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
@@ -21,14 +20,15 @@ from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
 from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import Answer
 from tacbench_cad.lab.analysis.tables import percent
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.door import parse_json, read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import refusing, replacing
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.untrusted import parse_json, read_bytes
 
 #: The default number of trials by protocol; for the paper's protocols it is the number in the text.
 TRIALS = {"leak-free": 5, "paper": published.TRIALS, "as-published": published.TRIALS}

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
-from tacbench_cad.lab.analysis.answers import Answer, shown
 from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.outcomes import Outcome
@@ -22,6 +20,8 @@ from tacbench_cad.lab.analysis.classification.settings import (
 )
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import COLUMNS as ANSWER_COLUMNS
+from tacbench_cad.lab.analysis.conclusions import Answer, shown
 from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
 

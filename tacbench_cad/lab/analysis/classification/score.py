@@ -31,9 +31,9 @@ from tacbench_cad.lab.analysis.classification.split_files import Key, Split, nam
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.tables import Column, Table, interval_column, percent
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Ints
+from tacbench_cad.util.untrusted import read_table
 
 #: The columns that a file of predictions must have.
 COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")

@@ -22,8 +22,8 @@ from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
 from tacbench_cad.util.convert import Bounds, Length, check_fields
-from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
+from tacbench_cad.util.untrusted import read_bytes
 
 #: The built-in estimators: the paper's two.
 ESTIMATORS = ("forest", "network")

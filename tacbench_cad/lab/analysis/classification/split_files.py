@@ -25,10 +25,10 @@ from typing import Any
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, PressTable, folds_of, levels_of
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.util.convert import from_plain, to_plain
-from tacbench_cad.util.door import read_document
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.text import natural
+from tacbench_cad.util.untrusted import read_document
 
 #: The schema of a split file, and the version that this program reads and writes.
 SCHEMA, SCHEMA_VERSION = "tacbench-split", 1

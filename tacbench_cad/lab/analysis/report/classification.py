@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacbench_cad.lab.analysis.answers import COLUMNS as ANSWER_COLUMNS
 from tacbench_cad.lab.analysis.classification.classify import Progress
 from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.rendering import macro
+from tacbench_cad.lab.analysis.conclusions import COLUMNS as ANSWER_COLUMNS
+from tacbench_cad.lab.analysis.report.report_html import macro
 from tacbench_cad.lab.analysis.tables import Table
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.files import locked
@@ -86,8 +86,8 @@ def classify_into(
         CheckFailedError: A frame is damaged.
         MissingToolError: scikit-learn or matplotlib is not installed.
     """
+    from tacbench_cad.lab.analysis.classification.accuracy_figures import draw_result
     from tacbench_cad.lab.analysis.classification.classify import TRIALS, classify, write_tables
-    from tacbench_cad.lab.analysis.classification.figures import draw_result
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
     from tacbench_cad.lab.analysis.classification.splits import levels_of
     from tacbench_cad.lab.rig.sensor import is_image

@@ -7,8 +7,8 @@ from typing import Any
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.report import facts
-from tacbench_cad.lab.analysis.report.figures import FRAMES, SUMMARY, draw_frames, draw_summary
 from tacbench_cad.lab.analysis.report.parts import figure_part, table_part
+from tacbench_cad.lab.analysis.report.report_figures import FRAMES, SUMMARY, draw_frames, draw_summary
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.sections import sections
 from tacbench_cad.lab.analysis.report.summary import next_steps, summary

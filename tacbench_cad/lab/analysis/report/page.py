@@ -20,16 +20,16 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import texture_number
 from tacbench_cad.lab.analysis.report.classification import Classification, classify_into
 from tacbench_cad.lab.analysis.report.document import DOCUMENT_FILE, write_document
-from tacbench_cad.lab.analysis.report.rendering import render_page
+from tacbench_cad.lab.analysis.report.report_html import render_page
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.tables import read_settings
 from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE, Settings, VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
-from tacbench_cad.util.door import open_input
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.untrusted import open_input
 
 #: The types of files that an analysis writes and that a report copies.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")

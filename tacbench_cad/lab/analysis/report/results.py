@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from tacbench_cad.lab.analysis.answers import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.splits import UNITS, quoted_level, shown_level
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
 from tacbench_cad.lab.analysis.report.parts import ReportSection, text_part

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad import __version__
-from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.result import level_column, recall_table
 from tacbench_cad.lab.analysis.classification.settings import shown_protocol
@@ -24,7 +24,7 @@ from tacbench_cad.lab.analysis.report.parts import (
     text_part,
     wide_parts,
 )
-from tacbench_cad.lab.analysis.report.rendering import macro
+from tacbench_cad.lab.analysis.report.report_html import macro
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.summary import next_steps
 from tacbench_cad.lab.analysis.tables import interval_column
@@ -199,7 +199,7 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     if record.notes:
         yield list_part(record.notes)
     if classification.answers.rows:
-        yield table_part(answers.shown(classification.answers), f"{name}/texture_answers.csv")
+        yield table_part(conclusions.shown(classification.answers), f"{name}/texture_answers.csv")
     chance = f"chance is {100.0 * classification.chance:.1f} %"
     title = f"Accuracy (%), protocol {shown_protocol(record.protocol, record.unknown_groups)}; {chance}"
     columns = ("estimator", level_column(record.unknown_groups), *_SCORES)

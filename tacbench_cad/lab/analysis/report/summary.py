@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from tacbench_cad.lab.analysis.answers import IS_REPEATABLE, REPEATABLE
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.splits import shown_level
+from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, REPEATABLE
 from tacbench_cad.lab.analysis.report.facts import press_words, unknown_names
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.tables import Row, percent

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.tables import Column, Row, Table
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Level, parts_of
 from tacbench_cad.lab.analysis.variance.registration import Seating
@@ -25,7 +25,7 @@ CELL = (*_PRINTER, Column("texture"), Column("force_level", _level))
 REMOVED = {"variance": "unbiased", "low": "floor_removed_low", "high": "floor_removed_high"}
 #: The columns of each CSV file, by its name without suffix.
 COLUMNS: Mapping[str, tuple[Column, ...]] = {
-    "printer_answers": answers.COLUMNS,
+    "printer_answers": conclusions.COLUMNS,
     "variance": (
         *CELL,
         *(Column(name, float) for name in ("variance", "floor", "low", "high")),
@@ -105,7 +105,7 @@ def tables_of(result: VarianceResult, seatings: Sequence[Seating] = ()) -> dict[
         seatings: The offsets of the prints, if registration was computed.
     """
     items: dict[str, Sequence[object]] = {
-        "printer_answers": list(answers.print_answers(result)) if result.protocol == "paper" else (),
+        "printer_answers": list(conclusions.print_answers(result)) if result.protocol == "paper" else (),
         "variance": result.cells,
         "floor_removed": result.cells,
         "components": result.components,

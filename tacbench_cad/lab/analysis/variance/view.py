@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tacbench_cad import __version__
-from tacbench_cad.lab.analysis import answers
+from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Words
 from tacbench_cad.lab.analysis.pixels import Pixels
@@ -243,7 +243,7 @@ class VarianceView:
     @property
     def answers(self) -> Table:
         """The answers about the printers in plain words; the protocol ``as-published`` has none."""
-        return answers.shown(self.tables["printer_answers"])
+        return conclusions.shown(self.tables["printer_answers"])
 
     def shown(self) -> Iterator[tuple[str, Table]]:
         """Yield the shown tables, each with the name of the CSV file that has all digits."""
@@ -374,7 +374,7 @@ def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] 
         InputError: The folder cannot be written, or another process is writing to it.
         MissingToolError: matplotlib is not installed. The tables are written nevertheless.
     """
-    from tacbench_cad.lab.analysis.variance.figures import draw_all
+    from tacbench_cad.lab.analysis.variance.variance_figures import draw_all
 
     with locked(folder):
         return [*VarianceView.of(result, seatings).write(folder), *draw_all(result, folder)]

@@ -18,13 +18,13 @@ from tacbench_cad.lab.runs.importing import companions
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
 from tacbench_cad.lab.runs.importing.sources import LeftOut, Loaded, Rows, Sample, Source, columns_of_fields
 from tacbench_cad.lab.runs.npyfile import array_head, mapped
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
 
 #: The suffixes of files with arrays.
 SUFFIXES = (".npy", ".npz")
 #: The largest allowed size of a frame, in MB; the same as for the file of an image.
-MAX_FRAME_MB = door.MAX_MB["image"]
+MAX_FRAME_MB = untrusted.MAX_MB["image"]
 #: What the reading of a damaged zip file raises.
 _ZIP_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
@@ -75,7 +75,7 @@ def array_source(path: Path, frames: Frames, paths: Paths, options: ImportOption
         described |= companions.columns_of_array(other.stem, np.array(mapped(other, texts=True)))
     count = frames.shape[0]
     size = np.prod(frames.shape[1:], dtype=float) * 8 / 1e6
-    door.require_within("frame", size, MAX_FRAME_MB, "MB", str(path))
+    untrusted.require_within("frame", size, MAX_FRAME_MB, "MB", str(path))
     if table is not None:
         rows = Rows.read(table, columns)
     elif described or options.kind:
@@ -219,7 +219,7 @@ class _Member:
 
 
 def _of_zip(path: Path, name: str) -> Frames:
-    door.open_input(path, kind="array").close()
+    untrusted.open_input(path, kind="array").close()
     try:
         archive = zipfile.ZipFile(path)
         members = {}
@@ -237,7 +237,7 @@ def _of_zip(path: Path, name: str) -> Frames:
     for word, member in members.items():
         if member.dtype.kind in "biufUS" and companions.describes_frames(word, member.shape, chosen.shape):
             size = float(np.prod(member.shape, dtype=float)) * member.dtype.itemsize / 1e6
-            door.require_within(word, size, door.MAX_MB["table"], "MB", str(path))
+            untrusted.require_within(word, size, untrusted.MAX_MB["table"], "MB", str(path))
             with suppress(CheckFailedError):
                 columns |= companions.columns_of_array(word, _whole(member))
     require_frames(path, chosen.shape)

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
 from tacbench_cad.lab.runs.importing.sources import LeftOut, Loaded, Rows, Sample, Source
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, natural
 
@@ -193,5 +193,5 @@ def _sample(
     row: str = "",
     columns: Mapping[str, str] = MappingProxyType({}),
 ) -> Sample:
-    load: Callable[[], Loaded] = partial(door.read_bytes, path, "image", "image", within=within)
+    load: Callable[[], Loaded] = partial(untrusted.read_bytes, path, "image", "image", within=within)
     return Sample(name=name, row=row, fields=fields, load=load, file=path, columns=columns)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.rig.colours import OUTSIDE, Channels
 from tacbench_cad.lab.runs.origins import ORIGINS_FILE
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.door import read_table
 from tacbench_cad.util.errors import InputError, nearest, one_line
+from tacbench_cad.util.untrusted import read_table
 
 #: The fields of a sample, each with the column names that are recognised automatically, in order of preference.
 FIELDS: Mapping[str, tuple[str, ...]] = {

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 pytest.importorskip("scipy")
 
-from tacbench_cad.lab.analysis.answers import Answer
 from tacbench_cad.lab.analysis.classification.accuracy import scores, texture_answers
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
 from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS, Outcome
 from tacbench_cad.lab.analysis.classification.splits import PressTable
+from tacbench_cad.lab.analysis.conclusions import Answer
 from tacbench_cad.util.types import Bools
 
 BENCHMARK = Path(__file__).parents[4] / "benchmarks" / "accuracy_intervals.py"

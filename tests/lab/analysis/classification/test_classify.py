@@ -16,7 +16,7 @@ from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.parallel import workers
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("single_thread")
@@ -80,7 +80,7 @@ def test_a_stored_trial_that_is_too_large_is_computed_again(
     before = trial.stat().st_mtime_ns
     run(study, out)
     assert trial.stat().st_mtime_ns == before
-    monkeypatch.setattr(door, "MAX_MB", {**door.MAX_MB, "json": 1e-6})
+    monkeypatch.setattr(untrusted, "MAX_MB", {**untrusted.MAX_MB, "json": 1e-6})
     run(study, out)
     assert trial.stat().st_mtime_ns != before
 

@@ -17,7 +17,7 @@ pytest.importorskip("scipy")
 from tacbench_cad.cli import score as command
 from tacbench_cad.lab.analysis.classification.score import COLUMNS, Accuracy, PredictionsError, accuracy_of, score
 from tacbench_cad.lab.analysis.classification.split_files import Split, SplitFold, SplitPress, write_split
-from tacbench_cad.util import door
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 
 Rows = list[dict[str, str]]
@@ -207,6 +207,6 @@ def test_invalid_prediction_files_are_refused(split: Split, tmp_path: Path, monk
     (tmp_path / "short.csv").write_text(good.read_text() + "copy 1,texture-1_copy01\n")
     with pytest.raises(InputError, match="line 22: has 2 fields, but the header has 6"):
         score(tmp_path / "short.csv", split)
-    monkeypatch.setattr(door, "MAX_MB", {**door.MAX_MB, "table": 1e-6})
+    monkeypatch.setattr(untrusted, "MAX_MB", {**untrusted.MAX_MB, "table": 1e-6})
     with pytest.raises(InputError, match="more than the 1e-06 allowed"):
         score(good, split)

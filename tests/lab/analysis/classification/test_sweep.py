@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tacbench_cad.lab.analysis.classification import figures as figures_classify
+from tacbench_cad.lab.analysis.classification import accuracy_figures as figures_classify
 from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.accuracy_figures import draw_result
 from tacbench_cad.lab.analysis.classification.classify import write_tables
-from tacbench_cad.lab.analysis.classification.figures import draw_result
 from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS, Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.answers import TOLD_APART
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import TOLD_APART
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.report.facts import press_words
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.variance.cells import name_of, short_texture
-from tacbench_cad.lab.analysis.variance.figures import MAX_OVER_ESTIMATE, draw_point, log_axes, look_of
+from tacbench_cad.lab.analysis.variance.variance_figures import MAX_OVER_ESTIMATE, draw_point, log_axes, look_of
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.util.errors import CheckFailedError
 

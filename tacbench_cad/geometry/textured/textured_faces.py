@@ -22,7 +22,7 @@ from tacbench_cad.util.errors import CheckFailedError, InputError, require_betwe
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
-    from tacbench_cad.geometry.textured.relief import FaceRelief
+    from tacbench_cad.geometry.textured.face_relief import FaceRelief
     from tacbench_cad.util.types import Floats, Indices
 
 #: The largest distance between a point that names a face and the face, in mm.
@@ -194,7 +194,7 @@ class TexturedFaces:
         )
 
     def _relief(self, allowed_mm: float) -> FaceRelief:
-        from tacbench_cad.geometry.textured.relief import FaceRelief
+        from tacbench_cad.geometry.textured.face_relief import FaceRelief
 
         regions = [(region, height) for result in self.results for region, _, height in result.regions]
         return FaceRelief(regions, self._shift_mm, allowed_mm)

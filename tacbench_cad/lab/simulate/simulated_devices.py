@@ -14,9 +14,9 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.registry import Context, Driver
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage, can_turn
+from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
-from tacbench_cad.lab.simulate.looks import CLEAN, look_named
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.rotation import UPRIGHT, UPRIGHT_DEG, in_work_frame, lowest, tilt
 from tacbench_cad.lab.study.spec import (
@@ -123,8 +123,8 @@ class SimulatedSensor(_Follower):
         clock: The rig's time.
         in_motion: Returns whether the stage moves the sensor in contact. The friction then drags the pins along.
         options: ``colour`` (default false: grey images), ``look`` (a name of
-            :data:`~tacbench_cad.lab.simulate.looks.LOOKS`, default ``clean``), ``flicker`` (a fraction; default: the
-            look's own) and ``seed`` of the noise (default: a random one).
+            :data:`~tacbench_cad.lab.simulate.appearances.LOOKS`, default ``clean``), ``flicker`` (a fraction; default:
+            the look's own) and ``seed`` of the noise (default: a random one).
         rotation: Same as for :class:`SimulatedGauge`.
 
     Raises:

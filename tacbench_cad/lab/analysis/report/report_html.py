@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.runs.frame_files import PNG
-from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.untrusted import read_bytes
 
 if TYPE_CHECKING:
     from jinja2 import Template

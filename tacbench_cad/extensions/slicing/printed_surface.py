@@ -14,9 +14,9 @@ import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Beads, Sliced
 from tacbench_cad.spec.block import Block
-from tacbench_cad.util.door import require_within
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
+from tacbench_cad.util.untrusted import require_within
 
 #: The largest difference between the printed outline and the sides of the block, in mm. If it is larger, the G-code is
 #: for another part.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.extensions.slicing.compare import STEEP, AsSliced
+from tacbench_cad.extensions.slicing.comparison import STEEP, AsSliced
 from tacbench_cad.extensions.slicing.plates import Plate
 from tacbench_cad.util.plotting import BLUE, INK, ORANGE, colour_bar, new_figure, save_figure, styled
 from tacbench_cad.util.text import counted

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from tacbench_cad.lab.acquire.after_touch import motion_of
-from tacbench_cad.lab.acquire.forces import ContactForce
+from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.position_checks import PositionChecks
 from tacbench_cad.lab.acquire.press import Presser, SettledPress

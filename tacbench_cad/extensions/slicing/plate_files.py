@@ -14,9 +14,9 @@ from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.part import Part
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.spec.texture_files import read_texture
-from tacbench_cad.util.door import read_bytes
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import locked, replacing, write_text
+from tacbench_cad.util.untrusted import read_bytes
 
 #: The largest distance of a vertex from its place in the file, caused by single precision, in mm.
 _PLACE_MM = 1e-4

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.extensions.slicing.surface import Frame, frames_of, places_of, printed_heights, staircase
+from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, places_of, printed_heights, staircase
 from tacbench_cad.spec import crest_errors
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.crest_errors import Extrema
