@@ -45,7 +45,7 @@ CLASSIFIERS = ("forest", "network")
 COLUMNS = ("train", "test", "unseen")
 
 
-class Study:
+class ClassifiedStudy:
     """Images, shape (N, pixels), the texture and the combination of each image, and the combinations for training."""
 
     def __init__(self, folder: Path) -> None:
@@ -132,7 +132,7 @@ def peak_kb() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def plain(study: Study, trials: int, epochs: int) -> Result:
+def plain(study: ClassifiedStudy, trials: int, epochs: int) -> Result:
     """Run the script that follows the text of the paper."""
     from sklearn.decomposition import PCA
     from sklearn.ensemble import RandomForestClassifier
@@ -174,10 +174,10 @@ def workers_kb() -> int:
     return total
 
 
-def study_of(study: Study, epochs: int) -> Any:
+def study_of(study: ClassifiedStudy, epochs: int) -> Any:
     """Return the images as a study of the package for the paper's protocol."""
     from tacbench_cad.lab.analysis.classification.features import Features
-    from tacbench_cad.lab.analysis.classification.outcomes import Study as Classified
+    from tacbench_cad.lab.analysis.classification.outcomes import ClassifiedStudy as Classified
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.classification.splits import PressTable
 
@@ -194,7 +194,7 @@ def study_of(study: Study, epochs: int) -> Any:
     )
 
 
-def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
+def ours(study: ClassifiedStudy, trials: int, epochs: int, cores: int) -> Result:
     """Run the steps of ``tacbench classify --protocol paper`` after reading the images."""
     from tacbench_cad.lab.analysis.classification.paper_protocol import calls
     from tacbench_cad.lab.parallel import workers
@@ -218,7 +218,7 @@ def ours(study: Study, trials: int, epochs: int, cores: int) -> Result:
     return result
 
 
-def networks(study: Study, trials: int, epochs: int) -> None:
+def networks(study: ClassifiedStudy, trials: int, epochs: int) -> None:
     """Print the processor time of the whole protocol with the batched network and with ``MLPClassifier``."""
     import warnings
 
@@ -266,7 +266,7 @@ def child(part: str, folder: Path, trials: int, epochs: int, cores: int) -> None
     import warnings
 
     warnings.simplefilter("ignore")
-    study = Study(folder)
+    study = ClassifiedStudy(folder)
     start = time.perf_counter()
     result = plain(study, trials, epochs) if part == "plain" else ours(study, trials, epochs, cores)
     wall = time.perf_counter() - start
@@ -285,7 +285,7 @@ def run(part: str, folder: Path, trials: int, arguments: argparse.Namespace) -> 
     return answer
 
 
-def show(study: Study, answers: dict[str, dict[str, Any]], trials: dict[str, int], count: int) -> bool:
+def show(study: ClassifiedStudy, answers: dict[str, dict[str, Any]], trials: dict[str, int], count: int) -> bool:
     """Print times, memory and accuracies; return whether the claims hold."""
     pixels = study.images.shape[1]
     rows = [int(np.sum(study.combination == number)) for number in study.selected]
@@ -357,11 +357,11 @@ def main() -> int:
             width, height = (int(side) for side in arguments.size.split("x"))
             synthetic(folder, arguments.selected, arguments.others, (height, width))
         if arguments.networks:
-            networks(Study(folder), arguments.trials, arguments.epochs)
+            networks(ClassifiedStudy(folder), arguments.trials, arguments.epochs)
             return 0
         trials = {"plain": arguments.plain_trials, "ours": arguments.trials}
         answers = {part: run(part, folder, count, arguments) for part, count in trials.items()}
-        return 0 if show(Study(folder), answers, trials, arguments.trials) else 1
+        return 0 if show(ClassifiedStudy(folder), answers, trials, arguments.trials) else 1
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy as np
 from housing.holder import Holder
 from housing.jig import Jig
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -64,15 +64,15 @@ class Assembly:
         inside = ", ".join(block.texture.name for block in self.blocks)
         return f"Holder with {inside}" + (" and jig" if self.jig is not None else "")
 
-    def part(self) -> Part:
+    def part(self) -> PrintPart:
         """Return the assembly as one part, which can be exported as 3MF and STEP."""
-        placed: list[tuple[Part, Floats]] = [(self.holder.part(), np.eye(4))]
+        placed: list[tuple[PrintPart, Floats]] = [(self.holder.part(), np.eye(4))]
         for block, place in zip(self.blocks, self.holder.block_placements(), strict=False):
             placed.append((block_part(block), place.matrix))
         if self.jig is not None:
             placed.append((self.jig.part(), self.jig.from_print))
         parts = [{"name": part.name, "kind": part.kind, "to_holder": matrix.tolist()} for part, matrix in placed]
-        return Part.assembled(self.name, self.title, tuple(placed), {"frame": "holder", "parts": parts})
+        return PrintPart.assembled(self.name, self.title, tuple(placed), {"frame": "holder", "parts": parts})
 
 
 def assemblies_of(things: Iterable[Any]) -> tuple[list[Assembly], list[tuple[str, str]]]:

@@ -1,4 +1,4 @@
-"""The base class of holder, jig and coupon: how it becomes a Part, and how ``tacbench make`` requests it."""
+"""The base class of holder, jig and coupon: how it becomes a part, and how ``tacbench make`` requests it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from housing.shapes import Bore
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.geometry.solids import KERNEL_FRACTION, rounding_mm3, tessellate
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.text import mm, report
@@ -127,9 +127,9 @@ class Fixture(ABC):
         """The thickness of the thinnest wall, in mm."""
         return min(self.walls_mm.values())
 
-    def part(self) -> Part:
+    def part(self) -> PrintPart:
         """Return the fixture as a part of a print set."""
-        return Part(
+        return PrintPart(
             name=self.name,
             kind=self.kind,
             title=self.title,

@@ -27,7 +27,7 @@ from housing.fits import (
     require_walls,
 )
 from housing.fixture import CHORD_MM, Fixture
-from housing.layout import RELEASED, Layout, PushOut, fitted
+from housing.layout import RELEASED, HolderLayout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, cut, cylinder, one_solid, prism
 from tacbench_cad.spec.block import Block
@@ -221,7 +221,7 @@ class Holder(Fixture):
         return turned_size_mm(self.block.size_mm, self.turns)
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> HolderLayout:
         """The positions and sizes of plate, pockets and screws."""
         if self.is_released:
             return RELEASED

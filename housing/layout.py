@@ -28,7 +28,7 @@ _PUSH_OUT_CLEAR_MM = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class HolderLayout:
     """A plate with pockets and screw holes, in the holder frame.
 
     Args:
@@ -73,7 +73,7 @@ class Layout:
 
 #: The authors' holder, as measured. The low edges of the pocket are 9.98 and 30.51 mm from the low edges of the plate,
 #: and the high edges of the pocket are 4.31 and 4.50 mm from the high edges of the plate.
-RELEASED = Layout(
+RELEASED = HolderLayout(
     plate_mm=(45.39, 65.01, 7.47),
     pocket_mm=(31.1, 30.0, 5.82),
     floor_mm=1.65,
@@ -84,7 +84,7 @@ RELEASED = Layout(
 
 def fitted(
     pocket_mm: tuple[float, float, float], slots: int, floor_mm: float, margin_mm: float, web_mm: float
-) -> Layout:
+) -> HolderLayout:
     """Return a layout for pockets of one size, in rows, so that the plate is roughly square.
 
     Args:
@@ -101,7 +101,7 @@ def fitted(
     y = rows * length + (rows - 1) * web_mm + 2.0 * margin_mm
     places = ((i % columns, i // columns) for i in range(slots))
     e = SCREW_INSET_MM
-    return Layout(
+    return HolderLayout(
         plate_mm=(x, y, floor_mm + depth),
         pocket_mm=pocket_mm,
         floor_mm=floor_mm,

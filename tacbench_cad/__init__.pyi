@@ -9,7 +9,7 @@ from .geometry.block_part import as_part as as_part
 from .geometry.mesh import Certificate as Certificate
 from .geometry.mesh import ExpectedGeometry as ExpectedGeometry
 from .geometry.mesh import Mesh as Mesh
-from .geometry.part import Part as Part
+from .geometry.part import PrintPart as PrintPart
 from .geometry.textured.textured_faces import textured_part as textured_part
 from .making.printset import PrintSet as PrintSet
 from .making.printset import build as build

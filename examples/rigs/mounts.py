@@ -12,13 +12,13 @@ from math import cos, hypot, pi, radians, sin
 from pathlib import Path
 
 from build123d import Align, Box, Cylinder, Face, Polyline, Pos, Rot, Vector, extrude
-from build123d import Part as Body
+from build123d import PrintPart as Body
 
 from housing import Holder
-from tacbench_cad import Block, Part, export
+from tacbench_cad import Block, PrintPart, export
 from tacbench_cad.extensions.drawings import save_drawing
 from tacbench_cad.extensions.drawings.cuts import Cuts
-from tacbench_cad.extensions.drawings.sheet import Dimension, Drawing, View
+from tacbench_cad.extensions.drawings.sheet import Dimension, Drawing, DrawingView
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import mm, report
 
@@ -88,7 +88,7 @@ EDGE_MM, PLATE_MM, REACH_MM = 8.0, 10.0, 45.0
 CHAMFER_MM, GAP_MM, SET_SCREW_MM = 8.0, 3.0, 2.6
 
 
-def bracket(sensor: str) -> tuple[Part, Drawing]:
+def bracket(sensor: str) -> tuple[PrintPart, Drawing]:
     """Return an angle: one leg is screwed onto a printer's carriage, the other holds the sensor below it."""
     pattern, opening = SENSORS[sensor]
     depth = REACH_MM + max(pattern.reach_mm, opening / 2.0) + EDGE_MM
@@ -113,7 +113,7 @@ def bracket(sensor: str) -> tuple[Part, Drawing]:
     body -= [back * bore for bore in CARRIAGE.bores(PLATE_MM)]
     area = depth * PLATE_MM + (height - PLATE_MM) * PLATE_MM + CHAMFER_MM**2 / 2.0
     holes = PLATE_MM * (pattern.area_mm2() + CARRIAGE.area_mm2() + pi * opening**2 / 4.0)
-    part = Part.of_solid(
+    part = PrintPart.of_solid(
         body.solid(),
         name=f"bracket-{sensor.lower()}",
         kind="mount",
@@ -135,7 +135,7 @@ def bracket(sensor: str) -> tuple[Part, Drawing]:
     return part, _drawing(part, dimensions, [], notes, at=(REACH_MM, PLATE_MM / 2.0), levels=(width / 2.0,))
 
 
-def spigot(sensor: str) -> tuple[Part, Drawing]:
+def spigot(sensor: str) -> tuple[PrintPart, Drawing]:
     """Return a flange for the sensor with a tube that goes into the spindle clamp of a CNC machine."""
     pattern, opening = SENSORS[sensor]
     inner = min(opening, SPINDLE_MM - 12.0)
@@ -149,7 +149,7 @@ def spigot(sensor: str) -> tuple[Part, Drawing]:
     body -= pattern.bores(PLATE_MM)
     top = PLATE_MM + SPINDLE_HEIGHT_MM
     volume = pi * (radius**2 * PLATE_MM + SPINDLE_MM**2 / 4.0 * SPINDLE_HEIGHT_MM - inner**2 / 4.0 * top)
-    part = Part.of_solid(
+    part = PrintPart.of_solid(
         body.solid(),
         name=f"spigot-{sensor.lower()}",
         kind="mount",
@@ -168,7 +168,7 @@ def spigot(sensor: str) -> tuple[Part, Drawing]:
     return part, _drawing(part, plan, front, notes, at=(radius, radius), levels=(PLATE_MM / 2.0, PLATE_MM + 0.01))
 
 
-def ring() -> tuple[Part, Drawing]:
+def ring() -> tuple[PrintPart, Drawing]:
     """Return a ring that holds a round camera or sensor with three set screws, on the screws of the first sensor."""
     pattern, _ = SENSORS["TacTip"]
     inner, wall, height = CAMERA_MM + 0.4, 6.0, 14.0
@@ -179,7 +179,7 @@ def ring() -> tuple[Part, Drawing]:
     body -= pattern.bores(flange)
     across = Pos(0, 0, flange + height / 2.0) * Rot(0, 90, 0)
     body -= [Rot(0, 0, turn) * across * Cylinder(SET_SCREW_MM / 2.0, radius, align=LOW) for turn in (0, 120, 240)]
-    part = Part.of_solid(
+    part = PrintPart.of_solid(
         body.solid(),
         name="camera-ring",
         kind="mount",
@@ -199,7 +199,7 @@ def ring() -> tuple[Part, Drawing]:
     return part, _drawing(part, plan, front, notes, at=(radius, radius), levels=(flange / 2.0, flange + 0.01))
 
 
-def cell_plates() -> list[tuple[Part, Drawing]]:
+def cell_plates() -> list[tuple[PrintPart, Drawing]]:
     """Return the two plates of a load cell: the base on the bed below one end, and the table on the other end.
 
     The table has the holes of the holder's screws. Its middle is above the middle of the bar, where such a bar is least
@@ -230,7 +230,7 @@ def cell_plates() -> list[tuple[Part, Drawing]]:
         top = PLATE_MM + GAP_MM
         in_bar = pi / 4.0 * (hole**2 * (top - recess) + head**2 * recess)
         volume = size[0] * size[1] * PLATE_MM + pad[0] * pad[1] * GAP_MM - len(places) * in_bar
-        part = Part.of_solid(
+        part = PrintPart.of_solid(
             body.solid(),
             name=name,
             kind="mount",
@@ -265,7 +265,7 @@ def _listed(pattern: Pattern) -> str:
 
 
 def _drawing(
-    part: Part,
+    part: PrintPart,
     plan: list[Dimension],
     front: list[Dimension],
     notes: list[str],
@@ -288,9 +288,9 @@ def _drawing(
     return Drawing(
         report=report(part.title, {"name": part.name, "size": mm(*part.size_mm)}),
         facts=("size",),
-        plan=View({"seen": [loop for level in levels for loop in cuts.level(level)]}, plan, cuts=(at[1], at[0])),
-        front=View(cuts.front(at[1]), front),
-        side=View(cuts.right(at[0]), side),
+        plan=DrawingView({"seen": [loop for level in levels for loop in cuts.level(level)]}, plan, cuts=(at[1], at[0])),
+        front=DrawingView(cuts.front(at[1]), front),
+        side=DrawingView(cuts.right(at[0]), side),
         notes=notes,
     )
 

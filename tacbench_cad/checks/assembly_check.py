@@ -10,7 +10,7 @@ import numpy as np
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.report import Check, Report, genus_check, volume_check
 from tacbench_cad.geometry import kernel
-from tacbench_cad.geometry.part import Part, box_of
+from tacbench_cad.geometry.part import PrintPart, box_of
 from tacbench_cad.util.types import Floats
 
 #: The largest allowed distance of a solid, or of a corner of the whole bounding box, from its expected place, in mm.
@@ -19,7 +19,7 @@ PLACE_MM = 1e-3
 _KERNEL_FRACTION = 1e-4
 
 
-def verify_mesh_assembly(part: Part, path: Path) -> Report:
+def verify_mesh_assembly(part: PrintPart, path: Path) -> Report:
     """Check the edges, the volume and the bounding box of all bodies together."""
     mesh, (_, expected) = meshcheck.read_mesh(path), part.mesh
     checks = [
@@ -31,7 +31,7 @@ def verify_mesh_assembly(part: Part, path: Path) -> Report:
     return Report.of_mesh(path, mesh, checks, None, mesh.volume_mm3)
 
 
-def verify_solid_assembly(part: Part, path: Path) -> Report:
+def verify_solid_assembly(part: PrintPart, path: Path) -> Report:
     """Transform each solid back to its own frame, and check its validity, its volume and its bounding box."""
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.formats import step

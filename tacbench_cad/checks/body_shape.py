@@ -19,7 +19,7 @@ from tacbench_cad.util.types import Bools, Floats
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
-    from tacbench_cad.checks.solidcheck import Measured
+    from tacbench_cad.checks.solidcheck import MeasuredSolid
 
 #: The largest distance of a point from a plane on which it lies, in mm.
 PLANE_MM = 1e-3
@@ -179,7 +179,7 @@ def _off_sides(faces: Floats, size: Floats) -> Floats:
     return np.asarray(points[gap > PLANE_MM])
 
 
-def solid_shape(solid: TopoDS_Shape, measured: Measured, with_relief: bool = True) -> BodyShape:
+def solid_shape(solid: TopoDS_Shape, measured: MeasuredSolid, with_relief: bool = True) -> BodyShape:
     """Return the shape of an Open CASCADE solid.
 
     Args:

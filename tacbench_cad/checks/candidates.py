@@ -11,7 +11,7 @@ from typing import Literal
 
 from tacbench_cad.checks.body_shape import BodyShape
 from tacbench_cad.checks.claim import claimed_block
-from tacbench_cad.checks.match import Candidate, Placement
+from tacbench_cad.checks.match import Candidate, FoundPlacement
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import PRESETS
 from tacbench_cad.spec.sampling import Tolerance
@@ -85,7 +85,7 @@ class Expectation:
         except InputError:
             return None
 
-    def __call__(self, shape: BodyShape, placement: Placement) -> Iterator[Candidate]:
+    def __call__(self, shape: BodyShape, placement: FoundPlacement) -> Iterator[Candidate]:
         """Yield the candidates for a placement, in order of preference.
 
         Args:
@@ -124,7 +124,7 @@ def _known(texture: Texture, preset: str, sampling: Tolerance | Literal["grid"],
     return Block.of(texture, preset, sampling=sampling, scale=scale)
 
 
-def stretch_of(block: Block, shape: BodyShape, placement: Placement) -> tuple[float, float, float]:
+def stretch_of(block: Block, shape: BodyShape, placement: FoundPlacement) -> tuple[float, float, float]:
     """Return the sides x, y and z of a shape, as multiples of the sides of a block."""
     x, y = placement.sides(shape.size_mm)
     return (x / block.size_mm[0], y / block.size_mm[1], shape.size_mm[2] / block.height_mm)

@@ -37,7 +37,7 @@ from tacbench_cad.util.text import decimal, mm
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
-    from tacbench_cad.checks.solidcheck import Measured
+    from tacbench_cad.checks.solidcheck import MeasuredSolid
 
 #: The largest residual of a relief that is similar to the candidate, as a fraction of the standard deviation of the
 #: relief's heights.
@@ -234,7 +234,7 @@ def _report_of_solid(path: Path, expected: Expectation) -> Report:
     checks, deviation = _examine_bodies(bodies, expected, claimed_name(path))
     low = np.min([values.low_mm for values in measured], axis=0)
     high = np.max([values.high_mm for values in measured], axis=0)
-    whole = solidcheck.Measured(volume_mm3=sum(values.volume_mm3 for values in measured), low_mm=low, high_mm=high)
+    whole = solidcheck.MeasuredSolid(volume_mm3=sum(values.volume_mm3 for values in measured), low_mm=low, high_mm=high)
     return Report(
         path=path,
         checks=(Check(name="file", ok=True, detail="read by the kernel"), *checks),
@@ -244,7 +244,7 @@ def _report_of_solid(path: Path, expected: Expectation) -> Report:
     )
 
 
-def _solid_body(name: str, solid: TopoDS_Shape, measured: Measured) -> _Body:
+def _solid_body(name: str, solid: TopoDS_Shape, measured: MeasuredSolid) -> _Body:
     from tacbench_cad.checks import solidcheck
 
     single = solidcheck.count(solid, "SOLID") == 1

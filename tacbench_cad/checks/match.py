@@ -27,7 +27,7 @@ MIN_DIFFERENCE_MM = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
-class Placement:
+class FoundPlacement:
     """The orientation of a block in its file.
 
     Args:
@@ -60,7 +60,7 @@ class Placement:
 
 
 #: All placements in order of preference. The mirrored placements come last.
-PLACEMENTS = tuple(Placement(quarters=q, mirrored=m) for m in (False, True) for q in range(4))
+PLACEMENTS = tuple(FoundPlacement(quarters=q, mirrored=m) for m in (False, True) for q in range(4))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class Candidate:
             return Facets(self.block)
         return _Formula(self.block.surface)
 
-    def heights(self, points: Floats, shape: BodyShape, placement: Placement) -> tuple[Floats, Floats]:
+    def heights(self, points: Floats, shape: BodyShape, placement: FoundPlacement) -> tuple[Floats, Floats]:
         """Return z minus the formula at all points (the datum is not subtracted), and the slope of the surface."""
         x, y = placement.to_block(points, shape.size_mm)
         fx, fy, fz = self.stretch
@@ -124,20 +124,20 @@ class Candidate:
         """Return the heights of the candidate's top at points of the block frame, shape (k,)."""
         return self.datum_mm - self._compare(x, y, np.zeros_like(x))[0]
 
-    def rank(self, points: Floats, shape: BodyShape, placement: Placement) -> float:
+    def rank(self, points: Floats, shape: BodyShape, placement: FoundPlacement) -> float:
         """Return the rms residual at some points, after subtracting the median of the heights."""
         above, slope = self.heights(points, shape, placement)
         off = (above - np.median(above)) / np.sqrt(1.0 + slope**2)
         return float(np.sqrt(np.mean(off**2)))
 
-    def contains(self, points: Floats, shape: BodyShape, placement: Placement, within_mm: float) -> Bools:
+    def contains(self, points: Floats, shape: BodyShape, placement: FoundPlacement, within_mm: float) -> Bools:
         """Return which points of a shape are at most ``within_mm`` from the relief, shape (k,)."""
         if not len(points):
             return np.zeros(0, dtype=np.bool_)
         above, slope = self.heights(points, shape, placement)
         return np.asarray(np.abs(above - self.datum_mm) <= within_mm * np.sqrt(1.0 + slope**2))
 
-    def measure(self, shape: BodyShape, placement: Placement, near_mm: float) -> Residual:
+    def measure(self, shape: BodyShape, placement: FoundPlacement, near_mm: float) -> Residual:
         """Compute the residual at all points.
 
         Args:
@@ -224,11 +224,11 @@ class Match:
     """
 
     candidate: Candidate
-    placement: Placement
+    placement: FoundPlacement
     rms_mm: float
 
 
-def nearest(shape: BodyShape, candidates: Callable[[BodyShape, Placement], Iterable[Candidate]]) -> Match | None:
+def nearest(shape: BodyShape, candidates: Callable[[BodyShape, FoundPlacement], Iterable[Candidate]]) -> Match | None:
     """Return the best match of a relief.
 
     Args:

@@ -28,7 +28,7 @@ SIDE, ROUNDS = 17, 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class MeasuredSolid:
     """The volume and the bounding box of a shape.
 
     Attributes:
@@ -70,7 +70,7 @@ def solid_checks(shape: TopoDS_Shape) -> list[Check]:
     return [*checks, Check(name="closed", ok=closed, detail="closed" if closed else number_open)]
 
 
-def measure(shape: TopoDS_Shape) -> Measured:
+def measure(shape: TopoDS_Shape) -> MeasuredSolid:
     """Return the volume and the bounding box.
 
     A solid with spline faces needs the adaptive volume. The kernel's box can be too small where a spline face is cut,
@@ -80,7 +80,7 @@ def measure(shape: TopoDS_Shape) -> Measured:
     volume = kernel.volume_mm3(shape, ACCURACY if splines else None)
     low, high = kernel.box_mm(shape)
     points = np.array([low, high, *(point for face in splines if not is_rectangle(face) for point in _ends_of_z(face))])
-    return Measured(volume_mm3=volume, low_mm=points.min(axis=0), high_mm=points.max(axis=0))
+    return MeasuredSolid(volume_mm3=volume, low_mm=points.min(axis=0), high_mm=points.max(axis=0))
 
 
 def _ends_of_z(face: TopoDS_Face) -> list[tuple[float, float, float]]:

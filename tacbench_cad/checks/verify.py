@@ -24,7 +24,7 @@ from tacbench_cad.checks.report import Check, Report, genus_check, volume_check
 from tacbench_cad.formats import format_of
 from tacbench_cad.geometry import kernel, relief
 from tacbench_cad.geometry.mesh import ExpectedGeometry, MeasuredRelief, Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.text import at_most, mm
@@ -33,7 +33,7 @@ from tacbench_cad.util.types import Floats
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
-    from tacbench_cad.checks.solidcheck import Measured
+    from tacbench_cad.checks.solidcheck import MeasuredSolid
 
 __all__ = ["Check", "Report", "verify"]
 
@@ -48,10 +48,10 @@ _FLOAT32 = 2.0**-23
 #: The number of points on the textured faces of a part that is not a block.
 FACE_POINTS = 20_000
 #: The part whose mesh has passed all checks most recently, the fingerprint of this mesh, and the report.
-_passed: tuple[ref[Part], tuple[int, bytes, bool], Report] | None = None
+_passed: tuple[ref[PrintPart], tuple[int, bytes, bool], Report] | None = None
 
 
-def verify(part: Part, path: Path, full: bool = False) -> Report:
+def verify(part: PrintPart, path: Path, full: bool = False) -> Report:
     """Check a file that was written for a part.
 
     Args:
@@ -77,7 +77,7 @@ def verify(part: Part, path: Path, full: bool = False) -> Report:
         return Report(path=path, checks=(Check(name="file", ok=False, detail=str(error).removeprefix(f"{path}: ")),))
 
 
-def _verify_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
+def _verify_mesh(part: PrintPart, path: Path, mesh: Mesh, full: bool) -> Report:
     """Check a mesh, unless an equal mesh of the same part, from a file of another format, has passed all checks."""
     global _passed
     key = (*_fingerprint(mesh), full)
@@ -97,7 +97,7 @@ def _fingerprint(mesh: Mesh) -> tuple[int, bytes]:
     return len(mesh.vertices), hashlib.sha256(np.ascontiguousarray(mesh.triangle_points).data).digest()
 
 
-def _report_of_mesh(part: Part, path: Path, mesh: Mesh, full: bool) -> Report:
+def _report_of_mesh(part: PrintPart, path: Path, mesh: Mesh, full: bool) -> Report:
     _, expected = part.mesh
     edges = meshcheck.edges(mesh)
     checks = [
@@ -134,7 +134,7 @@ def _manifold(mesh: Mesh, genus: int) -> list[Check]:
     return [*checks, genus_check(holes, genus)] if status == "NoError" else checks
 
 
-def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
+def _mesh_box(part: PrintPart, mesh: Mesh, expected: ExpectedGeometry) -> Check:
     """Check the box up to the rounding of float32. The highest vertex of a block must be exactly at its height."""
     low, high = mesh.bounds_mm
     reach = float(np.abs(mesh.vertices).max())
@@ -147,14 +147,14 @@ def _mesh_box(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> Check:
     return check
 
 
-def _solid_box(part: Part, measured: Measured, expected: ExpectedGeometry) -> Check:
+def _solid_box(part: PrintPart, measured: MeasuredSolid, expected: ExpectedGeometry) -> Check:
     """Check the box. The height of a block has the same tolerance as the solid's distance from the formula."""
     certificate = expected.certificate
     upper_mm = SOLID_BOX_MM if certificate is None else max(SOLID_BOX_MM, certificate.vertical_mm)
     return _box(measured.low_mm, measured.high_mm, part, SOLID_BOX_MM, upper_mm)
 
 
-def _box(low: Floats, high: Floats, part: Part, allowed: float, upper_mm: float | None = None) -> Check:
+def _box(low: Floats, high: Floats, part: PrintPart, allowed: float, upper_mm: float | None = None) -> Check:
     """Compare the box with the expected one. The highest point can have another tolerance, ``upper_mm``."""
     corner = np.array(part.low_mm)
     off = np.concatenate([low - corner, high - corner - np.array(part.size_mm)])
@@ -168,7 +168,7 @@ def _box(low: Floats, high: Floats, part: Part, allowed: float, upper_mm: float 
     return Check(name="box", ok=False, detail=f"{size}; {name} is off by {off[i]:+.4g} mm (allowed {limits[i]:.1e} mm)")
 
 
-def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[list[Check], float | None]:
+def _mesh_relief(part: PrintPart, mesh: Mesh, expected: ExpectedGeometry) -> tuple[list[Check], float | None]:
     """Check the distance from the formula and, with a sample grid, from the straight lines between the samples."""
     top = relief.upward(mesh, mesh.doubled_normals)
     points = relief.points_on(mesh, top)
@@ -186,7 +186,9 @@ def _mesh_relief(part: Part, mesh: Mesh, expected: ExpectedGeometry) -> tuple[li
     return [check, Check(name="samples", ok=ok, detail=detail)], deviation
 
 
-def _relief(part: Part, expected: ExpectedGeometry, points: Floats, rounding_mm: float) -> tuple[Check, float | None]:
+def _relief(
+    part: PrintPart, expected: ExpectedGeometry, points: Floats, rounding_mm: float
+) -> tuple[Check, float | None]:
     """Compare the distance of points from the formula with the certificate."""
     assert part.block is not None and expected.certificate is not None and expected.datum_mm is not None
     if len(points) == 0:
@@ -209,7 +211,7 @@ def _face_relief(expected: MeasuredRelief, deviation_mm: float, points: int) -> 
     return Check(name="relief", ok=deviation_mm <= expected.allowed_mm, detail=detail)
 
 
-def _verify_solid(part: Part, path: Path, full: bool) -> Report:
+def _verify_solid(part: PrintPart, path: Path, full: bool) -> Report:
     from tacbench_cad.checks import solidcheck
     from tacbench_cad.formats.step import read_step
 
@@ -244,7 +246,7 @@ def _verify_solid(part: Part, path: Path, full: bool) -> Report:
     )
 
 
-def _topology(shape: TopoDS_Shape, part: Part) -> list[Check]:
+def _topology(shape: TopoDS_Shape, part: PrintPart) -> list[Check]:
     """Compare the through holes and the shells of a solid with those of a part."""
     from tacbench_cad.checks import solidcheck
 
@@ -253,7 +255,7 @@ def _topology(shape: TopoDS_Shape, part: Part) -> list[Check]:
     return [genus_check(kernel.genus(shape), part.genus), *([hollow] if shells != expected else [])]
 
 
-def _nothing_cut(part: Part, shape: TopoDS_Shape, measured: Measured, allowed_mm: float) -> list[Check]:
+def _nothing_cut(part: PrintPart, shape: TopoDS_Shape, measured: MeasuredSolid, allowed_mm: float) -> list[Check]:
     """Check that all faces of a solid are on the faces of the block, so that nothing is cut out of it."""
     from tacbench_cad.checks.body_shape import solid_shape
 

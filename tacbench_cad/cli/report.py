@@ -63,11 +63,11 @@ def command(
       tacbench report runs -o report.html --no-classify
       tacbench report runs --variance results --classify classification
     """
-    from tacbench_cad.lab.analysis.report.page import Options, write_report
+    from tacbench_cad.lab.analysis.report.page import ReportOptions, write_report
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "cannot be combined with --classify; leave out one of them")
-    how = Options(variance=variance, classifications=classify, classify=not no_classify, jobs=jobs, dask=dask)
+    how = ReportOptions(variance=variance, classifications=classify, classify=not no_classify, jobs=jobs, dask=dask)
     with ProgressLine() as progress:
         files = write_report(runs, out, how, progress.show)
     if json:

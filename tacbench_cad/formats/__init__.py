@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacbench_cad.formats import step, stl, threemf
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.util.errors import InputError
 
 
@@ -26,7 +26,7 @@ class Format:
     name: str
     suffix: str
     shape: str
-    write: Callable[[Part, Path], None]
+    write: Callable[[PrintPart, Path], None]
     why_missing: Callable[[], str | None] = lambda: None
 
 

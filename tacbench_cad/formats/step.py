@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from tacbench_cad import __version__
 from tacbench_cad.formats.step_text import compact
 from tacbench_cad.geometry.kernel import location
-from tacbench_cad.geometry.part import Part, rgb_of
+from tacbench_cad.geometry.part import PrintPart, rgb_of
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import read_isolated
@@ -99,7 +99,7 @@ def _settings(name: str, assembly: bool) -> Iterator[None]:
             Interface_Static.SetIVal_s(key, number)
 
 
-def write_step(part: Part, path: Path) -> None:
+def write_step(part: PrintPart, path: Path) -> None:
     """Write a part's solid as STEP.
 
     Args:
@@ -136,7 +136,7 @@ def write_shape(shape: TopoDS_Shape, name: str, title: str, path: Path) -> None:
     path.write_bytes(compact(path.read_bytes()))
 
 
-def write_assembly(placed: Sequence[tuple[Part, Floats]], name: str, title: str, path: Path) -> None:
+def write_assembly(placed: Sequence[tuple[PrintPart, Floats]], name: str, title: str, path: Path) -> None:
     """Write an assembly as one STEP file, with a product for each part and a product for the assembly.
 
     If the assembly contains a part twice, the file has one product for it, which is used twice.

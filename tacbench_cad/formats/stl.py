@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats, Floats32, Indices
@@ -28,7 +28,7 @@ MAX_MM = 1e7
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (9,)), ("attribute", "<u2")])
 
 
-def write_stl(part: Part, path: Path) -> None:
+def write_stl(part: PrintPart, path: Path) -> None:
     """Write a part's mesh as binary STL.
 
     Args:

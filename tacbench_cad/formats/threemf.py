@@ -32,7 +32,7 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.formats.stl import require_finite
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import read_isolated
@@ -85,7 +85,7 @@ def _lib3mf() -> tuple[Any, Any]:
         raise MissingToolError(f"3MF: lib3mf does not load: {error}") from None
 
 
-def metadata(part: Part) -> dict[str, str]:
+def metadata(part: PrintPart) -> dict[str, str]:
     """Return the metadata of a part's 3MF file, with one entry for each parameter of the part's spec.
 
     Args:
@@ -100,7 +100,7 @@ def metadata(part: Part) -> dict[str, str]:
     return entries
 
 
-def write_3mf(part: Part, path: Path) -> None:
+def write_3mf(part: PrintPart, path: Path) -> None:
     """Write a part's mesh as 3MF.
 
     Args:
@@ -116,10 +116,10 @@ def write_3mf(part: Part, path: Path) -> None:
     return _write([(part, None)], part.title, metadata(part), path)
 
 
-def _in_place(assembly: Part) -> list[Part]:
+def _in_place(assembly: PrintPart) -> list[PrintPart]:
     """Return one part for each use of a part in an assembly, with its mesh in the assembly's frame."""
 
-    def transformed(part: Part, matrix: Floats) -> tuple[Mesh, ExpectedGeometry]:
+    def transformed(part: PrintPart, matrix: Floats) -> tuple[Mesh, ExpectedGeometry]:
         mesh, expected = part.mesh
         return mesh.transformed(matrix), expected
 
@@ -132,7 +132,9 @@ def _in_place(assembly: Part) -> list[Part]:
     ]
 
 
-def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, path: Path, kind: str = "plate") -> None:
+def write_plate(
+    placed: Sequence[tuple[PrintPart, tuple[float, float]]], name: str, path: Path, kind: str = "plate"
+) -> None:
     """Write several parts at their positions on a bed as one 3MF file.
 
     If a part occurs twice, the file has one object for it, which is used twice.
@@ -153,7 +155,7 @@ def write_plate(placed: Sequence[tuple[Part, tuple[float, float]]], name: str, p
 
 
 def _write(
-    placed: Sequence[tuple[Part, tuple[float, float] | None]], title: str, entries: dict[str, str], path: Path
+    placed: Sequence[tuple[PrintPart, tuple[float, float] | None]], title: str, entries: dict[str, str], path: Path
 ) -> None:
     """Write a model of parts, each with its position on the bed, or None if the part is not moved."""
     wrapper, module = _lib3mf()

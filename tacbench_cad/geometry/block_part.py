@@ -9,7 +9,7 @@ from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.meshing.outlined import outlined_mesh
 from tacbench_cad.geometry.meshing.top import textured_top
 from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.spec.sampling import Tolerance
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Shape
 
 
-def block_part(block: Block) -> Part:
+def block_part(block: Block) -> PrintPart:
     """Wrap a block as a part. The mesh and the solid are only built when they are needed."""
     from tacbench_cad.geometry.brep import solid_refusal
 
@@ -58,7 +58,7 @@ def block_part(block: Block) -> Part:
 
     refusal = solid_refusal(block)
     x, y = block.size_mm
-    return Part(
+    return PrintPart(
         name=block.name,
         solid_name="" if block.solid_name == block.name else block.solid_name,
         kind="block",
@@ -73,21 +73,21 @@ def block_part(block: Block) -> Part:
     )
 
 
-def as_part(thing: Any) -> Part:
+def as_part(thing: Any) -> PrintPart:
     """Convert an object to a part. The mesh and the solid are only built when they are needed.
 
     Args:
-        thing: A block, a :class:`~tacbench_cad.geometry.part.Part`, or an object with a method ``part()`` that returns
-            a part, for example a holder.
+        thing: A block, a :class:`~tacbench_cad.geometry.part.PrintPart`, or an object with a method ``part()`` that
+            returns a part, for example a holder.
 
     Raises:
         InputError: The object is none of these.
     """
-    if isinstance(thing, Part):
+    if isinstance(thing, PrintPart):
         return thing
     if isinstance(thing, Block):
         return block_part(thing)
-    if callable(make := getattr(thing, "part", None)) and isinstance(part := make(), Part):
+    if callable(make := getattr(thing, "part", None)) and isinstance(part := make(), PrintPart):
         return part
     raise InputError(
         "part", thing, "must be a Block, a Holder, a Jig, a Coupon, a Part, or have a method part() that returns one"

@@ -42,7 +42,7 @@ def rgb_of(kind: str) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class PrintPart:
     """A printable part.
 
     Args:
@@ -81,7 +81,7 @@ class Part:
     block: Block | None = None
     no_solid: str | None = None
     mesh_needs_cad: bool = False
-    placed: tuple[tuple[Part, Floats], ...] = ()
+    placed: tuple[tuple[PrintPart, Floats], ...] = ()
     low_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class Part:
         genus: int = 0,
         volume_mm3: float | None = None,
         spec: Mapping[str, Any] | None = None,
-    ) -> Part:
+    ) -> PrintPart:
         """Make a part from your own solid. All its faces must be planes, cylinders, cones or splines.
 
         A textured solid can also be made into a part again, but its files are then compared with the solid and not with
@@ -141,7 +141,9 @@ class Part:
         )
 
     @classmethod
-    def assembled(cls, name: str, title: str, placed: tuple[tuple[Part, Floats], ...], spec: Mapping[str, Any]) -> Part:
+    def assembled(
+        cls, name: str, title: str, placed: tuple[tuple[PrintPart, Floats], ...], spec: Mapping[str, Any]
+    ) -> PrintPart:
         """Combine parts into an assembly. Its 3MF file has several objects, and its STEP file has several products.
 
         Args:
@@ -209,7 +211,7 @@ class Part:
         return self.make_solid()
 
 
-def box_of(placed: tuple[tuple[Part, Floats], ...]) -> tuple[Floats, Floats]:
+def box_of(placed: tuple[tuple[PrintPart, Floats], ...]) -> tuple[Floats, Floats]:
     """Return the lower and the upper corner of the bounding box of some parts, shape (3,) each, in mm."""
     corners = np.array([m[:3, 3] + m[:3, :3] @ (np.array(part.size_mm) * end) for part, m in placed for end in (0, 1)])
     return corners.min(axis=0), corners.max(axis=0)

@@ -8,19 +8,19 @@ from typing import Any
 
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import as_part
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 
 #: The modules that fixtures need.
 FIXTURE_MODULES = ("OCP",)
 
 
-def file_name(part: Part, format_name: str) -> str:
+def file_name(part: PrintPart, format_name: str) -> str:
     """Return the name of a part's file in a format."""
     return f"{part.stem(FORMATS[format_name].shape)}{FORMATS[format_name].suffix}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Source:
+class FileSource:
     """An object that becomes a part, and the file formats of the part.
 
     Args:
@@ -34,7 +34,7 @@ class Source:
     foreign: bool = False
 
     @cached_property
-    def part(self) -> Part:
+    def part(self) -> PrintPart:
         """The part. Its geometry is built when it is needed."""
         return as_part(self.thing)
 
@@ -68,7 +68,7 @@ class Source:
         f, g = self.part.block.texture.surface.highest_frequency
         return (1.0 + f) * (1.0 + g)
 
-    def without_step(self) -> Source:
+    def without_step(self) -> FileSource:
         """Return the source without the format STEP."""
         return replace(self, formats=tuple(name for name in self.formats if name != "step"))
 
@@ -96,9 +96,9 @@ class Plan:
         assemblies: The assemblies of these parts.
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[FileSource, ...]
     left_out: tuple[LeftOut, ...] = ()
-    assemblies: tuple[Source, ...] = ()
+    assemblies: tuple[FileSource, ...] = ()
 
     @property
     def file_count(self) -> int:

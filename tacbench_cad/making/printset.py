@@ -11,7 +11,7 @@ from typing import Any
 from tacbench_cad import __version__
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.making import manifest
-from tacbench_cad.making.plan import LeftOut, Plan, Source
+from tacbench_cad.making.plan import FileSource, LeftOut, Plan
 from tacbench_cad.making.request import Request, asks_for_cad, plan
 from tacbench_cad.making.writing import Failure, Outcome, make_files, make_in_child
 from tacbench_cad.util import plotting
@@ -186,9 +186,9 @@ class _Making:
             self._write_manifest()
         return self._result
 
-    def _start_slow(self) -> dict[Future[Any], list[Source]]:
+    def _start_slow(self) -> dict[Future[Any], list[FileSource]]:
         """Start the work that needs the kernel: all fixtures in one call, and solids beginning with the slowest."""
-        jobs: dict[Future[Any], list[Source]] = {}
+        jobs: dict[Future[Any], list[FileSource]] = {}
         fixtures = [source for source in self._work.sources if source.in_child]
         if fixtures:
             jobs[self._submit(fixtures, "slow_formats")] = fixtures
@@ -197,11 +197,11 @@ class _Making:
             jobs[self._submit([source], "slow_formats")] = [source]
         return jobs
 
-    def _submit(self, sources: Sequence[Source], formats_of: str) -> Future[Any]:
+    def _submit(self, sources: Sequence[FileSource], formats_of: str) -> Future[Any]:
         orders = tuple((source.thing, getattr(source, formats_of)) for source in sources)
         return self._workers.submit(make_in_child, orders, self._out, self._full)
 
-    def _finish(self, jobs: dict[Future[Any], list[Source]], formats_of: str) -> None:
+    def _finish(self, jobs: dict[Future[Any], list[FileSource]], formats_of: str) -> None:
         """Take the results of the children in the order of completion."""
         for job in as_completed(jobs):
             sources = jobs[job]

@@ -12,7 +12,7 @@ from housing.fits import require_key
 from housing.fixture import Fixture
 from housing.kinds import FIXTURES
 from tacbench_cad.formats import FORMATS
-from tacbench_cad.making.plan import FIXTURE_MODULES, LeftOut, Plan, Source
+from tacbench_cad.making.plan import FIXTURE_MODULES, FileSource, LeftOut, Plan
 from tacbench_cad.spec.block import MAX_COPIES, Block
 from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -91,18 +91,20 @@ def plan(request: Request) -> Plan:
     formats = _formats(request, left_out)
     kinds = _kinds(request, left_out)
     blocks = blocks_of(request)
-    sources: list[Source] = []
+    sources: list[FileSource] = []
     if "blocks" in kinds:
         sources += _block_sources(request, blocks, formats, left_out)
-    sources += [Source(thing=fixture, formats=formats) for fixture in _fixtures(request, kinds, blocks, left_out)]
+    sources += [FileSource(thing=fixture, formats=formats) for fixture in _fixtures(request, kinds, blocks, left_out)]
     own = [part for part in request.parts or () if not isinstance(part, str)]
-    sources += [_without_missing(Source(thing=part, formats=formats, foreign=True), left_out) for part in own]
+    sources += [_without_missing(FileSource(thing=part, formats=formats, foreign=True), left_out) for part in own]
     _require_distinct(sources)
     assemblies = _assemblies(formats, sources, left_out) if request.assembly else ()
     return Plan(sources=tuple(sources), left_out=tuple(left_out), assemblies=assemblies)
 
 
-def _assemblies(formats: Sequence[str], sources: Sequence[Source], left_out: list[LeftOut]) -> tuple[Source, ...]:
+def _assemblies(
+    formats: Sequence[str], sources: Sequence[FileSource], left_out: list[LeftOut]
+) -> tuple[FileSource, ...]:
     """Return an assembly for each holder."""
     require("assembly:", *FIXTURE_MODULES)
     written = tuple(name for name in formats if name in ASSEMBLY_FORMATS)
@@ -110,14 +112,14 @@ def _assemblies(formats: Sequence[str], sources: Sequence[Source], left_out: lis
         raise InputError("formats", ",".join(formats), f"--assembly needs one of {', '.join(ASSEMBLY_FORMATS)}")
     assemblies, over = assemblies_of([source.thing for source in sources])
     left_out += [LeftOut(what=what, reason=reason) for what, reason in over]
-    chosen = [_without_missing(Source(thing=assembly, formats=written), left_out) for assembly in assemblies]
+    chosen = [_without_missing(FileSource(thing=assembly, formats=written), left_out) for assembly in assemblies]
     chosen = [source for source in chosen if source.formats]
     if not chosen:
         raise InputError("assembly", None, "needs a holder and a block that fits into it; add both to --parts")
     return tuple(chosen)
 
 
-def _without_missing(source: Source, left_out: list[LeftOut]) -> Source:
+def _without_missing(source: FileSource, left_out: list[LeftOut]) -> FileSource:
     """Return the source, without STEP if its part has no solid."""
     if "step" not in source.formats or source.part.make_solid is not None:
         return source
@@ -215,13 +217,13 @@ def blocks_of(request: Request) -> list[Block]:
 
 def _block_sources(
     request: Request, blocks: Sequence[Block], formats: tuple[str, ...], left_out: list[LeftOut]
-) -> list[Source]:
+) -> list[FileSource]:
     sources = []
     for block in blocks:
         copies = [block] if request.copies is None else [replace(block, copy=i + 1) for i in range(request.copies)]
         for copy in copies:
             _ = copy.engraving  # raises InputError if the label does not fit
-            source = Source(thing=copy, formats=formats)
+            source = FileSource(thing=copy, formats=formats)
             if formats == ("step",) and source.part.no_solid and "all" not in request.textures:
                 raise InputError("formats", "step", f"{block.texture.name}: {source.part.no_solid}")
             source = _without_missing(source, left_out)
@@ -266,7 +268,7 @@ def _distinct(blocks: Sequence[Block]) -> list[Block]:
     return list(distinct.values())
 
 
-def _require_distinct(sources: Sequence[Source]) -> None:
+def _require_distinct(sources: Sequence[FileSource]) -> None:
     names = [source.part.name for source in sources]
     for name in names:
         if names.count(name) > 1:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.making.plan import Source
+from tacbench_cad.making.plan import FileSource
 from tacbench_cad.making.request import PARTS, Request, plan
 from tacbench_cad.render.viewing.page import write_page
 from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing
@@ -91,7 +91,7 @@ def scene_of(request: Request, progress: Callable[[str], None] = lambda message:
     return Scene(things=tuple(things), left_out=tuple((left.what, left.reason) for left in work.left_out))
 
 
-def _thing(source: Source, number: int, holders: Sequence[Any]) -> Thing:
+def _thing(source: FileSource, number: int, holders: Sequence[Any]) -> Thing:
     """Return a part of the scene in its place of use; a block is in the holder that it fits."""
     part, thing = source.part, source.thing
     if part.block is not None:

@@ -13,7 +13,7 @@ from tacbench_cad.checks.verify import verify
 from tacbench_cad.formats import FORMATS, format_of
 from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.mesh import Certificate, Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.making.manifest import Row
 from tacbench_cad.making.plan import file_name
 from tacbench_cad.spec.sampling import SampleGrid
@@ -49,7 +49,7 @@ def export(part: Any, path: Path | str, *, full: bool = False) -> Report:
     """Write a part to a file, read the file back and check it. The file gets its name only if it passes all checks.
 
     Args:
-        part: A Block, a Holder, a Jig, a Coupon, an Assembly, a :class:`~tacbench_cad.Part`, or any object with a
+        part: A Block, a Holder, a Jig, a Coupon, an Assembly, a :class:`~tacbench_cad.PrintPart`, or any object with a
             method ``part()`` that returns a Part.
         path: The file. Its ending determines the format: ``.stl``, ``.3mf`` or ``.step``.
         full: Whether slow checks are done as well: the checks of a mesh by pymeshlab, and the kernel's own volume and
@@ -73,7 +73,7 @@ def export(part: Any, path: Path | str, *, full: bool = False) -> Report:
     return replace(report, path=path)
 
 
-def make_files(part: Part, formats: Sequence[str], out: Path, full: bool) -> list[Outcome]:
+def make_files(part: PrintPart, formats: Sequence[str], out: Path, full: bool) -> list[Outcome]:
     """Export a part in some formats.
 
     Args:
@@ -119,7 +119,7 @@ def make_in_child(
     return results
 
 
-def _row(part: Part, format_name: str, report: Report) -> Row:
+def _row(part: PrintPart, format_name: str, report: Report) -> Row:
     """Return the manifest row of a file that passed its checks."""
     shape = FORMATS[format_name].shape
     _, expected = part.solid if shape == "solid" else part.mesh

@@ -18,7 +18,7 @@ import numpy as np
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.render.raster import MATERIAL, Body, Colour, Relief
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
@@ -47,11 +47,11 @@ def body_of(thing: Any) -> Body:
     """
     if isinstance(thing, Mesh):
         return Body(mesh=thing)
-    part: Part = as_part(thing)
+    part: PrintPart = as_part(thing)
     return Body(mesh=part.mesh[0], relief=None if part.block is None else relief_of(part.block))
 
 
-def fine_body(part: Part, colour: Colour = MATERIAL) -> Body:
+def fine_body(part: PrintPart, colour: Colour = MATERIAL) -> Body:
     """A part as a body with a mesh for large pictures: no facet of a block with a tolerance can be seen.
 
     Args:

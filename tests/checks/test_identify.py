@@ -21,7 +21,7 @@ from tacbench_cad.formats import FORMATS
 from tacbench_cad.formats.threemf import write_plate
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec import texture_files
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
@@ -29,7 +29,7 @@ from tacbench_cad.util.errors import InputError
 
 
 @cache
-def _part(number: int = 2, preset: str = "paper", **more: Any) -> Part:
+def _part(number: int = 2, preset: str = "paper", **more: Any) -> PrintPart:
     return block_part(Block.of(number, preset, **more))
 
 

@@ -19,7 +19,7 @@ from tacbench_cad.formats import FORMATS
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -27,11 +27,11 @@ from tacbench_cad.spec.textures import Texture
 
 
 @cache
-def _part(number: int = 2, preset: str = "paper") -> Part:
+def _part(number: int = 2, preset: str = "paper") -> PrintPart:
     return block_part(Block.of(number, preset))
 
 
-def _write_as(part: Part, mesh: Mesh, path: Path) -> Path:
+def _write_as(part: PrintPart, mesh: Mesh, path: Path) -> Path:
     """Write a file for a part, but with another mesh."""
     FORMATS[path.suffix[1:]].write(dataclasses.replace(part, make_mesh=lambda: (mesh, part.mesh[1])), path)
     return path

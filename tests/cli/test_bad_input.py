@@ -216,9 +216,9 @@ def test_an_output_folder_without_write_permission(tmp_path: Path, capsys: Captu
 
 def test_a_full_disk(out: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     from tacbench_cad.formats import FORMATS
-    from tacbench_cad.geometry.part import Part
+    from tacbench_cad.geometry.part import PrintPart
 
-    def write(part: Part, path: Path) -> None:
+    def write(part: PrintPart, path: Path) -> None:
         path.write_bytes(b"half of it")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from tacbench_cad.extensions.drawings.ink import drawn
-from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, Outlines, Point, View
+from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, DrawingView, Outlines, Point
 from tacbench_cad.util.plotting import only_style
 from tacbench_cad.util.types import Floats
 
@@ -30,7 +30,7 @@ ENDS = {
 PART = ("seen", "fine", "hidden", "cut")
 
 
-def outlines_of(view: View, *names: str) -> list[Floats]:
+def outlines_of(view: DrawingView, *names: str) -> list[Floats]:
     return [loop for name in names for loop in view.outlines.get(name, ())]
 
 
@@ -70,7 +70,7 @@ def faults(drawing: Drawing, within_mm: float) -> list[str]:
     return faults
 
 
-def _dimension(view: View, dimension: Dimension, within_mm: float) -> list[str]:
+def _dimension(view: DrawingView, dimension: Dimension, within_mm: float) -> list[str]:
     axis, part = dimension.axis, outlines_of(view, *PART)
     kinds = next((kinds for name, kinds in ENDS.items() if dimension.name.startswith(name)), ("edge", "edge"))
     faults = []
@@ -87,7 +87,7 @@ def _dimension(view: View, dimension: Dimension, within_mm: float) -> list[str]:
     return faults
 
 
-def _callout(view: View, callout: Callout, within_mm: float) -> list[str]:
+def _callout(view: DrawingView, callout: Callout, within_mm: float) -> list[str]:
     if callout.diameter_mm is None:
         return []
     rings = [np.hypot(*(loop - callout.at).T) for loop in outlines_of(view, *PART)]

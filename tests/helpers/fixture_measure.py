@@ -6,7 +6,7 @@ import manifold3d
 import numpy as np
 
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
@@ -33,7 +33,7 @@ def block_prism(block: Block) -> manifold3d.Manifold:
     return section.extrude(block.height_mm)
 
 
-def require_sound(part: Part) -> None:
+def require_sound(part: PrintPart) -> None:
     """Check that mesh and solid are closed, have the stated genus, box and volume, and no triangle without area."""
     mesh, body = part.mesh
     solid = manifold(mesh)

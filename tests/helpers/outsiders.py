@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.interpolation import height_map
@@ -67,7 +67,7 @@ def _net_block(name: str) -> Block:
     )
 
 
-def _block(name: str) -> Part:
+def _block(name: str) -> PrintPart:
     """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6``, ``fine-4`` or ``keyed-4``.
 
     ``net-weave`` has oblique waves, and ``net-map`` is a height map with a key and a label. ``disc-2``, ``hexagon-2``
@@ -89,7 +89,7 @@ def _block(name: str) -> Part:
 
 
 @cache
-def part_named(name: str) -> Part:
+def part_named(name: str) -> PrintPart:
     """Return a part of the print set; fixtures need the CAD kernel.
 
     Args:
@@ -103,7 +103,7 @@ def part_named(name: str) -> Part:
     from housing.jig import Jig
 
     block = Block.of(2)
-    fixtures: dict[str, Callable[[], Part]] = {
+    fixtures: dict[str, Callable[[], PrintPart]] = {
         "holder": lambda: Holder(block=block).part(),
         "holder-released": lambda: Holder(block=Block.of(2, "released"), preset="released").part(),
         "tray": lambda: Holder(block=block, slots=6).part(),

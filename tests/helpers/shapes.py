@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.types import Floats
 
@@ -24,13 +24,13 @@ def box_mesh(
     return Mesh(corners.astype(np.float32).astype(np.float64), np.array(triangles, dtype=np.int32))
 
 
-def mesh_part(mesh: Mesh, name: str = "thing", **more: Any) -> Part:
+def mesh_part(mesh: Mesh, name: str = "thing", **more: Any) -> PrintPart:
     """Return a part with a mesh and no solid."""
     low, high = mesh.bounds_mm
     size = tuple((high - low).tolist())
     expected = ExpectedGeometry(volume_mm3=mesh.volume_mm3, volume_slack_mm3=0.0)
     fields: dict[str, Any] = {"kind": "coupon", "title": "A thing", "genus": 0, "make_solid": None, **more}
-    return Part(name=name, size_mm=size, make_mesh=lambda: (mesh, expected), **fields)
+    return PrintPart(name=name, size_mm=size, make_mesh=lambda: (mesh, expected), **fields)
 
 
 def write_soup(

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tacbench_cad.extensions.markers.markers import Markers as FoundMarkers
+from tacbench_cad.extensions.markers.markers import PinPositions as FoundMarkers
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.simulate.tactip import Markers, TacTip
+from tacbench_cad.lab.simulate.tactip import PinPositions, TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N
@@ -21,7 +21,7 @@ from tacbench_cad.spec.protocol import FORCES_N
 NEAR_PX = 3.0
 
 
-def simulated_frames(look: str, presses: int, seed: int = 0) -> Iterator[tuple[Frame, Markers]]:
+def simulated_frames(look: str, presses: int, seed: int = 0) -> Iterator[tuple[Frame, PinPositions]]:
     """Yield frames and their true markers: a frame without contact, then presses of textures 2 and 4.
 
     The positions are random; the forces take turns.
@@ -41,7 +41,7 @@ def simulated_frames(look: str, presses: int, seed: int = 0) -> Iterator[tuple[F
 
 
 def detection_rates(
-    frames: Iterable[tuple[Frame, Markers]], find: Callable[[Frame], FoundMarkers]
+    frames: Iterable[tuple[Frame, PinPositions]], find: Callable[[Frame], FoundMarkers]
 ) -> tuple[float, float, float]:
     """Return the fraction of visible markers found, the fraction of false ones, and the rms error in pixels."""
     visible = false = 0

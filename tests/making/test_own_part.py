@@ -16,7 +16,7 @@ import build123d as bd
 import cadquery as cq
 
 from housing import Holder
-from tacbench_cad import Block, CheckFailedError, InputError, Part, Request, as_part, build, check, export
+from tacbench_cad import Block, CheckFailedError, InputError, PrintPart, Request, as_part, build, check, export
 from tacbench_cad.cq import textured
 
 HOLDER = Holder(block=Block.of(1))
@@ -29,14 +29,16 @@ class Spacer:
 
     holder: Holder
 
-    def part(self) -> Part:
+    def part(self) -> PrintPart:
         x, y, _ = self.holder.size_mm
         low, middle = (bd.Align.MIN,) * 3, (bd.Align.CENTER, bd.Align.CENTER, bd.Align.MIN)
         bores = self.holder.screws
         holes = [bd.Pos(*bore.at_mm) * bd.Cylinder(bore.diameter_mm / 2, HEIGHT_MM, align=middle) for bore in bores]
         solid = (bd.Box(x, y, HEIGHT_MM, align=low) - holes).solid()
         volume = HEIGHT_MM * (x * y - sum(pi * bore.diameter_mm**2 / 4 for bore in bores))
-        return Part.of_solid(solid, name="spacer", kind="spacer", genus=4, volume_mm3=volume, spec={"kind": "example"})
+        return PrintPart.of_solid(
+            solid, name="spacer", kind="spacer", genus=4, volume_mm3=volume, spec={"kind": "example"}
+        )
 
 
 @pytest.mark.parametrize("ending", ["stl", "3mf", "step"])
@@ -47,7 +49,7 @@ def test_it_is_exported_and_checked(ending: str, tmp_path: Path) -> None:
     wrong = replace(as_part(Spacer(HOLDER)), genus=3)
     assert [fault.name for fault in check(path, wrong).faults] == ["genus"]
     with pytest.raises(CheckFailedError, match="volume"):
-        export(Part.of_solid(bd.Box(1, 2, 3), name="box", volume_mm3=6.01), tmp_path / f"box.{ending}")
+        export(PrintPart.of_solid(bd.Box(1, 2, 3), name="box", volume_mm3=6.01), tmp_path / f"box.{ending}")
 
 
 def test_it_is_built_together_with_a_block(tmp_path: Path) -> None:
@@ -70,7 +72,7 @@ def test_it_is_shown_on_the_page_and_in_a_picture(tmp_path: Path) -> None:
 
 def test_a_round_solid_of_cadquery_is_moved_to_the_origin(tmp_path: Path) -> None:
     ring = cq.Workplane().circle(10.0).circle(6.0).extrude(3.0).translate((50.0, -20.0, 7.0))
-    part = Part.of_solid(ring, name="ring", genus=1)
+    part = PrintPart.of_solid(ring, name="ring", genus=1)
     assert part.size_mm == pytest.approx((20.0, 20.0, 3.0), abs=1e-5)
     assert part.solid[1].volume_mm3 == pytest.approx(pi * 64.0 * 3.0)
     for ending in ("stl", "step"):
@@ -79,19 +81,19 @@ def test_a_round_solid_of_cadquery_is_moved_to_the_origin(tmp_path: Path) -> Non
 
 def test_a_textured_solid_can_be_made_into_a_part_again(tmp_path: Path) -> None:
     solid = textured(cq.Workplane().box(12, 10, 3), ">Z", 2, depth_mm=0.5)
-    part = Part.of_solid(solid, name="pad")
+    part = PrintPart.of_solid(solid, name="pad")
     assert part.size_mm == pytest.approx((12.0, 10.0, 3.7), abs=2e-3)
     for ending in ("stl", "step"):
         assert export(part, tmp_path / f"pad.{ending}").ok
-    heavier = Part.of_solid(solid, name="pad", volume_mm3=1.01 * part.solid[1].volume_mm3)
+    heavier = PrintPart.of_solid(solid, name="pad", volume_mm3=1.01 * part.solid[1].volume_mm3)
     with pytest.raises(CheckFailedError, match="volume"):
         export(heavier, tmp_path / "heavier.step")
 
 
 def test_bad_parts_are_refused() -> None:
     with pytest.raises(InputError, match="must be a solid"):
-        Part.of_solid("box", name="box")
+        PrintPart.of_solid("box", name="box")
     with pytest.raises(InputError, match="only planes, cylinders, cones and splines"):
-        Part.of_solid(bd.Sphere(3), name="ball")
+        PrintPart.of_solid(bd.Sphere(3), name="ball")
     with pytest.raises(InputError, match="part name"):
-        Part.of_solid(bd.Box(1, 1, 1), name="../box")
+        PrintPart.of_solid(bd.Box(1, 1, 1), name="../box")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tacbench_cad.checks.report import Check, Report
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.making import printset, request
 from tacbench_cad.making import writing as making
 from tacbench_cad.making.manifest import read_rows
@@ -284,7 +284,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Make the checks of one part fail."""
     original = making.verify
 
-    def verify(part: Part, path: Path, full: bool = False) -> Report:
+    def verify(part: PrintPart, path: Path, full: bool = False) -> Report:
         report = original(part, path, full=full)
         wrong = Check(name="closed", ok=False, detail="3 open edges")
         return replace(report, checks=(*report.checks, wrong)) if part.name == name else report

@@ -13,7 +13,7 @@ from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.files import sha256
 
@@ -29,11 +29,11 @@ def _require_format(form: str) -> None:
         pytest.skip(f"no {form} here")
 
 
-def _part(name: str) -> Part:
+def _part(name: str) -> PrintPart:
     return block_part(BLOCKS[name])
 
 
-def _jig() -> Part:
+def _jig() -> PrintPart:
     from housing.holder import Holder
     from housing.jig import Jig
 

@@ -17,7 +17,7 @@ import build123d as bd
 import cadquery as cq
 from helpers.outsiders import PATIENCE_S
 
-from tacbench_cad import Part, export, textured_part
+from tacbench_cad import PrintPart, export, textured_part
 
 pytestmark = pytest.mark.real
 
@@ -41,21 +41,21 @@ print("FOUND", len(shape.Solids), shape.isValid(), shape.Volume, half.Volume)
 """
 
 
-def pillow_block() -> Part:
+def pillow_block() -> PrintPart:
     """The bearing pillow block of CadQuery's documentation, with a texture on its upper face."""
     block = cq.Workplane("XY").box(60.0, 80.0, 10.0).faces(">Z").workplane().hole(22.0)
     block = block.faces(">Z").workplane().rect(48.0, 68.0, forConstruction=True).vertices().cboreHole(2.4, 4.4, 2.1)
     return textured_part(block, block.faces(">Z"), 2, name="pillow-block")
 
 
-def bushing() -> Part:
+def bushing() -> PrintPart:
     """A cylinder on a plate with a hole, as in build123d's introduction, with a texture around the cylinder."""
     part = bd.Box(40, 40, 4) + bd.Pos(0, 0, 12) * bd.Cylinder(12, 20) - bd.Cylinder(5, 60)
     side = max(part.faces().filter_by(bd.GeomType.CYLINDER), key=lambda face: face.area)
     return textured_part(part, side, 2, name="bushing", fade_mm=2.0)
 
 
-def bracket() -> Part:
+def bracket() -> PrintPart:
     """A bracket of build123d's builder mode with fillets and a counterbored hole, with a texture on its floor."""
     with bd.BuildPart() as builder:
         bd.Box(60, 40, 6)

@@ -41,7 +41,7 @@ FRAMES = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
+class DriverCheck:
     """The result of one check.
 
     Args:
@@ -59,19 +59,19 @@ class Checks:
     """The results so far, in order. A failed check does not end the others."""
 
     def __init__(self) -> None:
-        self.results: list[Check] = []
+        self.results: list[DriverCheck] = []
 
     def passed(self, name: str, detail: str = "") -> None:
         """Add a check that the driver passed."""
-        self.results.append(Check(name=name, result="passed", detail=detail))
+        self.results.append(DriverCheck(name=name, result="passed", detail=detail))
 
     def failed(self, name: str, detail: str) -> None:
         """Add a check that the driver did not pass."""
-        self.results.append(Check(name=name, result="failed", detail=detail))
+        self.results.append(DriverCheck(name=name, result="failed", detail=detail))
 
     def not_tested(self, name: str, why: str) -> None:
         """Add a check that was not possible."""
-        self.results.append(Check(name=name, result="not tested", detail=why))
+        self.results.append(DriverCheck(name=name, result="not tested", detail=why))
 
     def require(self, name: str, ok: bool, good: str, bad: str) -> bool:
         """Add a check with one of two texts, and return whether the driver passed it."""
@@ -147,7 +147,7 @@ def check_close(checks: Checks, kind: Kind, device: Any) -> None:
 
 def check_gauge(
     gauge: Any, clock: Clock, *, load: Callable[[float], None] | None = None, mass_g: float = 100.0
-) -> Sequence[Check]:
+) -> Sequence[DriverCheck]:
     """Check a gauge. Nothing may press on it at the start.
 
     Args:
@@ -222,7 +222,7 @@ def _check_load(checks: Checks, gauge: Any, load: Callable[[float], None], mass_
     checks.require("unit", abs(ratio - 1.0) < FORCE_ERROR, f"{change_n:.4f} N for {expected_n:.4f} N", wrong)
 
 
-def check_sensor(sensor: Any, clock: Clock, channels: Channels | None = None) -> Sequence[Check]:
+def check_sensor(sensor: Any, clock: Clock, channels: Channels | None = None) -> Sequence[DriverCheck]:
     """Check a sensor.
 
     Args:

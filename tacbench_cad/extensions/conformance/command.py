@@ -15,7 +15,7 @@ from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.extensions.conformance.checks import Check
+    from tacbench_cad.extensions.conformance.checks import DriverCheck
     from tacbench_cad.lab.rig.registry import Kind
 
 KINDS = ("stage", "gauge", "sensor")
@@ -91,9 +91,9 @@ def _checked(
     values: Mapping[str, Any],
     beyond: tuple[float, float, float] | None,
     mass_g: float | None,
-) -> Sequence[Check]:
+) -> Sequence[DriverCheck]:
     """Open the device and check it. An exception of the driver while it is opened is a failed check."""
-    from tacbench_cad.extensions.conformance.checks import Check, check_gauge, check_sensor
+    from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
     from tacbench_cad.extensions.conformance.stage import check_stage
     from tacbench_cad.lab.rig.clock import Clock
     from tacbench_cad.lab.rig.drivers import find_driver, open_device
@@ -116,7 +116,7 @@ def _checked(
         raise
     except Exception as error:
         detail = f"raised {type(error).__name__} instead of a RigError: {one_line(error, 120)}"
-        return (Check(name="open", result="failed", detail=detail),)
+        return (DriverCheck(name="open", result="failed", detail=detail),)
     if isinstance(settings, StageSettings):
         if found.simulated:
             clock = opened.clock

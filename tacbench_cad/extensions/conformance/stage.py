@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from tacbench_cad.extensions.conformance.checks import SLACK_S, Check, Checks, check_close, check_interface
+from tacbench_cad.extensions.conformance.checks import SLACK_S, Checks, DriverCheck, check_close, check_interface
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import RESULTS
 from tacbench_cad.lab.rig.errors import RigError
@@ -42,7 +42,7 @@ LENGTH_UNITS = {"metres": 0.001, "centimetres": 0.1, "inches": 1.0 / 25.4, "micr
 
 def check_stage(
     stage: Any, limits_mm: Limits, clock: Clock, *, distance_mm: float = 5.0, beyond_mm: Point | None = None
-) -> Sequence[Check]:
+) -> Sequence[DriverCheck]:
     """Check a stage. It is homed, and moves by ``distance_mm`` along each axis.
 
     Args:

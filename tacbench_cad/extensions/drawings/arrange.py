@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, Side, View
+from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, DrawingView, Side
 from tacbench_cad.util.plotting import text_width_mm
 from tacbench_cad.util.types import Floats
 
@@ -103,7 +103,7 @@ def _cost(stack: Sequence[Placed]) -> tuple[int, int]:
     return sum(a.crosses(b) for a, b in itertools.combinations(stack, 2)), sum(place.level for place in stack)
 
 
-class Frame:
+class DrawingFrame:
     """A view at a scale, with places for its dimension lines.
 
     Args:
@@ -111,7 +111,7 @@ class Frame:
         scale: Millimetres on the paper for each millimetre of the part.
     """
 
-    def __init__(self, view: View, scale: float) -> None:
+    def __init__(self, view: DrawingView, scale: float) -> None:
         self.view, self.scale = view, scale
         #: Place of the box's lower left corner on the paper, in mm.
         self.at = (0.0, 0.0)
@@ -169,7 +169,7 @@ class Frame:
             limit = y - half
 
 
-class Sheet(NamedTuple):
+class DrawingSheet(NamedTuple):
     """The places of all parts of a drawing on the paper, in mm.
 
     Args:
@@ -178,19 +178,19 @@ class Sheet(NamedTuple):
         notes_width: Width of the notes.
     """
 
-    frames: Sequence[Frame]
+    frames: Sequence[DrawingFrame]
     notes_at: tuple[float, float]
     notes_width: float
 
 
-def arrange(drawing: Drawing) -> Sheet:
+def arrange(drawing: Drawing) -> DrawingSheet:
     """Find the largest scale at which everything fits. The smallest scale fits 2 m, more than any part needs."""
     return next(sheet for scale in SCALES if (sheet := _arranged(drawing, scale)) is not None)
 
 
-def _arranged(drawing: Drawing, scale: float) -> Sheet | None:
-    plan, front = Frame(drawing.plan, scale), Frame(drawing.front, scale)
-    side = Frame(drawing.side, drawing.side.within.scale if drawing.side.within else scale)
+def _arranged(drawing: Drawing, scale: float) -> DrawingSheet | None:
+    plan, front = DrawingFrame(drawing.plan, scale), DrawingFrame(drawing.front, scale)
+    side = DrawingFrame(drawing.side, drawing.side.within.scale if drawing.side.within else scale)
     left, right = (max(plan.room[end], front.room[end]) for end in SIDES[:2])
     beside = side.room["left"] + side.width + side.room["right"]
     column = max(beside, _NOTES_MM[0])
@@ -209,4 +209,4 @@ def _arranged(drawing: Drawing, scale: float) -> Sheet | None:
     plan.at, front.at = (x, upper - plan.height), (x, front_y)
     side.at = (column_x + side.room["left"] + (column - beside) / 2.0, upper - side.height)
     notes_y = min(side.at[1] - below, front_y + front.height + 14.0)
-    return Sheet((plan, front, side), (column_x, notes_y), column)
+    return DrawingSheet((plan, front, side), (column_x, notes_y), column)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.extensions.drawings.cuts import Cuts
-from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, View, length, sides
+from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, DrawingView, length, sides
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.render.bodies import relief_of
@@ -57,8 +57,8 @@ def block_drawing(block: Block, press: bool = False) -> Drawing:
         report=str(block),
         facts=("z", "mm per unit", "relief", "finest wave", "mesh"),
         plan=_plan(block, mesh, cuts, high, low, press),
-        front=View(front, [Dimension("height", (0.0, 0.0), (peak, top), "left", BLOCK_ACCEPTED_MM)]),
-        side=View(
+        front=DrawingView(front, [Dimension("height", (0.0, 0.0), (peak, top), "left", BLOCK_ACCEPTED_MM)]),
+        side=DrawingView(
             side,
             [
                 Dimension("base", (-base, low[1]), (0.0, y), "top", form="base {}"),
@@ -84,7 +84,7 @@ def _extremes(block: Block, mesh: Mesh) -> list[_Point]:
     return extremes
 
 
-def _plan(block: Block, mesh: Mesh, cuts: Cuts, high: _Point, low: _Point, press: bool) -> View:
+def _plan(block: Block, mesh: Mesh, cuts: Cuts, high: _Point, low: _Point, press: bool) -> DrawingView:
     (x, y), key, accept = block.size_mm, block.key_mm, BLOCK_ACCEPTED_MM
     depth = LABEL_DEPTH_MM if block.label else 0.0
     # The deepest valley of the top lies above this level, and the label lies below it.
@@ -116,7 +116,7 @@ def _plan(block: Block, mesh: Mesh, cuts: Cuts, high: _Point, low: _Point, press
         ]
         callouts.append(Callout("5 x 5 press\npositions", (x1, grid.y_mm[2])))
     outlines = {"seen": outline, "hidden": hidden, "cross": list(crosses[:, None])}
-    return View(outlines, dimensions, callouts, cuts=(high[1], low[0]), shade=_shade(block, mesh))
+    return DrawingView(outlines, dimensions, callouts, cuts=(high[1], low[0]), shade=_shade(block, mesh))
 
 
 def _shade(block: Block, mesh: Mesh) -> tuple[Bytes, tuple[float, ...]]:

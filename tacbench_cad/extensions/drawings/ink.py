@@ -17,9 +17,9 @@ from tacbench_cad.extensions.drawings.arrange import (
     SHEET_MM,
     STRIP_MM,
     TEXT_PT,
-    Frame,
+    DrawingFrame,
+    DrawingSheet,
     Placed,
-    Sheet,
     arrange,
 )
 from tacbench_cad.extensions.drawings.sheet import ACCEPTED_MM, Drawing, Outlines, Point, Side, length
@@ -144,7 +144,7 @@ class _Pen:
 class _View:
     """Draws a view on the paper."""
 
-    def __init__(self, pen: _Pen, frame: Frame) -> None:
+    def __init__(self, pen: _Pen, frame: DrawingFrame) -> None:
         self.pen, self.frame, self.at, self.view, self.paper = pen, frame, frame.at, frame.view, frame.paper
 
     def draw(self, caption: str) -> None:
@@ -231,7 +231,7 @@ class _View:
             self.pen.text((column, y), callout.text, ha="left", va="center")
 
 
-def _notes(pen: _Pen, drawing: Drawing, sheet: Sheet) -> None:
+def _notes(pen: _Pen, drawing: Drawing, sheet: DrawingSheet) -> None:
     x, y = sheet.notes_at
     for note in drawing.notes:
         lines = textwrap.wrap(note, int(sheet.notes_width / _CHARACTER_MM))

@@ -106,7 +106,7 @@ class Callout:
 
 
 @dataclass(frozen=True)
-class Circle:
+class DrawnCircle:
     """The region that a detail shows.
 
     Args:
@@ -125,7 +125,7 @@ class Circle:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class DrawingView:
     """One view of a part.
 
     Args:
@@ -147,8 +147,8 @@ class View:
     callouts: Sequence[Callout] = ()
     labels: Sequence[tuple[Point, str]] = ()
     cuts: tuple[float | None, float | None] = (None, None)
-    circle: Circle | None = None
-    within: Circle | None = None
+    circle: DrawnCircle | None = None
+    within: DrawnCircle | None = None
     shade: tuple[Bytes, tuple[float, ...]] | None = None
 
     @property
@@ -175,9 +175,9 @@ class Drawing:
 
     report: str
     facts: Sequence[str]
-    plan: View
-    front: View
-    side: View
+    plan: DrawingView
+    front: DrawingView
+    side: DrawingView
     notes: Sequence[str] = ()
 
     @property

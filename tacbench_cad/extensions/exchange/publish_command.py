@@ -113,9 +113,9 @@ def command(
 
 
 def _make_report(runs: tuple[Path, ...], classify: bool, jobs: int, progress: ProgressLine, path: Path) -> None:
-    from tacbench_cad.lab.analysis.report.page import Options, write_report
+    from tacbench_cad.lab.analysis.report.page import ReportOptions, write_report
 
-    write_report(runs, path, Options(classify=classify, jobs=jobs), progress.show)
+    write_report(runs, path, ReportOptions(classify=classify, jobs=jobs), progress.show)
 
 
 def _copy_report(report: Path, path: Path) -> None:

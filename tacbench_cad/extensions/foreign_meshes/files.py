@@ -14,7 +14,7 @@ from tacbench_cad.formats import format_of
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.formats.threemf import read_foreign_mesh
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.making.texturing import part_name
 from tacbench_cad.spec.sampling import TOLERANCE_MM
@@ -98,7 +98,7 @@ def write_textured_mesh(result: TexturedMesh, path: Path | str) -> Path:
     low, high = mesh.bounds_mm
     x, y, z = (high - low).tolist()
     spec = {"texture": settings.texture.name, "depth_mm": result.depth_mm, "margin_mm": settings.margin_mm}
-    part = Part(
+    part = PrintPart(
         name=part_name(path),
         kind="part",
         title=f"{path.stem} with {settings.texture.name}",

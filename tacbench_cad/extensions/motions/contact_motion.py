@@ -23,7 +23,7 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import RigError, TooFewFramesError
 from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import tracked
-from tacbench_cad.lab.rig.track import Track, TurnTrack
+from tacbench_cad.lab.rig.track import StageTrack, TurnTrack
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.study.motion import turn_of
 from tacbench_cad.lab.study.presses import Press
@@ -190,14 +190,14 @@ class ContactMotion:
             )
         ]
 
-    def _slide(self, press: Press) -> tuple[Track, Callable[[Callable[[], None]], None]]:
+    def _slide(self, press: Press) -> tuple[StageTrack, Callable[[Callable[[], None]], None]]:
         """Return the track of a slide, and the function that slides."""
         carriage, (dx, dy), speed_mm_s = self.carriage, self.protocol.slide_mm, self.protocol.slide_speed_mm_s
         end, work = (press.x_mm + dx, press.y_mm + dy, carriage.aim_mm), carriage.frame
-        track = Track(work.to_stage(carriage.at), work.to_stage(end), speed_mm_s, self.clock)
+        track = StageTrack(work.to_stage(carriage.at), work.to_stage(end), speed_mm_s, self.clock)
         return track, partial(carriage.slide, end, speed_mm_s, track)
 
-    def _turn(self) -> tuple[Track, Callable[[Callable[[], None]], None]]:
+    def _turn(self) -> tuple[StageTrack, Callable[[Callable[[], None]], None]]:
         """Return the track of a roll or a tilt, and the function that turns."""
         carriage, protocol = self.carriage, self.protocol
         turn = turn_of(protocol, carriage.at, carriage.angles_deg)
@@ -224,7 +224,7 @@ def _same(frame: Frame) -> Frame:
     return frame
 
 
-def nearest_frames(track: Track, times_s: np.ndarray, count: int) -> Sequence[int]:
+def nearest_frames(track: StageTrack, times_s: np.ndarray, count: int) -> Sequence[int]:
     """Return the numbers of the frames nearest to equally spaced places of a motion, from its start to its end.
 
     Of frames at the same place, where the sensor stands before and after the motion, the one nearest to the motion is

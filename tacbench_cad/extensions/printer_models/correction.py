@@ -17,7 +17,7 @@ import numpy as np
 from tacbench_cad.extensions.printer_models.model import PrinterModel
 from tacbench_cad.extensions.printer_models.prediction import Print, is_correctable, multiplied, transfers
 from tacbench_cad.geometry.block_part import block_part, block_spec
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block, extremes_on
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.waves import WaveSum
@@ -47,7 +47,7 @@ class Corrected:
     file: Block
     model: PrinterModel
 
-    def part(self) -> Part:
+    def part(self) -> PrintPart:
         """Return the file as a part. Its specification also names the print and the model of the printer."""
         part = block_part(self.file)
         about = {

@@ -1,6 +1,6 @@
 """The names of :mod:`tacbench_cad.extensions.scan`, for type checkers and for its lazy loading alike."""
 
-from .analysing import Options as Options
+from .analysing import ScanOptions as ScanOptions
 from .analysing import analyse as analyse
 from .cloud import Cloud as Cloud
 from .estimates import Estimate as Estimate

@@ -30,7 +30,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class ScanOptions:
     """The options of an analysis.
 
     Args:
@@ -53,7 +53,7 @@ class Options:
 
 
 def analyse(
-    cloud: Cloud, blocks: Sequence[Block], options: Options | None = None, progress: Progress = lambda *_: None
+    cloud: Cloud, blocks: Sequence[Block], options: ScanOptions | None = None, progress: Progress = lambda *_: None
 ) -> ScanResult:
     """Compare a scan with its formula.
 
@@ -67,7 +67,7 @@ def analyse(
         InputError: The scan shows none of the blocks, or too little of one; or the second scan has the same points, or
             the plate is not flat.
     """
-    chosen = options or Options()
+    chosen = options or ScanOptions()
     if chosen.repeat is not None and chosen.flat is not None:
         raise InputError("flat", chosen.flat.source, "cannot be combined with a repeated scan; leave out one of them")
     if chosen.repeat is not None and np.array_equal(chosen.repeat.points_mm, cloud.points_mm):
@@ -105,7 +105,7 @@ def analyse(
     )
 
 
-def _noise(cloud: Cloud, block: Block, top: TopMap, options: Options, progress: Progress) -> Noise:
+def _noise(cloud: Cloud, block: Block, top: TopMap, options: ScanOptions, progress: Progress) -> Noise:
     if options.repeat is not None:
         progress("fitting the repeated scan", 0.0)
         again = fit_scan(options.repeat, block, options.fit, progress=progress)

@@ -124,7 +124,7 @@ def _crossed(planes: list[Floats]) -> Iterator[Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class HeightMap:
+class CoarseMap:
     """Heights above a plane on a grid of square pixels.
 
     Args:
@@ -142,7 +142,7 @@ class HeightMap:
     mask: Bools
 
 
-def height_map(seen: Seen, vertical: Floats, block: Block, size: int) -> HeightMap | None:
+def height_map(seen: Seen, vertical: Floats, block: Block, size: int) -> CoarseMap | None:
     """Draw the heights of the points of the top; None if too few points belong to it."""
     helper = np.eye(3)[int(np.argmin(np.abs(vertical)))]
     first = np.cross(helper, vertical)
@@ -175,7 +175,7 @@ def height_map(seen: Seen, vertical: Floats, block: Block, size: int) -> HeightM
     heights[cell[start[enough]]] = middle_z[enough]
     corner[2] = float(np.mean(heights[mask]))
     square = (size, size)
-    return HeightMap(
+    return CoarseMap(
         frame, corner, step, np.where(mask, heights - corner[2], 0.0).reshape(square), mask.reshape(square)
     )
 
@@ -269,7 +269,7 @@ class Search:
         far = max(abs(self._shift(a) - self._shift(b)) for a, b in zip(first[2:], second[2:], strict=True))
         return turn <= 2 and far <= 3
 
-    def _pose(self, found: HeightMap, entry: _Peak) -> Pose:
+    def _pose(self, found: CoarseMap, entry: _Peak) -> Pose:
         _, index, i, j = entry
         c, s = math.cos(self.angles[index]), math.sin(self.angles[index])
         turn = np.array([[c, -s], [s, c]])

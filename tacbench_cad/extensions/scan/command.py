@@ -220,7 +220,7 @@ def _result(
     run: Run | None,
     values: dict[str, Any],
 ) -> tuple[ScanResult, Views | None]:
-    from tacbench_cad.extensions.scan.analysing import LAYER_MM, Options, analyse
+    from tacbench_cad.extensions.scan.analysing import LAYER_MM, ScanOptions, analyse
     from tacbench_cad.extensions.scan.limits import limits_of
     from tacbench_cad.extensions.slicing.gcode import read_gcode
     from tacbench_cad.lab.study.names import own_name
@@ -235,7 +235,9 @@ def _result(
     layers = (values["layer_mm"], recorded, None if sliced is None else sliced.layer_mm, LAYER_MM)
     layer = next(mm for mm in layers if mm is not None)
     require_between("layer", layer, 0.001, 10.0, " mm")
-    chosen = Options(fit=values["fit"], layer_mm=layer, limits=limits_of(limits or ()), origin=replace(origin, **given))
+    chosen = ScanOptions(
+        fit=values["fit"], layer_mm=layer, limits=limits_of(limits or ()), origin=replace(origin, **given)
+    )
     with ProgressLine(_EVERY_S) as line:
 
         def progress(step: str, fraction: float) -> None:
@@ -270,7 +272,7 @@ def _result(
 
 
 def _views(result: ScanResult, sliced: Any) -> Views:
-    from tacbench_cad.extensions.scan.comparison import View, Views
+    from tacbench_cad.extensions.scan.comparison import ComparisonView, Views
     from tacbench_cad.extensions.slicing.comparison import compare
 
     top = result.top
@@ -281,7 +283,7 @@ def _views(result: ScanResult, sliced: Any) -> Views:
         x_mm=top.x_mm,
         y_mm=top.y_mm,
         formula_mm=top.formula_mm,
-        views=[View(name=name, heights_mm=surface) for name, surface in heights.items()],
+        views=[ComparisonView(name=name, heights_mm=surface) for name, surface in heights.items()],
         layer_mm=top.layer_mm,
         simulated=result.cloud.simulated,
     )

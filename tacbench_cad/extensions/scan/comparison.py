@@ -20,7 +20,7 @@ _SMOOTH_MM = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class ComparisonView:
     """The heights of one view.
 
     Args:
@@ -50,7 +50,7 @@ class Views:
     x_mm: Floats
     y_mm: Floats
     formula_mm: Floats
-    views: Sequence[View]
+    views: Sequence[ComparisonView]
     layer_mm: float
     simulated: bool = False
 
@@ -59,15 +59,15 @@ class Views:
         """Whether a point is compared, shape (n, m)."""
         return without_edge(self.block, self.x_mm, self.y_mm)
 
-    def error_mm(self, view: View) -> Floats:
+    def error_mm(self, view: ComparisonView) -> Floats:
         """Return the heights of a view minus those of the formula; NaN at the edge, shape (n, m)."""
         return np.where(self.inside, view.heights_mm - self.formula_mm, np.nan)
 
-    def peaks(self, view: View) -> Extrema:
+    def peaks(self, view: ComparisonView) -> Extrema:
         """Return the errors of a view at the crests of the formula."""
         return crest_errors.peaks(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
 
-    def valleys(self, view: View) -> Extrema:
+    def valleys(self, view: ComparisonView) -> Extrema:
         """Return the errors of a view at the valleys of the formula."""
         return crest_errors.valleys(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
 
@@ -104,7 +104,7 @@ class Views:
         """Return the values for JSON: lengths in mm."""
         return {view.name.replace(" ", "_"): self._values(view) for view in self.views}
 
-    def _values(self, view: View) -> dict[str, object]:
+    def _values(self, view: ComparisonView) -> dict[str, object]:
         summary = Summary.of(self.error_mm(view))
         parts = {"height_error": summary, "peaks": self.peaks(view), "valleys": self.valleys(view)}
         return {name: to_plain(part) for name, part in parts.items()}

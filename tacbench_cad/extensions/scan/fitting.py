@@ -70,7 +70,7 @@ class _Located:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Match:
+class ScanMatch:
     """The block that a scan shows.
 
     Args:
@@ -129,7 +129,7 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     return _result(points, block, fit, final, rivals, limit)
 
 
-def identify(cloud: Cloud, candidates: Sequence[Block]) -> Match:
+def identify(cloud: Cloud, candidates: Sequence[Block]) -> ScanMatch:
     """Find which of several blocks a scan shows.
 
     Args:
@@ -163,7 +163,7 @@ def identify(cloud: Cloud, candidates: Sequence[Block]) -> Match:
                 reason = reason or error
                 continue
             block, rms_mm = candidates[index], costs[index]
-            return Match(block=block, index=int(index), rms_mm=rms_mm, others_mm=tuple(costs), fit=fit)
+            return ScanMatch(block=block, index=int(index), rms_mm=rms_mm, others_mm=tuple(costs), fit=fit)
     raise reason or _refused(cloud, candidates[int(order[0])], "no pose explains its relief")
 
 

@@ -11,7 +11,7 @@ Role = Literal["wall", "part", "other"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dialect:
+class SlicerDialect:
     """The comments with which a family of slicers marks the features in its G-code.
 
     Args:
@@ -43,7 +43,7 @@ _BAMBU = _roles(
 
 #: The known dialects. They are distinguished by the names of their features, so a file needs no header.
 DIALECTS = (
-    Dialect(
+    SlicerDialect(
         name="PrusaSlicer",
         feature="TYPE:",
         roles=_roles(
@@ -53,7 +53,7 @@ DIALECTS = (
             "skirt/brim, skirt, brim, support material, support material interface, wipe tower, custom, mixed, unknown",
         ),
     ),
-    Dialect(
+    SlicerDialect(
         name="Cura",
         feature="TYPE:",
         roles=_roles(
@@ -62,12 +62,12 @@ DIALECTS = (
             "skirt, support, support-interface, prime-tower, custom",
         ),
     ),
-    Dialect(name="Bambu Studio", feature=" FEATURE: ", roles=_BAMBU),
-    Dialect(name="OrcaSlicer", feature="TYPE:", roles=_BAMBU),
+    SlicerDialect(name="Bambu Studio", feature=" FEATURE: ", roles=_BAMBU),
+    SlicerDialect(name="OrcaSlicer", feature="TYPE:", roles=_BAMBU),
 )
 
 
-def dialect_of(comments: set[str]) -> Dialect | None:
+def dialect_of(comments: set[str]) -> SlicerDialect | None:
     """Return the dialect whose outer walls are among the comments, or None.
 
     Args:

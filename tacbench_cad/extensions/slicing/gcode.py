@@ -19,7 +19,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from tacbench_cad.extensions.slicing.dialects import Dialect, Role, dialect_of
+from tacbench_cad.extensions.slicing.dialects import Role, SlicerDialect, dialect_of
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.types import Bools, Floats
 from tacbench_cad.util.untrusted import read_bytes, require_within
@@ -170,7 +170,7 @@ class _Machine:
     """The state of a printer that executes G-code, and the beads so far."""
 
     path: Path
-    dialect: Dialect
+    dialect: SlicerDialect
     #: The number of the present line.
     number: int = 0
     place: dict[str, float] = field(default_factory=lambda: dict.fromkeys("XYZE", 0.0))

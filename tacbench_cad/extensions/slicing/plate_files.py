@@ -11,7 +11,7 @@ import numpy as np
 from tacbench_cad.extensions.slicing.plates import Plate, write_layout
 from tacbench_cad.formats import threemf
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.spec.texture_files import read_texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
@@ -126,7 +126,7 @@ def _require_no_others(all_files: Sequence[PlateFiles], stem: str, out: Path) ->
 
 
 def _write_model(plate: Plate, name: str, path: Path) -> None:
-    placed: list[tuple[Part, tuple[float, float]]] = [
+    placed: list[tuple[PrintPart, tuple[float, float]]] = [
         (block_part(placed.block), (placed.x_mm, placed.y_mm)) for placed in plate.blocks
     ]
     with replacing(path) as temporary:
@@ -134,7 +134,7 @@ def _write_model(plate: Plate, name: str, path: Path) -> None:
         _require_as_meant(placed, temporary)
 
 
-def _require_as_meant(placed: Sequence[tuple[Part, tuple[float, float]]], path: Path) -> None:
+def _require_as_meant(placed: Sequence[tuple[PrintPart, tuple[float, float]]], path: Path) -> None:
     """Read the file back, and check the places of all vertices and the number of triangles."""
     mesh, _ = threemf.read_3mf(path)
     expected = [np.add(part.mesh[0].vertices, (*place, 0.0)) for part, place in placed]

@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 
 from tacbench_cad.extensions.virtual_rig.base import Firmware, Program
-from tacbench_cad.extensions.virtual_rig.machine import Carriage
+from tacbench_cad.extensions.virtual_rig.machine import VirtualCarriage
 
 _LINE_SIGNS = 200
 _PEAK_MM_S = 40.0
@@ -35,7 +35,7 @@ class Arduino(Firmware):
     baud = 921600
     rx_bytes = 64
 
-    def __init__(self, carriage: Carriage, *, boot_s: float = 1.0) -> None:
+    def __init__(self, carriage: VirtualCarriage, *, boot_s: float = 1.0) -> None:
         super().__init__(carriage, boot_s=boot_s)
 
     def _alarm(self) -> None:

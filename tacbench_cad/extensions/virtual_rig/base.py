@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 
-from tacbench_cad.extensions.virtual_rig.machine import Carriage, replaced
+from tacbench_cad.extensions.virtual_rig.machine import VirtualCarriage, replaced
 from tacbench_cad.lab.study.spec import Point
 
 #: A wait of a program: a duration in s, or a condition.
@@ -45,7 +45,7 @@ class Firmware(ABC):
     #: The size of the serial receive buffer, in bytes.
     rx_bytes = 128
 
-    def __init__(self, carriage: Carriage, *, boot_s: float) -> None:
+    def __init__(self, carriage: VirtualCarriage, *, boot_s: float) -> None:
         self.carriage = carriage
         self.boot_s = boot_s
         self.now_s = 0.0

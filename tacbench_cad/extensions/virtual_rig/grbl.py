@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from tacbench_cad.extensions.virtual_rig.base import Program
 from tacbench_cad.extensions.virtual_rig.grbl_core import PLANNER_LINES, GrblCore
-from tacbench_cad.extensions.virtual_rig.grbl_gcode import Block, GcodeError, parse
+from tacbench_cad.extensions.virtual_rig.grbl_gcode import GcodeBlock, GcodeError, parse
 from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path, replaced
 from tacbench_cad.lab.study.spec import Point
 
@@ -69,7 +69,7 @@ class Grbl(GrblCore):
 
     # Lines of G-code
 
-    def _gcode(self, block: Block) -> Program:
+    def _gcode(self, block: GcodeBlock) -> Program:
         if block.action == "move":
             target = self._target(block)
             if self.settings[20] and not self._within(target):
@@ -92,7 +92,7 @@ class Grbl(GrblCore):
         elif block.action == "end":
             self._send("[MSG:Pgm End]\r\n")
 
-    def _jog(self, block: Block) -> Program:
+    def _jog(self, block: GcodeBlock) -> Program:
         target = self._target(block)
         if self.settings[20] and not self._within(target):
             raise GcodeError(15)
@@ -124,7 +124,7 @@ class Grbl(GrblCore):
         yield self._at_rest
         yield from self._critical(2)
 
-    def _target(self, block: Block) -> Point:
+    def _target(self, block: GcodeBlock) -> Point:
         offset = self.settings.offsets[block.modal.system_index]
         target = self._position
         for i, value in block.axes.items():
@@ -141,7 +141,7 @@ class Grbl(GrblCore):
             for axis, value in zip(self.carriage.axes, target, strict=True)
         )
 
-    def _offset(self, block: Block) -> None:
+    def _offset(self, block: GcodeBlock) -> None:
         index = int(block.values.get("P", 0.0)) - 1
         index = block.modal.system_index if index < 0 else index
         base = self._shift if "G92" in block.values else self.settings.offsets[index]

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 from tacbench_cad.extensions.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.extensions.virtual_rig.grbl_gcode import Modal
-from tacbench_cad.extensions.virtual_rig.grbl_memory import GRBL, Dialect, Memory, triple
-from tacbench_cad.extensions.virtual_rig.machine import Carriage, Stroke
+from tacbench_cad.extensions.virtual_rig.grbl_memory import GRBL, FirmwareDialect, Memory, triple
+from tacbench_cad.extensions.virtual_rig.machine import Stroke, VirtualCarriage
 from tacbench_cad.lab.study.spec import Point, minus, plus
 
 #: The number of lines in the planner, and the largest number of characters in a line.
@@ -38,11 +38,11 @@ class GrblCore(Firmware):
 
     def __init__(
         self,
-        carriage: Carriage,
+        carriage: VirtualCarriage,
         *,
         settings: Mapping[int, float] | None = None,
         boot_s: float | None = None,
-        dialect: Dialect = GRBL,
+        dialect: FirmwareDialect = GRBL,
         quiet_limits: bool = False,
     ) -> None:
         self.quiet_limits = quiet_limits

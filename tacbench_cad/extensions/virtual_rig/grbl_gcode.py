@@ -83,7 +83,7 @@ class Modal:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Block:
+class GcodeBlock:
     """A checked line.
 
     Args:
@@ -103,7 +103,7 @@ class Block:
     values: dict[str, float] = field(default_factory=dict)
 
 
-def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
+def parse(line: str, modal: Modal, *, jog: bool = False) -> GcodeBlock:
     """Check a line against the modal state.
 
     Args:
@@ -155,7 +155,7 @@ def parse(line: str, modal: Modal, *, jog: bool = False) -> Block:
         action = "pause" if stop == "M0" else "end"
     if other in ("G10", "G92"):
         values[other] = 1.0
-    return Block(modal=after, action=action, rapid=rapid, machine=other == "G53", axes=axes, values=values)
+    return GcodeBlock(modal=after, action=action, rapid=rapid, machine=other == "G53", axes=axes, values=values)
 
 
 def _sort(line: str) -> tuple[dict[str, str], dict[str, float]]:

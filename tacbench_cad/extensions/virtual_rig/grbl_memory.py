@@ -20,7 +20,7 @@ _WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dialect:
+class FirmwareDialect:
     """The differences between GRBL and its descendants on the line."""
 
     #: The line after a reset.
@@ -52,10 +52,10 @@ class Dialect:
 
 
 #: GRBL 1.1h itself.
-GRBL = Dialect()
+GRBL = FirmwareDialect()
 #: grblHAL 1.1f answers during ALARM:2, resets in motion without an alarm, stops at an error, reports more, and has
 #: larger buffers.
-GRBLHAL = Dialect(
+GRBLHAL = FirmwareDialect(
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
     version="1.1f.20200818",
     options="[OPT:VNMZSL,35,1024,3,0]",

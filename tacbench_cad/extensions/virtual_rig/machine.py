@@ -168,7 +168,7 @@ class Stroke:
         return high
 
 
-class Carriage:
+class VirtualCarriage:
     """Three axes that are moved by counted steps.
 
     Args:

@@ -11,7 +11,7 @@ from functools import reduce
 from operator import xor
 
 from tacbench_cad.extensions.virtual_rig.base import Firmware, Program, earliest
-from tacbench_cad.extensions.virtual_rig.machine import Carriage
+from tacbench_cad.extensions.virtual_rig.machine import VirtualCarriage
 from tacbench_cad.lab.study.spec import Point, minus, plus
 
 #: The reported version.
@@ -71,7 +71,7 @@ class MarlinCore(Firmware):
 
     def __init__(
         self,
-        carriage: Carriage,
+        carriage: VirtualCarriage,
         *,
         boot_s: float = 1.5,
         emergency_parser: bool = False,

@@ -16,7 +16,7 @@ from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.extensions.virtual_rig.grbl import Grbl
 from tacbench_cad.extensions.virtual_rig.grbl_memory import GRBL, GRBLHAL
 from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings
-from tacbench_cad.extensions.virtual_rig.machine import Carriage, MotorAxis
+from tacbench_cad.extensions.virtual_rig.machine import MotorAxis, VirtualCarriage
 from tacbench_cad.extensions.virtual_rig.marlin import Marlin
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.convert import Bounds, Checked, from_plain
@@ -108,7 +108,7 @@ class Setup(Checked):
             if isinstance(value, str):
                 raise InputError(f"option {key} of {self.kind}", value, "must be a number")
         start = self.start_mm or (axes[0].low_mm + 60.0, axes[1].low_mm + 45.0, axes[2].low_mm + 80.0)
-        firmware = factory(Carriage(axes, start, random.Random(self.seed)), **self.firmware)
+        firmware = factory(VirtualCarriage(axes, start, random.Random(self.seed)), **self.firmware)
         faults = [fault for fault in self.faults if not fault.of_gauge]
         return Board(firmware, seed=self.seed + 1, faults=faults, late_s=self.late_s)
 

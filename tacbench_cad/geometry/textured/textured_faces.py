@@ -11,7 +11,7 @@ import numpy as np
 
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh, manifold_of
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.geometry.solids import ANGLE_RAD, FREE_FRACTION, ROUND_DECIMALS, require_closed, rounding_mm3, weld
 from tacbench_cad.geometry.texturing import Texturing, texturing
 from tacbench_cad.geometry.triangulation import triangulate
@@ -50,7 +50,7 @@ def textured_part(
     mesh_tolerance_mm: float = TOLERANCE_MM,
     spec: Mapping[str, Any] | None = None,
     **settings: Any,
-) -> Part:
+) -> PrintPart:
     """Put a texture on one or more faces of a part, for export to STEP, STL and 3MF.
 
     The faces of the STEP file are within ``tolerance_mm`` of the formula. The mesh of the texture is made from the
@@ -177,10 +177,10 @@ class TexturedFaces:
         self._low_mm, self._size_mm = (np.round(x, ROUND_DECIMALS - 3) for x in (low + self._shift_mm, high - low))
         self.volume_mm3 = volume
 
-    def part(self, name: str, kind: str, title: str, spec: Mapping[str, Any]) -> Part:
-        """Return the part for its files; see :class:`~tacbench_cad.geometry.part.Part`."""
+    def part(self, name: str, kind: str, title: str, spec: Mapping[str, Any]) -> PrintPart:
+        """Return the part for its files; see :class:`~tacbench_cad.geometry.part.PrintPart`."""
         (x, y, z), (low_x, low_y, low_z) = self._size_mm.tolist(), (self._low_mm + 0.0).tolist()
-        return Part(
+        return PrintPart(
             name=name,
             kind=kind,
             title=title or name,

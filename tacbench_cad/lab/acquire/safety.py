@@ -17,7 +17,7 @@ from tacbench_cad.lab.acquire.interruption import RunInterruptedError, undisturb
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
 from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage, Stage, home_again
-from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.rig.track import StageTrack
 from tacbench_cad.lab.study.rotation import (
     UPRIGHT,
     UPRIGHT_DEG,
@@ -182,7 +182,7 @@ class Carriage:
             )
         return self.at[2]
 
-    def slide(self, end_mm: Point, speed_mm_s: float, track: Track, check: Callable[[], None]) -> None:
+    def slide(self, end_mm: Point, speed_mm_s: float, track: StageTrack, check: Callable[[], None]) -> None:
         """Move in contact along a straight line of the work frame.
 
         Args:
@@ -202,7 +202,7 @@ class Carriage:
         self.at, self.aim_mm = self.frame.to_work(reported), end_mm[2]
         self.check()
 
-    def turn(self, turn: Turn, track: Track, check: Callable[[], None]) -> None:
+    def turn(self, turn: Turn, track: StageTrack, check: Callable[[], None]) -> None:
         """Turn the sensor in contact.
 
         Args:

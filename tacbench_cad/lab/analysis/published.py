@@ -60,7 +60,7 @@ PAPER_FLOORS: Mapping[str, float] = {"variance": FLOOR, "standard deviation": FL
 
 
 @dataclass(frozen=True, kw_only=True)
-class Accuracy:
+class PublishedAccuracy:
     """One row of the paper's classification table, with accuracies in %.
 
     Args:
@@ -80,13 +80,13 @@ class Accuracy:
 
 #: Source: the classification table of the paper. The caption of a confusion matrix says 53 % for the Bambu forest, the
 #: table 63.98 %. For the Ender-3 V3 SE classifiers the text names PLA-, the variance table PLA+.
-CLASSIFICATION: tuple[Accuracy, ...] = (
-    Accuracy(model="forest", train_on=("ender-3-v3-se", "pla-plus"), train=100.0, test=99.53, unseen=31.4),
-    Accuracy(model="network", train_on=("ender-3-v3-se", "pla-plus"), train=99.7, test=99.3, unseen=33.21),
-    Accuracy(model="forest", train_on=("bambu-p1p", "pla-minus"), train=100.0, test=99.7, unseen=63.98),
-    Accuracy(model="network", train_on=("bambu-p1p", "pla-minus"), train=100.0, test=99.8, unseen=53.73),
-    Accuracy(model="forest", train_on=("form-3", "grey-v4"), train=100.0, test=99.3, unseen=70.66),
-    Accuracy(model="network", train_on=("form-3", "grey-v4"), train=100.0, test=99.9, unseen=61.41),
+CLASSIFICATION: tuple[PublishedAccuracy, ...] = (
+    PublishedAccuracy(model="forest", train_on=("ender-3-v3-se", "pla-plus"), train=100.0, test=99.53, unseen=31.4),
+    PublishedAccuracy(model="network", train_on=("ender-3-v3-se", "pla-plus"), train=99.7, test=99.3, unseen=33.21),
+    PublishedAccuracy(model="forest", train_on=("bambu-p1p", "pla-minus"), train=100.0, test=99.7, unseen=63.98),
+    PublishedAccuracy(model="network", train_on=("bambu-p1p", "pla-minus"), train=100.0, test=99.8, unseen=53.73),
+    PublishedAccuracy(model="forest", train_on=("form-3", "grey-v4"), train=100.0, test=99.3, unseen=70.66),
+    PublishedAccuracy(model="network", train_on=("form-3", "grey-v4"), train=100.0, test=99.9, unseen=61.41),
 )
 #: The number of trials over which each accuracy was averaged.
 TRIALS = 20

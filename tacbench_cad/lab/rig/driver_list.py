@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver
-from tacbench_cad.lab.rig.ports import Candidate
+from tacbench_cad.lab.rig.ports import PortCandidate
 from tacbench_cad.lab.rig.registry import Connection, Driver, Kind
 from tacbench_cad.lab.rig.video_nodes import VideoNode
 from tacbench_cad.util.entries import is_own
@@ -48,7 +48,7 @@ class ListedDriver:
     error: str = ""
 
 
-def list_drivers(ports: Sequence[Candidate], cameras: Sequence[VideoNode]) -> tuple[ListedDriver, ...]:
+def list_drivers(ports: Sequence[PortCandidate], cameras: Sequence[VideoNode]) -> tuple[ListedDriver, ...]:
     """Return all drivers, ours first. A driver of another package that cannot be loaded is listed with the reason.
 
     Args:
@@ -81,7 +81,7 @@ def list_drivers(ports: Sequence[Candidate], cameras: Sequence[VideoNode]) -> tu
     return tuple(rows)
 
 
-def _plugged_in(driver: Driver, ports: Sequence[Candidate], cameras: Sequence[VideoNode]) -> tuple[str, ...]:
+def _plugged_in(driver: Driver, ports: Sequence[PortCandidate], cameras: Sequence[VideoNode]) -> tuple[str, ...]:
     """Return the connected devices that fit a driver, by serial number if they have one."""
     if driver.connection == "serial port":
         fitting = [port for port in ports if not driver.usb or port.usb.startswith(driver.usb)]

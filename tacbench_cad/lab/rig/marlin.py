@@ -53,7 +53,7 @@ from tacbench_cad.lab.rig.errors import (
 )
 from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, marlin_settings
 from tacbench_cad.lab.rig.marlin_link import BAUDS, MarlinLink
-from tacbench_cad.lab.rig.marlin_replies import Place
+from tacbench_cad.lab.rig.marlin_replies import MarlinPosition
 from tacbench_cad.lab.rig.serial_stage import (
     STILL_HOMING,
     SerialOptions,
@@ -362,7 +362,7 @@ class MarlinStage(SerialStage[MarlinLink]):
             raise ProtocolError(f"{self._link.name}: does not know {command}; it sent {lines[-1]!r}")
         return lines
 
-    def _place(self) -> Place:
+    def _place(self) -> MarlinPosition:
         lines = self._link.command("M114", expecting=lambda line: replies.place(line) is not None)
         return next(place for line in reversed(lines) if (place := replies.place(line)))
 
@@ -385,7 +385,7 @@ class MarlinStage(SerialStage[MarlinLink]):
             )
         return counted or place.planned_mm
 
-    def _counted(self, place: Place) -> Point | None:
+    def _counted(self, place: MarlinPosition) -> Point | None:
         """Return the position from motor steps; None if they are not reported or differ from the planned position."""
         if place.steps is None or self._steps_per_mm is None or not all(self._steps_per_mm):
             return None

@@ -37,7 +37,7 @@ _BANNER = re.compile(r"start|(?:echo:)? ?Marlin \S+|.*Last Updated:.*|echo: ?Com
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class MarlinPosition:
     """An answer to ``M114``.
 
     Args:
@@ -55,12 +55,12 @@ def framed(number: int, command: str) -> bytes:
     return body + b"*%d\n" % functools.reduce(operator.xor, body)
 
 
-def place(line: str) -> Place | None:
+def place(line: str) -> MarlinPosition | None:
     """Return the position that a line reports; None if it reports none or is damaged."""
     match = _POSITION.fullmatch(line)
     if not match:
         return None
-    return Place(
+    return MarlinPosition(
         planned_mm=(float(match[1]), float(match[2]), float(match[3])),
         steps=None if match[4] is None else (int(match[4]), int(match[5]), int(match[6])),
     )

@@ -15,7 +15,7 @@ BY_PATH = Path("/dev/serial/by-path")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Candidate:
+class PortCandidate:
     """A serial port of a connected device.
 
     Args:
@@ -37,7 +37,7 @@ class Candidate:
     serial_number: str = ""
 
 
-def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
+def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[PortCandidate]:
     """Return the serial ports of USB devices, sorted by name. Built-in ports are left out.
 
     Args:
@@ -54,7 +54,7 @@ def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[Candidate]:
         link = links.get(str(Path(port.device).resolve()))
         described = " ".join(part for part in (port.manufacturer, port.product or port.description) if part)
         ports.append(
-            Candidate(
+            PortCandidate(
                 name=str(link or port.device),
                 device=port.device,
                 description=described,

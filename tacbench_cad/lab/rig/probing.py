@@ -60,7 +60,7 @@ def plugged_cameras(opener: Opener = open_capture) -> tuple[PluggedCamera, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class PortAnswer:
     """The answer of a port.
 
     Args:
@@ -72,7 +72,7 @@ class Answer:
     settings: tuple[FirmwareSetting, ...] = ()
 
 
-def identify(port: str, stage: StageSettings | None = None) -> Answer:
+def identify(port: str, stage: StageSettings | None = None) -> PortAnswer:
     """Find out which device is at a port. Opening a port restarts many boards, so only named ports are opened.
 
     The function first reads the port at the usual baud rates, since gauges and taxels send samples unrequested. Then it
@@ -90,17 +90,17 @@ def identify(port: str, stage: StageSettings | None = None) -> Answer:
 
     description = _listen(port)
     if description is not None:
-        return Answer(identity=description)
+        return PortAnswer(identity=description)
     for factory in (partial(GrblStage, checks_settings=False), MarlinStage):
         try:
             with factory(port, clock=Clock(), timeout_s=_ANSWER_S) as device:
                 checked = device.checked_settings(stage) if isinstance(device, HasSettings) else ()
-                return Answer(identity=device.identity, settings=checked)
+                return PortAnswer(identity=device.identity, settings=checked)
         except InputError:
             raise
         except TacbenchError:
             continue
-    return Answer(identity="sends no samples and answers neither as GRBL nor as Marlin")
+    return PortAnswer(identity="sends no samples and answers neither as GRBL nor as Marlin")
 
 
 def _listen(port: str) -> str | None:

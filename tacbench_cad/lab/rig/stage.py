@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Protocol, Self, cast, runtime_checkable
 
 from tacbench_cad.lab.rig.errors import OutOfRangeError
-from tacbench_cad.lab.rig.track import Track, TurnTrack
+from tacbench_cad.lab.rig.track import StageTrack, TurnTrack
 from tacbench_cad.lab.study.rotation import Turn, tilt
 from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
 from tacbench_cad.util.errors import InputError
@@ -166,7 +166,7 @@ def no_report(at: Point | Angles) -> None:
 
 
 @contextmanager
-def tracked(stage: Stage, track: Track) -> Iterator[None]:
+def tracked(stage: Stage, track: StageTrack) -> Iterator[None]:
     """Send what a stage reports while it moves or turns to a track, also for the devices that follow the stage."""
     is_turn = isinstance(track, TurnTrack)
     report_to = getattr(inner(stage), "report_turns_to" if is_turn else "report_to", lambda receive: None)
@@ -201,7 +201,7 @@ class LimitedStage(Closing):
         self.simulated = stage.simulated
         self.lock = threading.RLock()
         #: The present motion, if it is tracked; see :func:`tracked`.
-        self.track: Track | None = None
+        self.track: StageTrack | None = None
 
     def home(self) -> None:
         """See :class:`Stage`."""

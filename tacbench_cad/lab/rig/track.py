@@ -19,7 +19,7 @@ from tacbench_cad.lab.study.spec import Angles, Point
 from tacbench_cad.util.types import Floats
 
 
-class Track:
+class StageTrack:
     """A move from one position to another, in mm of the stage's frame.
 
     One thread moves the stage and calls :meth:`begin`, :meth:`report` and :meth:`end`. Any thread may read.
@@ -98,7 +98,7 @@ class Track:
         return np.stack(columns, axis=1)
 
 
-class TurnTrack(Track):
+class TurnTrack(StageTrack):
     """A turn. The track itself is the angle since the start, in degrees, in place of x.
 
     Args:
@@ -124,7 +124,7 @@ class TurnTrack(Track):
         return self._now[1]
 
     def poses(self, times_s: Floats) -> list[tuple[Point, Angles]]:
-        """See :class:`Track`."""
+        """See :class:`StageTrack`."""
         return [self._pose(float(turned_deg)) for turned_deg in self.at_mm(times_s)[:, 0]]
 
     @property

@@ -14,7 +14,7 @@ from .importing.image_folders import table_source as table_source
 from .importing.import_formats import ImportFormat as ImportFormat
 from .importing.import_options import ImportOptions as ImportOptions
 from .importing.import_options import Paths as Paths
-from .importing.sources import LeftOut as LeftOut
+from .importing.sources import LeftOutFile as LeftOutFile
 from .importing.sources import Loaded as Loaded
 from .importing.sources import Rows as Rows
 from .importing.sources import Sample as Sample

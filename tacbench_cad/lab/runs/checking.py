@@ -17,7 +17,7 @@ from tacbench_cad.lab.rig.sensor import is_image
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.frame_files import decoded, sha256
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.quality import MIN_FRAMES, Judge, Measured, beside_each_other
+from tacbench_cad.lab.runs.quality import MIN_FRAMES, Judge, MeasuredRun, beside_each_other
 from tacbench_cad.lab.runs.reading import Run, good_checks, planned, shape_fault
 from tacbench_cad.lab.runs.region import REGION_FILE, SURE, Region
 from tacbench_cad.lab.runs.region_search import found_region, region_of
@@ -291,7 +291,7 @@ class _Check:
             any_kind=bool(self.run.info.source),
         )
         first: dict[str, str] = {}
-        measured: dict[str, Measured] = {}
+        measured: dict[str, MeasuredRun] = {}
         with ThreadPoolExecutor(workers) as pool:
             judged = pool.map(lambda path: _judge(self.run, path, expected[path], judge), expected)
             for number, (path, (digest, faults, values)) in enumerate(zip(expected, judged, strict=True), start=1):
@@ -378,7 +378,7 @@ def _cut(folder: Path, kind: type[Any]) -> int:
 
 def _judge(
     run: Run, path: str, expected: str, judge: Judge
-) -> tuple[str | None, list[tuple[str, str]], Measured | None]:
+) -> tuple[str | None, list[tuple[str, str]], MeasuredRun | None]:
     """Return the checksum of an image (else None), the kinds and texts of a frame's faults, and its measurements."""
     if not os.path.lexists(run.folder / path):
         text = "is missing, but a row refers to it; restore the file, or delete its row and resume the run"

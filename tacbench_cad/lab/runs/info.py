@@ -47,7 +47,7 @@ MAX_SHOWN = 6
 Plain = Mapping[str, Any]
 
 
-class Plan(NamedTuple):
+class RunPlan(NamedTuple):
     """The printed block, the protocol, the holder and the work frame of a run."""
 
     printed: PrintedBlock
@@ -146,7 +146,7 @@ class RunInfo:
         return tuple(shape) if shape else None
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> RunPlan:
         """The printed block, the protocol, the holder and the work frame.
 
         Raises:
@@ -155,7 +155,7 @@ class RunInfo:
         printed, protocol, holder, frame = self.printed, self.protocol, self.holder, self.frame
         if not isinstance(printed, PrintedBlock) or protocol is None or holder is None or frame is None:
             raise InputError("run", printed.name, "was imported, so it has no protocol")
-        return Plan(printed=printed, protocol=protocol, holder=holder, frame=frame)
+        return RunPlan(printed=printed, protocol=protocol, holder=holder, frame=frame)
 
     @property
     def presses(self) -> tuple[Press, ...]:

@@ -75,7 +75,7 @@ _MIN_MEAN = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class MeasuredRun:
     """The measurements of a frame.
 
     Args:
@@ -115,12 +115,12 @@ class Judge:
         inside = np.asarray(cv2.erode(self.region.mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
         return inside if inside.any() else self.region.mask
 
-    def measure(self, frame: Frame) -> Measured:
+    def measure(self, frame: Frame) -> MeasuredRun:
         """Measure a frame, which must have the size of the region's mask."""
         quality = frame_quality(frame, self._inside, edges=self.limits.blur_px > 0.0)
-        return Measured(quality=quality, likeness=None if self.typical is None else self.typical.compare(frame))
+        return MeasuredRun(quality=quality, likeness=None if self.typical is None else self.typical.compare(frame))
 
-    def faults(self, measured: Measured) -> Iterator[tuple[str, str]]:
+    def faults(self, measured: MeasuredRun) -> Iterator[tuple[str, str]]:
         """Yield the faults of a single frame: the kind, and the text as the end of a sentence."""
         if self.typical is not None and self.typical.binary:
             return  # a binary image has no brightness and no focus
@@ -144,7 +144,7 @@ class Judge:
 
 
 def beside_each_other(
-    measured: Mapping[str, Measured], in_time: Sequence[str], still: Mapping[str, Sequence[str]]
+    measured: Mapping[str, MeasuredRun], in_time: Sequence[str], still: Mapping[str, Sequence[str]]
 ) -> Iterator[tuple[str, str, str]]:
     """Compare the frames of a run with each other.
 
@@ -162,7 +162,7 @@ def beside_each_other(
     yield from _unlike({path: each for path, each in measured.items() if each.likeness is not None})
 
 
-def _brightness(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
+def _brightness(measured: Mapping[str, MeasuredRun]) -> Iterator[tuple[str, str, str]]:
     means = {path: each.quality.mean for path, each in measured.items()}
     median = float(np.median(list(means.values()))) if means else 0.0
     if len(means) < MIN_FRAMES or median < _MIN_MEAN:
@@ -175,7 +175,7 @@ def _brightness(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, st
             yield "brightness", path, f"{text} (limit {100 * limit:.0f} %)"
 
 
-def _flicker(measured: Mapping[str, Measured], still: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str, str]]:
+def _flicker(measured: Mapping[str, MeasuredRun], still: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str, str]]:
     for session, paths in still.items():
         means = np.array([measured[path].quality.mean for path in paths if path in measured])
         if len(means) < 3 or means.mean() < _MIN_MEAN:
@@ -186,7 +186,7 @@ def _flicker(measured: Mapping[str, Measured], still: Mapping[str, Sequence[str]
             yield "flicker", session, f"{text} {100 * flicker:.1f} % (limit {100 * FLICKER:g} %)"
 
 
-def _drift(measured: Mapping[str, Measured], in_time: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+def _drift(measured: Mapping[str, MeasuredRun], in_time: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     means = np.array([measured[path].quality.mean for path in in_time if path in measured])
     if len(means) < MIN_FRAMES or np.median(means) < _MIN_MEAN:
         return
@@ -203,7 +203,7 @@ def _deviation(values: Sequence[float]) -> float:
     return 1.4826 * float(np.median(np.abs(np.asarray(values) - np.median(values))))
 
 
-def _unlike(measured: Mapping[str, Measured]) -> Iterator[tuple[str, str, str]]:
+def _unlike(measured: Mapping[str, MeasuredRun]) -> Iterator[tuple[str, str, str]]:
     """Compare each frame with the typical frame of the run. Only the first fault of a frame is reported."""
     if len(measured) < MIN_FRAMES:
         return

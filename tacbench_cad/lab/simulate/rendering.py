@@ -25,7 +25,7 @@ _DIRECTIONS, _SURROUNDINGS = 12, 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera:
+class FrameCamera:
     """A pinhole camera on the dome's axis, looking at the summit.
 
     Args:
@@ -49,7 +49,7 @@ class Camera:
         return np.stack([column + scale * points_mm[:, 0], row - scale * points_mm[:, 1]], axis=1)
 
 
-class Scene:
+class PressedScene:
     """The camera's image without pins.
 
     Args:
@@ -63,7 +63,7 @@ class Scene:
         black_counts: The counts of the camera without any light.
     """
 
-    def __init__(self, look: Look, camera: Camera) -> None:
+    def __init__(self, look: Look, camera: FrameCamera) -> None:
         rows, columns = np.indices((camera.height_px, camera.width_px), dtype=np.float32)
         dx, dy = columns - camera.middle_px[0], rows - camera.middle_px[1]
         distance, azimuth = np.hypot(dx, dy), np.arctan2(-dy, dx)
@@ -117,9 +117,9 @@ class Scene:
 
 
 @lru_cache(maxsize=8)
-def scene(look: Look, camera: Camera) -> Scene:
+def scene(look: Look, camera: FrameCamera) -> PressedScene:
     """Return the scene of a look. All sensors with this look share it."""
-    return Scene(look, camera)
+    return PressedScene(look, camera)
 
 
 def along(places: NDArray[Any], profile: Profile) -> Floats:
@@ -172,7 +172,7 @@ class Discs:
 
 
 def discs(
-    camera: Camera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats, edge_px: Floats
+    camera: FrameCamera, middles_mm: Floats, facing: Floats, radius_mm: float, counts: Floats, edge_px: Floats
 ) -> Discs:
     """Project flat discs into the image.
 
@@ -198,14 +198,14 @@ def discs(
     )
 
 
-def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, float]) -> Bytes:
+def drawn(place: PressedScene, pins: Discs, light: float, sway_px: tuple[float, float, float]) -> Bytes:
     """Draw a grey image of a scene with discs, without noise. Discs that extend beyond the image are not drawn.
 
     Args:
         place: The scene.
         pins: The discs. If two overlap, the brighter one covers the other.
         light: The scene's light, relative to the mean.
-        sway_px: The offset of the dome's outline, see :meth:`Scene.seen`.
+        sway_px: The offset of the dome's outline, see :meth:`PressedScene.seen`.
     """
     image = place.seen(light, sway_px)
     middles, radius_px = pins.middles_px, pins.radius_px
@@ -233,7 +233,7 @@ def drawn(place: Scene, pins: Discs, light: float, sway_px: tuple[float, float, 
     return image
 
 
-def visible(pins: Discs, place: Scene, look: Look) -> NDArray[np.bool_]:
+def visible(pins: Discs, place: PressedScene, look: Look) -> NDArray[np.bool_]:
     """Return which discs are visible: the peak exceeds the noise, and no reflection covers the centre; shape (n,)."""
     height, width = place.counts.shape
     turn = 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
@@ -254,7 +254,7 @@ def visible(pins: Discs, place: Scene, look: Look) -> NDArray[np.bool_]:
     return np.asarray(stands_out & bare & in_frame)
 
 
-def tinted(grey: Bytes, place: Scene, look: Look) -> Bytes:
+def tinted(grey: Bytes, place: PressedScene, look: Look) -> Bytes:
     """Convert a grey image to a colour image, (height, width, 3), BGR."""
     import cv2
 

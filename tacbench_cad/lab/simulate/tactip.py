@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.simulate.appearances import CLEAN, Look, Ring
 from tacbench_cad.lab.simulate.contact import DomeContact
 from tacbench_cad.lab.simulate.rendering import (
-    Camera,
     Discs,
-    Scene,
+    FrameCamera,
+    PressedScene,
     along,
     compressed,
     discs,
@@ -78,7 +78,7 @@ class Pins:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Markers:
+class PinPositions:
     """The pins in a frame, without noise.
 
     Args:
@@ -187,14 +187,19 @@ class TacTip:
     """
 
     def __init__(
-        self, *, colour: bool = True, camera: Camera | None = None, flicker: float | None = None, look: Look = CLEAN
+        self,
+        *,
+        colour: bool = True,
+        camera: FrameCamera | None = None,
+        flicker: float | None = None,
+        look: Look = CLEAN,
     ) -> None:
         self.flicker = look.flicker if flicker is None else flicker
         if not 0.0 <= self.flicker <= 1.0:
             raise InputError("flicker", flicker, "must be from 0 to 1")
         self.colour = colour
         self.look = look
-        self.camera = camera or Camera(focal_px=look.focal_px, middle_px=look.centre_px)
+        self.camera = camera or FrameCamera(focal_px=look.focal_px, middle_px=look.centre_px)
         self.rest = _pins_at_rest(look.rings)
         self._levers_mm = MIDDLE_MM - np.linalg.norm(self.rest.tips_mm, axis=1)
         self._turned = _Turned.of(self.rest, UPRIGHT)
@@ -210,7 +215,7 @@ class TacTip:
         self._skin_counts = along(radii_px / max(look.dome_radius_px, 1.0), look.skin)
 
     @cached_property
-    def _scene(self) -> Scene:
+    def _scene(self) -> PressedScene:
         return scene(self.look, self.camera)
 
     @property
@@ -320,10 +325,10 @@ class TacTip:
             image = compressed(image, look.jpeg_quality)
         return with_noise(image, look, rng)
 
-    def markers(self, pins: Pins) -> Markers:
+    def markers(self, pins: Pins) -> PinPositions:
         """Return the true positions of the pins in the image, and whether each is visible."""
         markers = self._discs(pins, 1.0)
-        return Markers(centres_px=markers.middles_px, visible=visible(markers, self._scene, self.look))
+        return PinPositions(centres_px=markers.middles_px, visible=visible(markers, self._scene, self.look))
 
     def _discs(self, pins: Pins, light: float) -> Discs:
         counts = self._counts * light * _light(pins) - self.look.black_counts - light * self._skin_counts

@@ -21,7 +21,7 @@ import numpy as np
 from tacbench_cad import __version__
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import colour_of
-from tacbench_cad.render.viewing.scene import Formula, Scene, Thing
+from tacbench_cad.render.viewing.scene import Scene, SceneFormula, Thing
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.packages import require
@@ -162,7 +162,7 @@ def _plain(number: int, thing: Thing) -> dict[str, Any]:
     }
 
 
-def _plain_formula(formula: Formula) -> dict[str, Any]:
+def _plain_formula(formula: SceneFormula) -> dict[str, Any]:
     # Frequencies and phases are in turns: a shader subtracts whole turns exactly; its sine is accurate near zero only.
     waves = None if formula.waves is None else formula.waves / np.array([1.0, *[2.0 * np.pi] * 3])
     return {

@@ -12,7 +12,7 @@ import numpy as np
 
 from tacbench_cad.geometry import relief
 from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.part import Part
+from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid, contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
@@ -25,7 +25,7 @@ Facts = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Press:
+class ScenePress:
     """The press protocol on a block.
 
     Args:
@@ -38,7 +38,7 @@ class Press:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Formula:
+class SceneFormula:
     """A block's surface ``z = datum + sum A sin(f x + g y + phase)``, and a bound of the mesh's distance from it.
 
     Args:
@@ -84,8 +84,8 @@ class Thing:
     set_number: int | None
     slot: int = 0
     facts: Facts
-    formula: Formula | None = None
-    press: Press | None = None
+    formula: SceneFormula | None = None
+    press: ScenePress | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class Scene:
     left_out: Facts = ()
 
 
-def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int) -> Thing:
+def block_thing(part: PrintPart, to_world: Floats, set_number: int | None, slot: int) -> Thing:
     """A block on the page, in its own frame, with its formula and its press positions.
 
     Args:
@@ -114,7 +114,7 @@ def block_thing(part: Part, to_world: Floats, set_number: int | None, slot: int)
     assert block is not None and expected.certificate is not None
     low, high = block.extremes.low + block.datum_mm, block.extremes.high + block.datum_mm
     bound, sampling = expected.certificate.distance_mm, block.sampling
-    formula = Formula(
+    formula = SceneFormula(
         equation=block.texture.equation,
         datum_mm=block.datum_mm,
         waves=block.surface.table if isinstance(block.surface, WaveSum) else None,
@@ -150,7 +150,7 @@ def _farthest_mm(block: Block, mesh: Mesh) -> float:
     return relief.distance(points, block.surface, block.datum_mm).largest_mm
 
 
-def _press(block: Block) -> Press | None:
+def _press(block: Block) -> ScenePress | None:
     """The paper's press positions on a block; None if the press grid leaves the block."""
     grid = PressGrid.paper(block.scale)
     try:
@@ -159,4 +159,4 @@ def _press(block: Block) -> Press | None:
         return None
     x, y = grid.positions_mm.T
     contacts = tuple((force, contact_radius_mm(force)) for force in FORCES_N)
-    return Press(positions_mm=np.column_stack([x, y, block.height_at(x, y)]), contacts=contacts)
+    return ScenePress(positions_mm=np.column_stack([x, y, block.height_at(x, y)]), contacts=contacts)

@@ -12,7 +12,7 @@ from helpers import wrong_drivers
 from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, TURNING, GoodGauge, GoodSensor, GoodStage, Number
 
 from tacbench_cad.extensions.conformance import stage as conformance_stage
-from tacbench_cad.extensions.conformance.checks import Check, check_gauge, check_sensor
+from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.extensions.virtual_rig.process import launch
 from tacbench_cad.lab.rig.clock import Clock
@@ -31,11 +31,11 @@ BEYOND = (0.0, 0.0, 500.0)
 SPEED = 50.0
 
 
-def failed(checks: Sequence[Check]) -> set[str]:
+def failed(checks: Sequence[DriverCheck]) -> set[str]:
     return {check.name for check in checks if check.result == "failed"}
 
 
-def detail(checks: Sequence[Check], name: str) -> str:
+def detail(checks: Sequence[DriverCheck], name: str) -> str:
     return next(check.detail for check in checks if check.name == name and check.result != "passed")
 
 
@@ -49,7 +49,7 @@ DETAILS: dict[type, tuple[str, str]] = {
 }
 
 
-def require_failed(checks: Sequence[Check], kind: type, expected: set[str]) -> None:
+def require_failed(checks: Sequence[DriverCheck], kind: type, expected: set[str]) -> None:
     """Check that exactly the expected checks failed, and that the report says why."""
     assert failed(checks) == expected, [check for check in checks if check.result == "failed"]
     if kind in DETAILS:

@@ -22,7 +22,7 @@ from housing.jig import Jig
 from tacbench_cad.extensions.drawings import Drawing
 from tacbench_cad.extensions.drawings.fixtures import coupon_drawing, holder_drawing, jig_drawing
 from tacbench_cad.extensions.drawings.fixtures.shared import accepted_mm
-from tacbench_cad.extensions.drawings.sheet import Circle
+from tacbench_cad.extensions.drawings.sheet import DrawnCircle
 from tacbench_cad.spec.block import Block
 
 _PAPER = Block.of(4)
@@ -105,4 +105,4 @@ def test_the_tolerances_leave_a_third_of_the_clearance() -> None:
 
 
 def test_a_detail_has_the_largest_scale_that_fits() -> None:
-    assert [Circle((0.0, 0.0), radius).scale for radius in (3.0, 6.0, 1000.0)] == [10.0, 5.0, 0.1]
+    assert [DrawnCircle((0.0, 0.0), radius).scale for radius in (3.0, 6.0, 1000.0)] == [10.0, 5.0, 0.1]

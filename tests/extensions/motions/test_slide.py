@@ -24,7 +24,7 @@ from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError, SlipError, TooFewFramesError
-from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.rig.track import StageTrack
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import Protocol
@@ -215,7 +215,7 @@ def test_a_press_is_made_again_if_the_sensor_was_too_slow_and_then_given_up(tmp_
     assert not Run.open(tmp_path / "run").rows
 
 
-def track(count: int) -> tuple[Track, np.ndarray]:
+def track(count: int) -> tuple[StageTrack, np.ndarray]:
     """Return a track of 8 mm at 1 mm/s from 10 s on, and the times of frames from 9 to 19 s."""
 
     class SetClock(Clock):
@@ -224,7 +224,7 @@ def track(count: int) -> tuple[Track, np.ndarray]:
         def now_s(self) -> float:
             return SetClock.time_s
 
-    path = Track((0.0, 0.0, 0.0), (8.0, 0.0, 0.0), 1.0, SetClock())
+    path = StageTrack((0.0, 0.0, 0.0), (8.0, 0.0, 0.0), 1.0, SetClock())
     path.begin()
     SetClock.time_s = 18.0
     path.end()

@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacbench_cad.extensions.virtual_rig.machine import Carriage, MotorAxis, Stroke
+from tacbench_cad.extensions.virtual_rig.machine import MotorAxis, Stroke, VirtualCarriage
 from tacbench_cad.util.errors import InputError
 
 AXIS = MotorAxis(low_mm=0.0, high_mm=100.0, home=-1, switch_mm=1.0, steps_per_mm=100.0)
 
 
-def carriage(at: tuple[float, float, float] = (50.0, 50.0, 50.0), scatter_mm: float = 0.0) -> Carriage:
-    return Carriage((AXIS, AXIS, AXIS), at, random.Random(1), switch_scatter_mm=scatter_mm)
+def carriage(at: tuple[float, float, float] = (50.0, 50.0, 50.0), scatter_mm: float = 0.0) -> VirtualCarriage:
+    return VirtualCarriage((AXIS, AXIS, AXIS), at, random.Random(1), switch_scatter_mm=scatter_mm)
 
 
-def run(body: Carriage, until_s: float) -> list[int]:
+def run(body: VirtualCarriage, until_s: float) -> list[int]:
     closed = []
     while (when := body.next_event_s()) is not None and when <= until_s:
         axis = body.advance(when)
@@ -100,7 +100,7 @@ def test_end_stop_closes_at_its_position_and_the_frame_stops_the_carriage() -> N
 def test_end_stop_positions_scatter() -> None:
     positions = set()
     for seed in range(20):
-        body = Carriage((AXIS, AXIS, AXIS), (5.0, 5.0, 5.0), random.Random(seed), switch_scatter_mm=0.01)
+        body = VirtualCarriage((AXIS, AXIS, AXIS), (5.0, 5.0, 5.0), random.Random(seed), switch_scatter_mm=0.01)
         body.go((-20.0, 0.0, 0.0), 5.0, 1e6, 0.0)
         when = body.next_event_s()
         assert when is not None

@@ -16,7 +16,7 @@ pytest.importorskip("lib3mf")
 import cadquery as cq
 from helpers.own_formulas import largest_distance, points_of, top_of, triangles_of_stl, waves
 
-from tacbench_cad import InputError, Part, Texture, check, export, textured_part
+from tacbench_cad import InputError, PrintPart, Texture, check, export, textured_part
 from tacbench_cad.cli import main
 from tacbench_cad.geometry.mesh import Mesh
 
@@ -24,7 +24,7 @@ PLATE = cq.Workplane().box(24, 18, 4).faces(">Z").workplane().pushPoints([(-6, 3
 DRUM = cq.Workplane().circle(6).extrude(8)
 
 
-def part(shape: cq.Workplane, face: str, texture: Any = 2, **settings: Any) -> Part:
+def part(shape: cq.Workplane, face: str, texture: Any = 2, **settings: Any) -> PrintPart:
     return textured_part(shape, shape.faces(face), texture, name="part", **settings)
 
 

@@ -27,7 +27,7 @@ from tacbench_cad import __version__
 from tacbench_cad.cli import report as command
 from tacbench_cad.lab.analysis.classification.classify import TRIALS
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.page import Options, copy_files, write_report
+from tacbench_cad.lab.analysis.report.page import ReportOptions, copy_files, write_report
 from tacbench_cad.lab.analysis.report.parts import table_part
 from tacbench_cad.lab.analysis.report.report_figures import draw_frames
 from tacbench_cad.lab.analysis.report.report_html import macro, read_image, render_page
@@ -259,7 +259,7 @@ def test_figures_of_an_earlier_report_are_removed(runs: Path, report: Path, tmp_
     stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
     stale.parent.mkdir(parents=True)
     shutil.copy(files / "classification" / "hold_out_levels.png", stale)
-    options = Options(variance=files / "variance", classifications=(files / "classification",))
+    options = ReportOptions(variance=files / "variance", classifications=(files / "classification",))
     written = write_report([runs], tmp_path / "new.html", options)
     assert not stale.exists() and stale not in written
     assert len(Page((tmp_path / "new.html").read_text(encoding="utf-8")).all("img")) >= 7
@@ -270,12 +270,12 @@ def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: P
     files = report.with_name("report_files")
     write_study(tmp_path / "runs", image=noise_image, copies=3)
     with pytest.raises(InputError, match=r"variance = .* must be an analysis of all presses of these runs"):
-        write_report([tmp_path / "runs"], tmp_path / "r.html", Options(variance=files / "variance"))
-    options = Options(variance=None, classifications=(files / "classification",))
+        write_report([tmp_path / "runs"], tmp_path / "r.html", ReportOptions(variance=files / "variance"))
+    options = ReportOptions(variance=None, classifications=(files / "classification",))
     with pytest.raises(InputError, match=r"classify = .* must be an analysis of all presses of these runs"):
         write_report([tmp_path / "runs"], tmp_path / "r.html", options)
     with pytest.raises(InputError, match=r"classification_settings\.json.*cannot be read"):
-        write_report([runs], tmp_path / "r.html", Options(classifications=(files / "variance", tmp_path)))
+        write_report([runs], tmp_path / "r.html", ReportOptions(classifications=(files / "variance", tmp_path)))
     assert not (tmp_path / "r.html").exists()
 
 
@@ -330,7 +330,7 @@ def test_a_damaged_record_is_reported(runs: Path, tmp_path: Path) -> None:
     first = sorted((tmp_path / "runs").iterdir())[0]
     (first / "print.toml").write_text("nozzle = ")
     out = tmp_path / "page.html"
-    write_report([tmp_path / "runs"], out, Options(classify=False))
+    write_report([tmp_path / "runs"], out, ReportOptions(classify=False))
     text = Page(out.read_text(encoding="utf-8")).text
     assert "Print records that cannot be read:" in text and f"{first.name}/print.toml" in text
 

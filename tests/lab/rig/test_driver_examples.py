@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.extensions.conformance import checks as conformance
-from tacbench_cad.extensions.conformance.checks import Check, check_gauge
+from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.clock import Clock
@@ -33,7 +33,7 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conformance, "WINDOW_S", 0.1)
 
 
-def wrong(checks: Sequence[Check]) -> list[Check]:
+def wrong(checks: Sequence[DriverCheck]) -> list[DriverCheck]:
     return [check for check in checks if check.result == "failed"]
 
 

@@ -27,7 +27,7 @@ from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, OutOfRan
 from tacbench_cad.lab.rig.firmware_settings import grbl_settings
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
-from tacbench_cad.lab.rig.ports import Candidate
+from tacbench_cad.lab.rig.ports import PortCandidate
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
 from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, StageSettings, WorkFrame
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -166,7 +166,7 @@ def test_a_calibration_is_not_overwritten(scale: Scale, tmp_path: Path) -> None:
 
 # --- probe ---
 
-PORT = Candidate(
+PORT = PortCandidate(
     name="/dev/serial/by-id/usb-A", device="/dev/ttyUSB0", description="A board", hardware="USB", stable=True
 )
 

@@ -8,7 +8,7 @@ from helpers.fakes import SlidingStage
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.stage import LimitedStage, tracked
-from tacbench_cad.lab.rig.track import Track
+from tacbench_cad.lab.rig.track import StageTrack
 from tacbench_cad.lab.study.spec import Point
 
 
@@ -25,8 +25,8 @@ def at(time_s: float) -> None:
     SetClock.time_s = time_s
 
 
-def track_of(length_mm: float = 10.0, speed_mm_s: float = 5.0) -> Track:
-    return Track((0.0, 0.0, 1.0), (length_mm, 0.0, 1.0), speed_mm_s, SetClock())
+def track_of(length_mm: float = 10.0, speed_mm_s: float = 5.0) -> StageTrack:
+    return StageTrack((0.0, 0.0, 1.0), (length_mm, 0.0, 1.0), speed_mm_s, SetClock())
 
 
 def test_reported_positions_are_interpolated() -> None:

@@ -15,7 +15,7 @@ from tacbench_cad.lab.runs.schema import Row, cell, columns
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class ExportColumn:
     """A column.
 
     Args:
@@ -29,24 +29,24 @@ class Column:
     description: str
 
 
-def _row_columns() -> tuple[Column, ...]:
+def _row_columns() -> tuple[ExportColumn, ...]:
     hints = get_type_hints(Row)
     described = dict(re.findall(r"^ {4}(\w+): (.+)$", inspect.getdoc(Row) or "", re.MULTILINE))
     described_columns = []
     for attribute, name in zip(fields(Row), columns(Row), strict=True):
         kinds = [kind for kind in get_args(hints[attribute.name]) if kind is not NoneType] or [hints[attribute.name]]
         kind = kinds[0] if len(kinds) == 1 else str
-        described_columns.append(Column(name=name, kind=kind, description=described.get(attribute.name, "")))
+        described_columns.append(ExportColumn(name=name, kind=kind, description=described.get(attribute.name, "")))
     return tuple(described_columns)
 
 
 _ROW_COLUMNS = _row_columns()
 #: The columns of every export. Unknown values are null.
 COLUMNS = (
-    Column(name="run", kind=str, description="The run folder; each recording of a print has its own."),
-    Column(name="label", kind=str, description="The name of the texture, which classifiers learn."),
+    ExportColumn(name="run", kind=str, description="The run folder; each recording of a print has its own."),
+    ExportColumn(name="label", kind=str, description="The name of the texture, which classifiers learn."),
     *_ROW_COLUMNS,
-    Column(name="simulated", kind=str, description="The simulated devices of the rig; empty if none is marked."),
+    ExportColumn(name="simulated", kind=str, description="The simulated devices of the rig; empty if none is marked."),
 )
 _ATTRIBUTES = tuple(zip((attribute.name for attribute in fields(Row)), _ROW_COLUMNS, strict=True))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, Column, values_of
+from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, ExportColumn, values_of
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.frame_files import decoded
 from tacbench_cad.lab.runs.reading import Run, find_runs
@@ -21,7 +21,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sample:
+class ExportedSample:
     """A frame with its columns.
 
     Args:
@@ -88,7 +88,7 @@ class Samples:
     def __len__(self) -> int:
         return self.labels.total()
 
-    def __iter__(self) -> Iterator[Sample]:
+    def __iter__(self) -> Iterator[ExportedSample]:
         """Yield the samples. Each is compared with its checksum.
 
         Raises:
@@ -96,11 +96,11 @@ class Samples:
         """
         for number, (run, row, values) in enumerate(self._rows(), start=1):
             data = run.read_bytes(row.path, row.image_sha256)
-            yield Sample(key=f"{number:08d}", data=data, suffix=Path(row.path).suffix, values=values)
+            yield ExportedSample(key=f"{number:08d}", data=data, suffix=Path(row.path).suffix, values=values)
             self._progress(number, len(self))
 
     @property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[ExportColumn, ...]:
         """The columns that have a value for at least one frame."""
         return tuple(column for column in COLUMNS if self.unknown[column.name] < len(self))
 

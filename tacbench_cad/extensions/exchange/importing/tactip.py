@@ -8,7 +8,7 @@ from tacbench_cad.lab.runs import (
     RUN_FILE,
     ImportFormat,
     ImportOptions,
-    LeftOut,
+    LeftOutFile,
     Paths,
     Source,
     files_below,
@@ -27,7 +27,7 @@ def _table(folder: Path) -> Path | None:
     return next((folder / name for name in TABLES if (folder / name).is_file()), None)
 
 
-def _folders(folder: Path) -> tuple[list[Path], list[LeftOut]]:
+def _folders(folder: Path) -> tuple[list[Path], list[LeftOutFile]]:
     """Find the folders of toolchains below a folder that is none itself, at any depth.
 
     Returns:
@@ -43,7 +43,7 @@ def _folders(folder: Path) -> tuple[list[Path], list[LeftOut]]:
     images = filter(is_image_file, files if folders else ())
     others = [path for path in images if not any(path.is_relative_to(each) for each in folders)]
     left_out = [
-        LeftOut(
+        LeftOutFile(
             where=f"{each} and others" if len(others) > 1 else str(each),
             reason="is not in a folder with a table of targets; import it separately",
             count=len(others),

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.runs import (
     ImportFormat,
     ImportOptions,
-    LeftOut,
+    LeftOutFile,
     Loaded,
     Paths,
     Rows,
@@ -142,7 +142,7 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
     named = {path.name: path for path in paths}
     videos: dict[Path, Video | InputError] = {}
     samples: list[Sample] = []
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOutFile] = []
     far: list[str] = []
     for row, fields, texts in rows.rows:
         name, text = fields.pop("video", first), fields.pop("time", "")
@@ -160,7 +160,7 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
                 raise video
             index, own_s = video.nearest(time_s)
         except InputError as error:
-            left_out.append(LeftOut(where=f"{row} ({shown})", reason=str(error)))
+            left_out.append(LeftOutFile(where=f"{row} ({shown})", reason=str(error)))
             continue
         if abs(time_s - own_s) > 0.5 / video.frames_per_s + TIE_S:
             far.append(f"{row}: {time_s:g} s, nearest frame at {own_s:.6g} s")

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from tacbench_cad.extensions.exchange.publishing.metadata import Part, datacite, write_crate, zenodo
+from tacbench_cad.extensions.exchange.publishing.metadata import DataSetPart, datacite, write_crate, zenodo
 from tacbench_cad.extensions.exchange.publishing.publication import Publication
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
@@ -91,7 +91,7 @@ def publish(
         write_text(folder / "README.md", _page(publication, described))
         others = {path: sha256(folder / path) for path in _files(folder) if path not in sums}
         contents += [
-            Part(path=path, name=Path(path).name, sha256=digest, size=(folder / path).stat().st_size)
+            DataSetPart(path=path, name=Path(path).name, sha256=digest, size=(folder / path).stat().st_size)
             for path, digest in others.items()
         ]
         sums |= others
@@ -126,7 +126,7 @@ def _files(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
-def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) -> Part:
+def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) -> DataSetPart:
     """Copy a run folder into the data set, and record the checksum of each file.
 
     Raises:
@@ -151,7 +151,7 @@ def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) 
             raise CheckFailedError(f"{run.folder / name}: was changed: its checksum differs from the recorded one")
         progress(run.folder.name, count, len(names))
     origin = f"simulated ({'; '.join(run.info.simulated)})" if run.info.simulated else "nothing is marked as simulated"
-    return Part(
+    return DataSetPart(
         path=f"{RUNS}/{run.folder.name}/",
         name=run.folder.name,
         description=f"{counted(len(run.rows), 'frame')}; {origin}. See its targets.csv.",

@@ -26,7 +26,7 @@ TEXTURES_FROM = "A 3D-Printable Dataset for Fair Testing and Comparisons of Tact
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class DataSetPart:
     """A file or folder of the data set.
 
     Args:
@@ -122,7 +122,7 @@ def write_crate(
     publication: Publication,
     description: str,
     keywords: Sequence[str],
-    parts: Sequence[Part],
+    parts: Sequence[DataSetPart],
     *,
     textures: bool,
 ) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, Outcome
+from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, TestOutcome
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.conclusions import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
 from tacbench_cad.util.text import natural_unique
@@ -19,7 +19,7 @@ from tacbench_cad.util.types import Floats, Ints
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Score:
+class FoldScore:
     """One row of the result.
 
     Args:
@@ -71,7 +71,7 @@ class Score:
         return [None if np.isnan(value) else float(value) for value in np.diag(self.fractions)]
 
 
-def texture_answers(outcomes: Sequence[Outcome], presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
+def texture_answers(outcomes: Sequence[TestOutcome], presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
     """Yield the answer for each texture: can the first estimator tell it apart on a print that training has not seen?
 
     Args:
@@ -117,7 +117,7 @@ def is_whole(tested_on: str, train_on: str) -> bool:
     return tested_on in (ALL, ALL_OTHERS, train_on)
 
 
-def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> list[Score]:
+def scores(outcomes: Sequence[TestOutcome], presses: PressTable, protocol: str) -> list[FoldScore]:
     """Return the rows: for each hold-out level (or column of the paper) the total, then each named held-out group."""
     rows = []
     wholes = defaultdict(list)
@@ -133,7 +133,7 @@ def scores(outcomes: Sequence[Outcome], presses: PressTable, protocol: str) -> l
     return rows
 
 
-def _groups(whole: Sequence[Outcome], presses: PressTable) -> dict[str, list[Outcome]]:
+def _groups(whole: Sequence[TestOutcome], presses: PressTable) -> dict[str, list[TestOutcome]]:
     """Return the outcomes of each named held-out group."""
     groups = defaultdict(list)
     for outcome in whole:
@@ -147,7 +147,7 @@ def _groups(whole: Sequence[Outcome], presses: PressTable) -> dict[str, list[Out
     return groups
 
 
-def _tallied(outcomes: Sequence[Outcome], truth: Ints) -> tuple[Floats, Floats, Ints, Ints]:
+def _tallied(outcomes: Sequence[TestOutcome], truth: Ints) -> tuple[Floats, Floats, Ints, Ints]:
     """Count the tests and the correct predictions of each press, (n,); also return each row's press and prediction."""
     which = np.concatenate([outcome.press for outcome in outcomes])
     predicted = np.concatenate([outcome.predicted for outcome in outcomes])
@@ -168,14 +168,14 @@ def _sizes(unit: NDArray[Any]) -> Ints:
 
 
 def _score(
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[TestOutcome],
     presses: PressTable,
     protocol: str,
     tested_on: str,
     units: str,
     unit: NDArray[Any],
     correlation: float | None,
-) -> Score:
+) -> FoldScore:
     """Compute the row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
     textures, truth = natural_unique(presses.texture)
     tries, correct, which, predicted = _tallied(outcomes, truth)
@@ -186,7 +186,7 @@ def _score(
     low, high = interval_of(float(correct.sum() / tries.sum()), sizes, correlation)
     accuracies = [float(hit[trial == number].mean()) for number in np.unique(trial)]
     confusion = np.bincount(truth[which] * len(textures) + predicted, minlength=len(textures) ** 2)
-    return Score(
+    return FoldScore(
         protocol=protocol,
         estimator=outcomes[0].estimator,
         train_on=outcomes[0].train_on,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.accuracy import FoldScore
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.result import Result, beside_paper
@@ -46,7 +46,7 @@ def draw_result(result: Result, out: Path) -> list[Path]:
         return [path for stem, figure in figures.items() for path in save(figure, out / stem, simulated)]
 
 
-def _points(axes: Axes, x: Sequence[float], rows: Sequence[Score], index: int, label: str) -> None:
+def _points(axes: Axes, x: Sequence[float], rows: Sequence[FoldScore], index: int, label: str) -> None:
     """Draw accuracies with their intervals, in %."""
     colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
     for place, score in zip(x, rows, strict=True):
@@ -145,7 +145,7 @@ def _confusions(result: Result) -> dict[str, Figure]:
     return figures
 
 
-def _matrix(axes: Axes, score: Score, names: Sequence[str], level: str) -> AxesImage:
+def _matrix(axes: Axes, score: FoldScore, names: Sequence[str], level: str) -> AxesImage:
     percent = 100.0 * score.fractions
     matrix = axes.imshow(percent, vmin=0, vmax=100, cmap="cividis")
     for i, j in np.argwhere(percent >= 0.5):
@@ -164,7 +164,7 @@ def _sweep(result: Result) -> Figure:
     """Draw the accuracy over the setting: intervals as bars, the standard deviation over trials as a band."""
     figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()
-    curves: dict[tuple[str, str, str], list[tuple[float, Score]]] = {}
+    curves: dict[tuple[str, str, str], list[tuple[float, FoldScore]]] = {}
     for value, score in zip(result.values, result.scores, strict=True):
         curves.setdefault((score.estimator, score.train_on, score.hold_out), []).append((value, score))
     several = [len(set(words)) > 1 for words in zip(*curves, strict=True)]

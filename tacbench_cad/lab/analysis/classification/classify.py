@@ -12,10 +12,10 @@ import numpy as np
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
-from tacbench_cad.lab.analysis.classification.accuracy import Score, scores, texture_answers
+from tacbench_cad.lab.analysis.classification.accuracy import FoldScore, scores, texture_answers
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.features import read_features
-from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, Outcome, Study
+from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, ClassifiedStudy, TestOutcome
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
 from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
@@ -100,7 +100,7 @@ def classify(
     )
 
 
-def _effects(copies: Augmentation, rows: Sequence[Score], without: Sequence[Score]) -> Iterator[str]:
+def _effects(copies: Augmentation, rows: Sequence[FoldScore], without: Sequence[FoldScore]) -> Iterator[str]:
     """Yield a note for each estimator: what the copies of training frames changed."""
     pairs = [(row, plain) for row, plain in zip(rows, without, strict=True) if row.whole]
     for name in dict.fromkeys(row.estimator for row, _ in pairs):
@@ -126,7 +126,7 @@ def _outcomes(
     folder: Path,
     executor: Executor,
     show: Progress,
-) -> Iterator[Outcome]:
+) -> Iterator[TestOutcome]:
     """Yield the outcomes of all trials. Each is read from its file, or computed and stored there."""
     region = region_of(collection.runs, settings.roi)
     references = " ".join(frame.image_sha256 for run in collection.runs for frame in run.references)
@@ -146,7 +146,7 @@ def _outcomes(
     if done < len(files):
         feature = settings.feature.fit(collection, region)
         features = read_features(collection, feature, executor.jobs, lambda *counts: show("frames", *counts))
-        study = Study(features=features, presses=presses, settings=settings)
+        study = ClassifiedStudy(features=features, presses=presses, settings=settings)
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls
         show("trials", done, len(files))
         for group in (name for name in groups if missing[name]):
@@ -161,17 +161,17 @@ def _outcomes(
         yield from outcomes[place] or ()
 
 
-def _read(path: Path) -> list[Outcome] | None:
+def _read(path: Path) -> list[TestOutcome] | None:
     """Read the outcomes of a trial; return None if its file is missing or cannot be read."""
     try:
         document = parse_json(read_bytes(path, "trial", "json", within=path.parent), "trial", str(path))
         rows: list[dict[str, Any]] = document["outcomes"]
-        return [Outcome(**{**row, **{key: np.array(row[key], np.int64) for key in ARRAYS}}) for row in rows]
+        return [TestOutcome(**{**row, **{key: np.array(row[key], np.int64) for key in ARRAYS}}) for row in rows]
     except (InputError, ValueError, KeyError, TypeError):
         return None
 
 
-def _keep(path: Path, trial: int, outcomes: Sequence[Outcome]) -> None:
+def _keep(path: Path, trial: int, outcomes: Sequence[TestOutcome]) -> None:
     with replacing(path) as temporary:
         document = {"trial": trial, "outcomes": to_plain(outcomes)}
         temporary.write_text(json.dumps(document, separators=(",", ":")), encoding="utf-8")
@@ -219,7 +219,7 @@ def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iter
         "as-published": (50, "the notebooks had 50 of each (1 print x 25 positions x 2, one force)"),
     }[settings.protocol]
     for train_on in settings.train_on:
-        mine = paper_protocol.Design.of(settings.protocol, presses, train_on).trained
+        mine = paper_protocol.ProtocolDesign.of(settings.protocol, presses, train_on).trained
         images = len(mine) / max(1, len(np.unique(presses.texture[mine])))
         levels = counted(len(np.unique(presses.level[mine])), "force level")
         if images != expected:

@@ -15,8 +15,15 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS, Outcome, Study, guarded, predictions
-from tacbench_cad.lab.analysis.classification.pca import Noise, Pool, principal_scores
+from tacbench_cad.lab.analysis.classification.outcomes import (
+    ALL,
+    THE_OTHERS,
+    ClassifiedStudy,
+    TestOutcome,
+    guarded,
+    predictions,
+)
+from tacbench_cad.lab.analysis.classification.pca import PixelNoise, Pool, principal_scores
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import Fold, Folds, PressTable, folds_of, with_copies
 
@@ -41,7 +48,7 @@ def trial_folds(presses: PressTable, settings: ClassificationSettings, trial: in
     return Folds(folds=tuple(kept), notes=(*whole.notes, *notes))
 
 
-def calls(study: Study, _: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
+def calls(study: ClassifiedStudy, _: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
     """Return a call for each trial, for worker processes."""
     from joblib import delayed
 
@@ -54,7 +61,7 @@ def calls(study: Study, _: str, trials: Sequence[int], jobs: int) -> list[tuple[
 
 
 @one_thread()
-def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Outcome]]:
+def leak_free_trial(study: ClassifiedStudy, pool: Pool | None, trial: int) -> list[list[TestOutcome]]:
     """Train and test every estimator in every fold of a trial.
 
     Args:
@@ -74,7 +81,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
     settings, presses, textures = study.settings, study.presses, study.presses.textures
     seed = trial_seed(settings.seed, trial)
     folds = trial_folds(presses, settings, trial).folds
-    outcomes: list[Outcome] = []
+    outcomes: list[TestOutcome] = []
     for fold, (train, test) in zip(folds, _rows(study, pool, folds, seed), strict=True):
         labels = np.tile(presses.texture[fold.train], settings.augmentation.count)
         for name in settings.estimators:
@@ -87,7 +94,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
             with guarded(name, where):
                 model.fit(train, labels)
             outcomes.append(
-                Outcome(
+                TestOutcome(
                     estimator=name,
                     train_on=THE_OTHERS,
                     tested_on=fold.group or ALL,
@@ -101,7 +108,7 @@ def leak_free_trial(study: Study, pool: Pool | None, trial: int) -> list[list[Ou
     return [outcomes]
 
 
-def _rows(study: Study, pool: Pool | None, folds: Sequence[Fold], seed: int) -> Iterator[Any]:
+def _rows(study: ClassifiedStudy, pool: Pool | None, folds: Sequence[Fold], seed: int) -> Iterator[Any]:
     """Yield the augmented training rows and the test rows of each fold."""
     components, copies = study.settings.components, study.settings.augmentation
     if pool is None or components is None:
@@ -109,7 +116,7 @@ def _rows(study: Study, pool: Pool | None, folds: Sequence[Fold], seed: int) -> 
             test = study.features.rows[fold.test].astype(np.float64)
             yield copies.rows(study.features, fold.train, seed), test
         return
-    noise = None if copies.noise is None else Noise.of(pool, copies.noise, seed)
+    noise = None if copies.noise is None else PixelNoise.of(pool, copies.noise, seed)
     for fold in folds:
         scores = principal_scores(pool, noise, copies, components, fold.train)
         yield scores.train, scores.plain[fold.test]

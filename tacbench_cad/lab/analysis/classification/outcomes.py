@@ -25,7 +25,7 @@ ARRAYS = ("press", "copied", "predicted")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Study:
+class ClassifiedStudy:
     """The data and settings that all trials of a classification share.
 
     Args:
@@ -40,7 +40,7 @@ class Study:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
+class TestOutcome:
     """The predictions of one estimator in one fold.
 
     Args:
@@ -63,7 +63,7 @@ class Outcome:
     copied: Ints
     predicted: Ints
 
-    def only(self, which: Bools) -> Outcome:
+    def only(self, which: Bools) -> TestOutcome:
         """Return the outcome with some of its rows."""
         return replace(self, **{name: getattr(self, name)[which] for name in ARRAYS})
 

@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
-from tacbench_cad.lab.analysis.classification.outcomes import ALL_OTHERS, Outcome, Study, guarded, predictions
+from tacbench_cad.lab.analysis.classification.outcomes import (
+    ALL_OTHERS,
+    ClassifiedStudy,
+    TestOutcome,
+    guarded,
+    predictions,
+)
 from tacbench_cad.lab.analysis.classification.pca import Pool, Scores, clipped_scores, trial_scores
 from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import PressTable
@@ -47,7 +53,7 @@ WARNINGS = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Design:
+class ProtocolDesign:
     """The training and test presses of a protocol.
 
     Args:
@@ -61,7 +67,7 @@ class Design:
     tested_on: str
 
     @classmethod
-    def of(cls, protocol: str, presses: PressTable, train_on: str) -> Design:
+    def of(cls, protocol: str, presses: PressTable, train_on: str) -> ProtocolDesign:
         """Make the design of a protocol for one combination."""
         inside = presses.combination == train_on
         if protocol == "paper":
@@ -72,7 +78,7 @@ class Design:
         return cls(trained=np.flatnonzero(first), tested=columns, tested_on=train_on)
 
 
-def _require_possible(study: Study) -> None:
+def _require_possible(study: ClassifiedStudy) -> None:
     """Check that this protocol can be used with the data.
 
     Raises:
@@ -90,12 +96,12 @@ def _require_possible(study: Study) -> None:
     for name in study.settings.train_on:
         if name not in known:
             raise InputError("train-on", name, f"must be a combination of the runs: {', '.join(known)}")
-        present = np.unique(textures[Design.of(protocol, study.presses, name).trained])
+        present = np.unique(textures[ProtocolDesign.of(protocol, study.presses, name).trained])
         if len(present) < 2:
             raise InputError("train-on", name, f"has only {present[0]}; training needs at least two textures")
 
 
-def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
+def calls(study: ClassifiedStudy, train_on: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
     """Return calls for worker processes. Each call has several trials, whose networks are trained together.
 
     Args:
@@ -115,7 +121,7 @@ def calls(study: Study, train_on: str, trials: Sequence[int], jobs: int) -> list
     settings, copies = study.settings, study.settings.augmentation
     components = settings.components
     assert components is not None  # ClassificationSettings refuses it for this protocol
-    chosen = Design.of(settings.protocol, study.presses, train_on).trained
+    chosen = ProtocolDesign.of(settings.protocol, study.presses, train_on).trained
     rows, seeds = study.features.rows, [trial_seed(settings.seed, trial) for trial in trials]
     if settings.clip:
         images = np.asarray(rows, np.uint8)
@@ -137,7 +143,7 @@ def paper_trials(
     train_on: str,
     trials: Sequence[int],
     scores: Sequence[Scores],
-) -> list[list[Outcome]]:
+) -> list[list[TestOutcome]]:
     """Train and test every estimator in some trials.
 
     Returns:
@@ -148,12 +154,12 @@ def paper_trials(
     """
     from sklearn.model_selection import train_test_split
 
-    design = Design.of(settings.protocol, presses, train_on)
+    design = ProtocolDesign.of(settings.protocol, presses, train_on)
     chosen, columns = design.trained, COLUMNS[settings.protocol]
     labels = np.tile(presses.texture[chosen], settings.augmentation.count)
     seeds = [trial_seed(settings.seed, trial) for trial in trials]
     whole, fraction = np.arange(len(labels)), TEST_FRACTIONS[settings.protocol]
-    outcomes: list[list[Outcome]] = [[] for _ in trials]
+    outcomes: list[list[TestOutcome]] = [[] for _ in trials]
     for name in settings.estimators:
         where = f"trials {trials[0]} to {trials[-1]} on {train_on}"
         try:
@@ -178,7 +184,7 @@ def paper_trials(
             ]
             for column, tested_on, rows, press, copied in tested:
                 results.append(
-                    Outcome(
+                    TestOutcome(
                         estimator=name,
                         train_on=train_on,
                         tested_on=tested_on,

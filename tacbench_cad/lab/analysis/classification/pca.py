@@ -134,7 +134,7 @@ class Pool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Noise:
+class PixelNoise:
     """The noise of one trial on each frame of a pool.
 
     Args:
@@ -150,7 +150,7 @@ class Noise:
     own: Floats
 
     @classmethod
-    def of(cls, pool: Pool, sigma: float, seed: int) -> Noise:
+    def of(cls, pool: Pool, sigma: float, seed: int) -> PixelNoise:
         """Draw the noise."""
         count = len(pool.inside)
         cross, own = np.zeros((count + 1, count)), np.zeros((count, count))
@@ -211,7 +211,7 @@ class Scores:
 
 
 def principal_scores(
-    pool: Pool, noise: Noise | None, augmentation: Augmentation, components: int, train: Ints | None = None
+    pool: Pool, noise: PixelNoise | None, augmentation: Augmentation, components: int, train: Ints | None = None
 ) -> Scores:
     """Fit principal components to an augmented training set and project the pool's frames onto them.
 
@@ -250,7 +250,7 @@ def trial_scores(
     ends = len(pool.plain)
 
     def fit(seed: int) -> tuple[Scores, Floats, Floats, Callable[[int, int], Floats] | None]:
-        noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, seed)
+        noise = None if augmentation.noise is None else PixelNoise.of(pool, augmentation.noise, seed)
         scores, weights, noisy, middle = _fit(pool, noise, augmentation, components)
         if noise is None or not len(outside):
             return scores, middle, weights, None
@@ -281,7 +281,7 @@ def trial_scores(
 
 
 def _fit(
-    pool: Pool, noise: Noise | None, augmentation: Augmentation, components: int, train: Ints | None = None
+    pool: Pool, noise: PixelNoise | None, augmentation: Augmentation, components: int, train: Ints | None = None
 ) -> tuple[Scores, Floats, Floats, Floats]:
     """Return the scores of the pool, each component's weights of 1 and frames, its weights of noise, and the middle."""
     places = np.arange(len(pool.inside)) if train is None else train

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.classification.accuracy import Score, is_whole
+from tacbench_cad.lab.analysis.classification.accuracy import FoldScore, is_whole
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
-from tacbench_cad.lab.analysis.classification.outcomes import Outcome
+from tacbench_cad.lab.analysis.classification.outcomes import TestOutcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import (
     ClassificationRecord,
@@ -84,8 +84,8 @@ class Result:
     """
 
     settings: ClassificationSettings
-    outcomes: tuple[Outcome, ...]
-    scores: tuple[Score, ...]
+    outcomes: tuple[TestOutcome, ...]
+    scores: tuple[FoldScore, ...]
     notes: tuple[str, ...]
     collection: Collection
     answers: tuple[Answer, ...] = ()

@@ -67,7 +67,7 @@ class Accuracy:
     prints: int
 
 
-class Fault(NamedTuple):
+class PredictionFault(NamedTuple):
     """A prediction that is missing, doubled or unknown.
 
     Args:
@@ -87,13 +87,13 @@ class PredictionsError(CheckFailedError):
         faults: All faults.
     """
 
-    def __init__(self, path: Path, faults: Sequence[Fault]) -> None:
+    def __init__(self, path: Path, faults: Sequence[PredictionFault]) -> None:
         self.path, self.faults = path, tuple(faults)
         kinds = Counter(fault.kind for fault in faults)
         counts = ", ".join(f"{count:,} {kind}" for kind, count in kinds.items())
         super().__init__(f"{path}: predictions do not fit the split: {counts}; the first: {faults[0].text}")
 
-    def __reduce__(self) -> tuple[type[PredictionsError], tuple[Path, tuple[Fault, ...]]]:
+    def __reduce__(self) -> tuple[type[PredictionsError], tuple[Path, tuple[PredictionFault, ...]]]:
         return (type(self), (self.path, self.faults))
 
 
@@ -209,35 +209,39 @@ def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
     predicted = {(fold.name, i): "" for fold in split.folds for i in fold.test}
     folds = {fold.name for fold in split.folds}
     lines: dict[tuple[str, int], int] = {}
-    faults: list[Fault] = []
+    faults: list[PredictionFault] = []
     for line, row in _rows(path):
         try:
             key: Key = (row["run"], int(row["force_level"]), int(row["repeat"]), int(row["position"]))
         except ValueError:
-            faults.append(Fault("unknown", f"line {line}: force_level, repeat and position must be whole numbers"))
+            faults.append(
+                PredictionFault("unknown", f"line {line}: force_level, repeat and position must be whole numbers")
+            )
             continue
         where = f"line {line}: fold {row['fold']}, {named(key)}"
         place = (row["fold"], index.get(key, -1))
         if row["fold"] not in folds:
-            faults.append(Fault("unknown", f"{where}: this fold is not in the split file"))
+            faults.append(PredictionFault("unknown", f"{where}: this fold is not in the split file"))
         elif key not in index:
-            faults.append(Fault("unknown", f"{where}: this press is not in the split file"))
+            faults.append(PredictionFault("unknown", f"{where}: this press is not in the split file"))
         elif place not in predicted:
-            faults.append(Fault("unknown", f"{where}: this press is not a test press of this fold"))
+            faults.append(PredictionFault("unknown", f"{where}: this press is not a test press of this fold"))
         elif place in lines:
-            faults.append(Fault("doubled", f"{where}: this press already has a prediction in line {lines[place]}"))
+            faults.append(
+                PredictionFault("doubled", f"{where}: this press already has a prediction in line {lines[place]}")
+            )
         else:
             lines[place], predicted[place] = line, row["predicted"]
             if row["predicted"] not in split.textures:
                 allowed = ", ".join(split.textures)
                 faults.append(
-                    Fault(
+                    PredictionFault(
                         "unknown",
                         f"{where}: predicted = {row['predicted']!r} is not a texture of the split file ({allowed})",
                     )
                 )
     for fold, i in (place for place in predicted if place not in lines):
-        faults.append(Fault("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction"))
+        faults.append(PredictionFault("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction"))
     if faults:
         raise PredictionsError(path, faults)
     return predicted

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.accuracy import FoldScore
 from tacbench_cad.lab.analysis.classification.classify import Progress, classify
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
@@ -134,7 +134,7 @@ def run_sweep(
         raise InputError("sweep", sweep.parameter, "needs principal components; leave out --components none")
     if sweep.parameter == "frames" and not settings.series:
         raise InputError("sweep", sweep.parameter, "needs series of frames; also give --series")
-    points: list[tuple[float, Score]] = []
+    points: list[tuple[float, FoldScore]] = []
     notes: list[str] = []
     for value in sweep.values:
         data, changed = sweep.at(collection, settings, value)

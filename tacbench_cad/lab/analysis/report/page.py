@@ -37,7 +37,7 @@ _OTHER_PROTOCOL = "must be computed with --protocol paper; the report itself add
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class ReportOptions:
     """The options of a report.
 
     Args:
@@ -57,7 +57,7 @@ class Options:
 
 
 def write_report(
-    runs: Sequence[Path], out: Path, options: Options | None = None, progress: Progress = lambda *_: None
+    runs: Sequence[Path], out: Path, options: ReportOptions | None = None, progress: Progress = lambda *_: None
 ) -> list[Path]:
     """Write the report of a study.
 
@@ -75,7 +75,7 @@ def write_report(
             cannot be analysed together, or the folder of an analysis belongs to other runs.
         MissingToolError: A package that the report needs is not installed. Nothing is written then.
     """
-    chosen = options or Options()
+    chosen = options or ReportOptions()
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(out), "must end in .html")
     classified_here = chosen.classify and not chosen.classifications
@@ -124,7 +124,7 @@ def _require_same(option: str, folder: Path, settings: Settings | Classification
         raise InputError(option, str(folder), "must be an analysis of all presses of these runs; repeat the analysis")
 
 
-def _variance(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
+def _variance(collection: Collection, folder: Path, options: ReportOptions, progress: Progress) -> dict[str, Any]:
     """Write or copy the files of the variance table; return the fields of :class:`Results` about it."""
     from tacbench_cad.lab.analysis.feature import fitted
     from tacbench_cad.lab.analysis.variance.table import variance_table
@@ -148,7 +148,9 @@ def _variance(collection: Collection, folder: Path, options: Options, progress: 
     return {"variance": VarianceView.read(folder, collection), **beside}
 
 
-def _beside_the_paper(collection: Collection, folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
+def _beside_the_paper(
+    collection: Collection, folder: Path, options: ReportOptions, progress: Progress
+) -> dict[str, Any]:
     """Write the table of the paper's own quantity; return the fields of :class:`Results` about it."""
     from tacbench_cad.lab.analysis.variance.table import variance_table
     from tacbench_cad.lab.analysis.variance.view import write_all
@@ -171,7 +173,7 @@ def _beside_the_paper(collection: Collection, folder: Path, options: Options, pr
     return {"published": VarianceView.of(result), "grades": grades}
 
 
-def _classifications(collection: Collection, files: Path, options: Options, progress: Progress) -> dict[str, Any]:
+def _classifications(collection: Collection, files: Path, options: ReportOptions, progress: Progress) -> dict[str, Any]:
     """Write or copy the files of the classifications; return the fields of :class:`Results` about them."""
     refusal, folders = "", []
     if options.classifications:

@@ -64,7 +64,7 @@ class Compared:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Texture:
+class GradedTexture:
     """The numbers of one of the paper's textures, and their comparison with the published figures."""
 
     texture: int
@@ -137,7 +137,7 @@ class Grade:
     filament: str
     force_level: Level
     units: str
-    textures: tuple[Texture, ...]
+    textures: tuple[GradedTexture, ...]
     verdicts: tuple[Judgement, ...]
     limits: tuple[str, ...]
 
@@ -146,7 +146,7 @@ class Grade:
         """The textures with their figures and the published figures."""
         names = list(published.PAPER_ROW_NAMES.values())
 
-        def beside(place: int, texture: Texture) -> str:
+        def beside(place: int, texture: GradedTexture) -> str:
             of = texture.published[place]
             return f"{of.variance:.2f} {of.ours_is or '-'}"
 
@@ -210,7 +210,7 @@ def grade(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str]
     return tuple(grades)
 
 
-def _texture(cell: Cell, number: int, collection: Collection) -> Texture:
+def _texture(cell: Cell, number: int, collection: Collection) -> GradedTexture:
     compared = []
     for (printer, filament), values in published.PAPER_VARIANCE.items():
         value, ratio = values[number - 1], None
@@ -221,12 +221,12 @@ def _texture(cell: Cell, number: int, collection: Collection) -> Texture:
             ours_is = "less" if ratio[1] < 1.0 else "more" if ratio[0] > 1.0 else "unclear"
         compared.append(Compared(printer=printer, filament=filament, variance=value, ours_is=ours_is, ratio=ratio))
     numbers = {name: getattr(cell, name) for name in ("variance", "noise_alone", "low", "high", "prints", "presses")}
-    return Texture(texture=number, published=tuple(compared), **numbers)
+    return GradedTexture(texture=number, published=tuple(compared), **numbers)
 
 
-def _judged(row: int, textures: Sequence[Texture], comparable: bool) -> Judgement:
+def _judged(row: int, textures: Sequence[GradedTexture], comparable: bool) -> Judgement:
     """Compare the textures with one of the published rows."""
-    by: dict[Difference, list[tuple[Texture, tuple[float, float]]]] = {"less": [], "more": [], "unclear": []}
+    by: dict[Difference, list[tuple[GradedTexture, tuple[float, float]]]] = {"less": [], "more": [], "unclear": []}
     for texture in textures:
         of = texture.published[row]
         if of.ours_is and of.ratio:

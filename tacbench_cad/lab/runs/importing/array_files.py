@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.runs.importing import companions
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
-from tacbench_cad.lab.runs.importing.sources import LeftOut, Loaded, Rows, Sample, Source, columns_of_fields
+from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Loaded, Rows, Sample, Source, columns_of_fields
 from tacbench_cad.lab.runs.npyfile import array_head, mapped
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
@@ -91,12 +91,12 @@ def array_source(path: Path, frames: Frames, paths: Paths, options: ImportOption
     if "index" not in rows.columns and len(rows.rows) != count:
         raise InputError("table", rows.name, f"has {len(rows.rows):,} rows, but {path.name} has {count:,} frames")
     samples: list[Sample] = []
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOutFile] = []
     for number, (where, fields, of_row) in enumerate(rows.rows):
         word = fields.pop("index", str(number) if "index" not in rows.columns else "")
         if not word.isdecimal() or len(word) > 12 or int(word) >= count:
             left_out.append(
-                LeftOut(
+                LeftOutFile(
                     where=f"{where} ({word})", reason=f"is not a frame of {path.name}, which has 0 to {count - 1:,}"
                 )
             )

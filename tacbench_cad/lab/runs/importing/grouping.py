@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.lab.runs.importing.sources import MEASURED, LeftOut, Sample, Source
+from tacbench_cad.lab.runs.importing.sources import MEASURED, LeftOutFile, Sample, Source
 from tacbench_cad.lab.runs.origins import FILE, INDEX, column_of
 from tacbench_cad.lab.study.spec import Specimen
 from tacbench_cad.spec.protocol import FORCES_N
@@ -77,7 +77,7 @@ class Group:
         return tuple(sorted(levels - {None}))
 
 
-def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[LeftOut]]:
+def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[LeftOutFile]]:
     """Group the samples of sources into runs.
 
     There is one run for each print if the data tell the prints apart, otherwise one for each label.
@@ -99,7 +99,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
         for sample in source.samples:
             fault = _fault(sample)
             if fault:
-                left_out.append(LeftOut(where=sample.where, reason=fault))
+                left_out.append(LeftOutFile(where=sample.where, reason=fault))
             else:
                 pairs.append((source, sample))
     samples = [sample for _, sample in pairs]
@@ -132,7 +132,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
             key = (row["position"], row["force_level"], row["repeat"])
             if row["position"] and row["repeat"] and numbers.setdefault(key, sample.where) != sample.where:
                 what = f"has the same print, position, force and repeat as {numbers[key]}"
-                left_out.append(LeftOut(where=sample.where, reason=what))
+                left_out.append(LeftOutFile(where=sample.where, reason=what))
             else:
                 kept.append((number, sample, row))
         mine = list(dict.fromkeys(map(id, (source for source, _ in members))))

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
-from tacbench_cad.lab.runs.importing.sources import LeftOut, Loaded, Rows, Sample, Source
+from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Loaded, Rows, Sample, Source
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, natural
@@ -72,7 +72,7 @@ def table_source(table: Path, folder: Path, columns: Mapping[str, str], kind: st
     names = [_inside(fields.get("image", ""), folder) for _, fields, _ in rows.rows]
     folder, notes = _folder_of(names, folder)
     samples: list[Sample] = []
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOutFile] = []
     seen: dict[str, str] = {}
     for name, (where, fields, texts) in zip(names, rows.rows, strict=True):
         fields.pop("image", "")
@@ -80,7 +80,7 @@ def table_source(table: Path, folder: Path, columns: Mapping[str, str], kind: st
         if not reason and seen.setdefault(name, where) != where:
             reason = f"has the same image as {seen[name]}"
         if reason:
-            left_out.append(LeftOut(where=f"{where} ({name})", reason=reason))
+            left_out.append(LeftOutFile(where=f"{where} ({name})", reason=reason))
         else:
             samples.append(_sample(name, fields, folder / name, folder, where, texts))
     return Source(

@@ -13,7 +13,7 @@ from pathlib import Path
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.importing import array_files, companions, image_folders
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
-from tacbench_cad.lab.runs.importing.sources import LeftOut, Source
+from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Source
 from tacbench_cad.util.entries import entries, load
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError, TacbenchError, one_of
 
@@ -40,7 +40,7 @@ class ImportFormat:
     read: Callable[[Path, Paths, ImportOptions], Source]
     suffixes: tuple[str, ...] = ()
     together: bool = False
-    folders: Callable[[Path], tuple[list[Path], list[LeftOut]]] | None = None
+    folders: Callable[[Path], tuple[list[Path], list[LeftOutFile]]] | None = None
     check_options: Callable[[Mapping[str, str]], object] | None = None
 
 
@@ -115,17 +115,17 @@ class _Formats:
             "path", str(path), f"cannot be imported; give a folder or a file with one of the suffixes {suffixes}"
         )
 
-    def left_out(self, path: Path, error: TacbenchError) -> LeftOut:
+    def left_out(self, path: Path, error: TacbenchError) -> LeftOutFile:
         """Return why a path is left out, without repeating its name, and which formats are not installed."""
         repeated = isinstance(error, InputError) and error.value == str(path)
         reason = error.allowed if repeated and isinstance(error, InputError) else str(error)
         if self.missing:
             packages = sorted({".".join(entries(GROUP)[name].module.split(".")[:3]) for name in self.missing})
             reason += f"; the formats {', '.join(self.missing)} need {', '.join(packages)}, which is not installed"
-        return LeftOut(where=str(path), reason=reason)
+        return LeftOutFile(where=str(path), reason=reason)
 
 
-def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source | LeftOut]:
+def sources_of(paths: Sequence[Path], options: ImportOptions) -> Iterator[Source | LeftOutFile]:
     """Yield the source at each path, or the reason why it cannot be imported.
 
     If the paths contain a table (CSV) together with images, arrays or videos, the table describes these.
@@ -179,7 +179,9 @@ def _units(paths: Paths, formats: _Formats) -> list[Path]:
     return units or list(paths.tables)
 
 
-def _unfolded(path: Path, paths: Paths, options: ImportOptions, formats: _Formats) -> tuple[list[Path], list[LeftOut]]:
+def _unfolded(
+    path: Path, paths: Paths, options: ImportOptions, formats: _Formats
+) -> tuple[list[Path], list[LeftOutFile]]:
     """Return the files of a folder of arrays, or the folders of a format in a folder, or else the path itself.
 
     Returns:

@@ -16,7 +16,7 @@ from tacbench_cad.lab.runs.importing.grouping import Group, Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import sources_of
 from tacbench_cad.lab.runs.importing.import_options import ImportOptions
 from tacbench_cad.lab.runs.importing.imported_frames import Prepared, prepared
-from tacbench_cad.lab.runs.importing.sources import LeftOut, Sample, Source
+from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Sample, Source
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.origins import IMAGE, write_origins
 from tacbench_cad.lab.runs.reading import Run
@@ -71,7 +71,7 @@ class ImportReport:
     """
 
     runs: tuple[ImportedRun, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[LeftOutFile, ...]
     notes: tuple[str, ...]
 
     @property
@@ -109,7 +109,7 @@ def import_samples(
     quiet_opencv()
     names = Names() if chosen.names is None else Names.read(chosen.names)
     sources: list[Source] = []
-    left_out: list[LeftOut] = []
+    left_out: list[LeftOutFile] = []
     for item in sources_of(paths, chosen):
         progress("reading the sources", len(sources) + len(left_out), 0)
         if isinstance(item, Source):
@@ -135,7 +135,7 @@ class _Work:
 
     def __init__(self, out: Path, progress: Progress, total: int, whole_kinds: Collection[str]) -> None:
         self.out, self.progress, self.total = out, progress, total
-        self.left_out: list[LeftOut] = []
+        self.left_out: list[LeftOutFile] = []
         self._done = 0
         self._digests: dict[Path, str] = {}
         #: The frames of the run that were loaded to determine the shape, by the identity of their samples.
@@ -146,7 +146,7 @@ class _Work:
     def run(self, group: Group, pool: Executor) -> ImportedRun | None:
         """Write a group's run folder. The result is None if none of its samples can be imported."""
         folder, done = self.out / group.specimen.name, self._done
-        left_out: list[LeftOut] = []
+        left_out: list[LeftOutFile] = []
         imported = present = 0
         try:
             info = self._info(group, folder, pool)
@@ -164,14 +164,14 @@ class _Work:
                         writer.sample(number, frame.file, **row)
                         imported += 1
                     else:
-                        left_out.append(LeftOut(where=sample.where, reason=fault))
+                        left_out.append(LeftOutFile(where=sample.where, reason=fault))
                     self._done += 1
                     self.progress(folder.name, self._done, self.total)
         except InputError as error:
             if error.field in ("output folder", "output file"):
                 raise
             rest = len(group.samples) - imported - present - len(left_out)
-            left_out.append(LeftOut(where=folder.name, reason=str(error), count=rest))
+            left_out.append(LeftOutFile(where=folder.name, reason=str(error), count=rest))
         self.left_out += _summarised(left_out)
         self._done = done + len(group.samples)
         if not imported and not present:
@@ -293,9 +293,9 @@ def _fault(frame: Outcome, info: RunInfo) -> str:
     return ""
 
 
-def _summarised(left_out: Sequence[LeftOut]) -> Iterator[LeftOut]:
+def _summarised(left_out: Sequence[LeftOutFile]) -> Iterator[LeftOutFile]:
     """Replace many samples with the same reason by a single entry."""
-    alike: dict[str, list[LeftOut]] = defaultdict(list)
+    alike: dict[str, list[LeftOutFile]] = defaultdict(list)
     for each in left_out:
         alike[each.reason].append(each)
     for reason, members in alike.items():
@@ -303,7 +303,7 @@ def _summarised(left_out: Sequence[LeftOut]) -> Iterator[LeftOut]:
             yield from members
         else:
             where = f"{members[0].where} and {len(members) - 1:,} more"
-            yield LeftOut(where=where, reason=reason, count=sum(each.count for each in members))
+            yield LeftOutFile(where=where, reason=reason, count=sum(each.count for each in members))
 
 
 def _imported_files(out: Path, whole_kinds: Collection[str]) -> Iterator[tuple[str, Path]]:

@@ -87,7 +87,7 @@ class Sample:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOut:
+class LeftOutFile:
     """One or more samples that were not imported.
 
     Args:
@@ -126,7 +126,7 @@ class Source:
     kind: str
     path: Path
     samples: Sequence[Sample]
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[LeftOutFile, ...] = ()
     files: tuple[Path, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -135,7 +135,7 @@ class Source:
     base: Path = Path()
 
 
-class Line(NamedTuple):
+class TableLine(NamedTuple):
     """A row of a table: its place, for messages; its non-empty fields; and its texts by column."""
 
     where: str
@@ -155,7 +155,7 @@ class Rows:
     """
 
     name: str
-    rows: tuple[Line, ...]
+    rows: tuple[TableLine, ...]
     columns: Mapping[str, str]
     unused: tuple[str, ...]
 
@@ -178,7 +178,7 @@ class Rows:
         columns = columns_of_fields(name, header, chosen)
         places = {field: header.index(column) for field, column in columns.items()}
         mapped = tuple(
-            Line(
+            TableLine(
                 f"{name} line {number}",
                 {field: text for field, place in places.items() if (text := row[place].strip())},
                 dict(zip(header, row, strict=True)),

@@ -13,7 +13,7 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
 from tacbench_cad.lab.runs.importing.grouping import Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import sources_of
-from tacbench_cad.lab.runs.importing.sources import LeftOut, Source
+from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Source
 
 Capture = pytest.CaptureFixture[str]
 NAMES = (Path(__file__).parent / "authors_names.txt").read_text().split()
@@ -42,7 +42,7 @@ def arrays(tmp_path: Path) -> Path:
 
 def test_all_published_names_are_recognised(arrays: Path) -> None:
     items = list(sources_of([arrays], ImportOptions()))
-    left_out = [item for item in items if isinstance(item, LeftOut)]
+    left_out = [item for item in items if isinstance(item, LeftOutFile)]
     assert [Path(sample.where).name for sample in left_out] == ["X.npy", "petg_z0_P35_bambu.npy"]
     assert "a table (CSV) with a row for each" in left_out[0].reason
     assert "P35 is not a force level; known are P30=1, P40=2, P50=3, and --format-options" in left_out[1].reason

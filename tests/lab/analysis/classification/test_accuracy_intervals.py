@@ -18,7 +18,7 @@ pytest.importorskip("scipy")
 
 from tacbench_cad.lab.analysis.classification.accuracy import scores, texture_answers
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS, Outcome
+from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS, TestOutcome
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.conclusions import Answer
 from tacbench_cad.util.types import Bools
@@ -44,11 +44,11 @@ def presses_of(textures: int, prints: int, presses: int) -> PressTable:
     )
 
 
-def outcome(presses: PressTable, right: Bools, hold_out: str = "copy") -> Outcome:
+def outcome(presses: PressTable, right: Bools, hold_out: str = "copy") -> TestOutcome:
     """Return the predictions of one trial; each wrong prediction is the next texture."""
     truth = np.unique(presses.texture, return_inverse=True)[1]
     predicted = np.where(right, truth, (truth + 1) % len(presses.textures))
-    return Outcome(
+    return TestOutcome(
         estimator="forest",
         train_on=THE_OTHERS,
         tested_on=ALL,

@@ -19,7 +19,7 @@ from tacbench_cad.lab.analysis.classification.augment import BLOCK, PAPER_COPIES
 from tacbench_cad.lab.analysis.classification.classify import classify
 from tacbench_cad.lab.analysis.classification.features import Features, read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
-from tacbench_cad.lab.analysis.classification.outcomes import Study
+from tacbench_cad.lab.analysis.classification.outcomes import ClassifiedStudy
 from tacbench_cad.lab.analysis.classification.pca import Pool
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS, PressTable
@@ -61,7 +61,10 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
         estimators=("forest", "network"), augmentation=PAPER_COPIES, resolution=1.0, components=12, epochs=15, seed=4
     )
     features = read_features(study, Pixels(resolution=0.5))
-    task, pool = Study(features=features, presses=presses, settings=settings), Pool.of(features.rows, components=12)
+    task, pool = (
+        ClassifiedStudy(features=features, presses=presses, settings=settings),
+        Pool.of(features.rows, components=12),
+    )
     assert pool.factor is None  # few pixels: noise is drawn for each pixel
     outcomes = leak_free_trial(task, pool, 1)[0]
     seed = trial_seed(4, 1)

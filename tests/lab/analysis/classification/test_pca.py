@@ -17,7 +17,7 @@ from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augme
 from tacbench_cad.lab.analysis.classification.features import Features
 from tacbench_cad.lab.analysis.classification.pca import (
     WRITTEN_OUT,
-    Noise,
+    PixelNoise,
     Pool,
     Scores,
     clipped_scores,
@@ -78,7 +78,7 @@ def test_scores_equal_those_of_the_explicit_training_set(
     chosen = np.random.default_rng(1).permutation(count)[: count // 2]
     # A fold of a pool of all frames: its noise equals that of the copies for other estimators.
     pool = Pool.of(rows, components=components)
-    noise = None if augmentation.noise is None else Noise.of(pool, augmentation.noise, 7)
+    noise = None if augmentation.noise is None else PixelNoise.of(pool, augmentation.noise, 7)
     result = principal_scores(pool, noise, augmentation, components, chosen)
     written = augmentation.rows(features, chosen, 7)
     assert_equals_scikit_learn(result, written, rows.astype(float))
@@ -90,7 +90,7 @@ def test_scores_equal_those_of_the_explicit_training_set(
     assert_equals_scikit_learn(result, written, rows.astype(float))
 
 
-def explicit_noise(pool: Pool, noise: Noise) -> Floats:
+def explicit_noise(pool: Pool, noise: PixelNoise) -> Floats:
     """Return noise with the inner products of a draw, (m, numbers); its directions outside the frames are arbitrary."""
     assert pool.factor is not None
     count = len(pool.inside)
@@ -107,7 +107,7 @@ def test_training_scores_equal_those_of_noise_with_the_drawn_inner_products() ->
     rows = images_of(45, 400)
     pool = Pool.of(rows, np.arange(0, 45, 2), components=8, seeds=(3,))
     assert pool.factor is not None
-    noise = Noise.of(pool, 5.0, 3)
+    noise = PixelNoise.of(pool, 5.0, 3)
     result = principal_scores(pool, noise, PAPER_COPIES, 8)
     drawn = explicit_noise(pool, noise)
     assert 0.95 < drawn.std() / 5.0 < 1.05
@@ -170,7 +170,7 @@ def test_a_trial_needs_memory_for_two_more_matrices(numbers: int) -> None:
     rows = np.random.default_rng(0).integers(0, 256, (1500, numbers), dtype=np.uint8)
     pool = Pool.of(rows, components=5)
     tracemalloc.start()
-    Noise.of(pool, 5.0, seed=1)
+    PixelNoise.of(pool, 5.0, seed=1)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < (2.6 if numbers == 64 else 4.2) * pool.plain.nbytes

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tacbench_cad.lab.analysis.classification import accuracy_figures as figures_classify
-from tacbench_cad.lab.analysis.classification.accuracy import Score
+from tacbench_cad.lab.analysis.classification.accuracy import FoldScore
 from tacbench_cad.lab.analysis.classification.accuracy_figures import draw_result
 from tacbench_cad.lab.analysis.classification.classify import write_tables
 from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS, Result
@@ -98,7 +98,7 @@ def test_the_legend_lists_exactly_what_is_drawn(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    score = Score(
+    score = FoldScore(
         estimator="forest",
         train_on="",
         tested_on="all",

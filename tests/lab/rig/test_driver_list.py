@@ -12,12 +12,12 @@ from helpers.devices import install_package, plug_camera
 from tacbench_cad.cli import rig
 from tacbench_cad.lab.rig import ports, video_nodes
 from tacbench_cad.lab.rig.errors import DeviceLostError
-from tacbench_cad.lab.rig.ports import Candidate
+from tacbench_cad.lab.rig.ports import PortCandidate
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
-PORT = Candidate(
+PORT = PortCandidate(
     name="/dev/serial/by-id/usb-1a86-if00",
     device="/dev/ttyUSB0",
     description="wch.cn USB Serial",
