@@ -1,4 +1,4 @@
-"""The list of simulators. To add one, add a module to this package and a row to :data:`SIMULATOR_TARGETS`."""
+"""The list of simulators. To add one, add a module to this package and a row to ``SIMULATOR_TARGETS``."""
 
 from __future__ import annotations
 
