@@ -31,12 +31,12 @@ MESHES = ("drum", "strip")
 EXPECTED: dict[str, dict[str, str]] = {
     "custom_texture": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
-        "is the product": f"abs(waves(0.7, 1.9) - {sin(0.7) * sin(1.9) + 0.2 * sin(2.8)!r}) < 1e-12",
+        "is the product": f"abs(waffle.surface(0.7, 1.9) - {sin(0.7) * sin(1.9) + 0.2 * sin(2.8)!r}) < 1e-12",
         "files are written": "all(report.ok and report.path.is_file() for report in reports) and len(reports) == 2",
     },
     "hexagonal": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
-        "bumps repeat along the hexagons": "abs(waves(0.4, 0.9) - waves(0.4, 0.9 + 4 * pi / 3 ** 0.5)) < 1e-9",
+        "bumps repeat along the hexagons": "abs(bumps.surface(0.4, 0.9) - bumps.surface(0.4, 0.9 + 4 * pi / 3**0.5)) < 1e-9",
     },
     "own_housing": {
         # Above the block, the window only cuts the roof, because the space below the roof is already open.
