@@ -36,7 +36,8 @@ EXPECTED: dict[str, dict[str, str]] = {
     },
     "hexagonal": {
         "volume": "block.volume_mm3(block.solid_datum_mm)",
-        "bumps repeat along the hexagons": "abs(bumps.surface(0.4, 0.9) - bumps.surface(0.4, 0.9 + 4 * pi / 3**0.5)) < 1e-9",
+        "bumps repeat along the hexagons": "abs(bumps.surface(0.4, 0.9) - bumps.surface(0.4, 0.9 + 4 * pi / 3**0.5)) "
+        "< 1e-9",
     },
     "own_housing": {
         # Above the block, the window only cuts the roof, because the space below the roof is already open.
