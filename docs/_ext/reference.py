@@ -45,7 +45,7 @@ MAX_VALUE_LENGTH = 300
 OTHERS = re.compile(
     r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|importlib|pathlib|random|re|socket|subprocess|threading"
     r"|typing|build123d|cadquery|cv2|dask|distributed|jinja2|joblib|lib3mf|manifold3d|matplotlib|numpy|OCP|pymeshlab|serial|sklearn"
-    r"|starlette)\."
+    r"|starlette|tomlkit)\."
 )
 
 

@@ -32,7 +32,7 @@ def check(
 
     Args:
         path: The file. Its ending determines the format.
-        part: The expected part: a Block, a Holder, a Jig, a Coupon or a :class:`~tacbench_cad.Part`; None for any part.
+        part: The expected part: a Block, a Holder, a Jig, a Coupon or a ``PrintPart``; None for any part.
         texture: The expected texture: a texture, its number or name, or a TOML file; None for the nearest texture.
         preset: ``paper`` or ``released``; None for the nearest preset.
         scale: The expected scale; None to compute it from the file.

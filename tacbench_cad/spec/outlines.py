@@ -235,6 +235,7 @@ class Corners:
         return Corners(tuple(map(tuple, (self.array + by_mm * shift).tolist())))
 
 
+#: A closed curve of an outline.
 Loop = Circle | Corners
 
 

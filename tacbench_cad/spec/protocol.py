@@ -14,6 +14,7 @@ from tacbench_cad.util.types import Floats
 if TYPE_CHECKING:
     from tacbench_cad.spec.block import Block
 
+#: The two readings of the spacing of the positions along y.
 Spacing = Literal["even", "1mm"]
 
 #: The paper's three contact forces, in newtons.

@@ -236,7 +236,7 @@ class WaveSum(Surface):
     def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, with a proved error.
 
-        The error is at most :data:`EXTREMES_ERROR` if the sum is separable or all waves are parallel. Otherwise it is
+        The error is at most ``EXTREMES_ERROR`` if the sum is separable or all waves are parallel. Otherwise it is
         at most :data:`EXTREMES_FRACTION` times the sum of the amplitudes. Points are ``(u, v)``.
 
         Args:

@@ -89,7 +89,7 @@ def read_numbers(path: Path, what: str, kind: str, axes: Sequence[str] = ()) -> 
     Args:
         path: The file.
         what: The kind of document, for error messages: ``scan``.
-        kind: The kind of file, for its largest size: a key of :data:`.door.MAX_MB`.
+        kind: The kind of file, for its largest size: a key of :data:`.untrusted.MAX_MB`.
         axes: The names of the columns to read. If the header does not name them, the first columns are read. Default:
             all columns.
 

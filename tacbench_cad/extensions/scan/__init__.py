@@ -5,7 +5,7 @@ Import the names from this module. Each name is loaded when it is first used, so
     from tacbench_cad.extensions.scan import analyse, read_scan
 
 * a scan: :func:`read_scan`, :class:`Cloud`; without a scanner: :func:`simulate_scan`, :class:`ScanTruth`
-* its result: :func:`analyse`, :class:`Options`, :class:`Limits`, :class:`ScanResult`, :func:`write_result`
+* its result: :func:`analyse`, :class:`ScanOptions`, :class:`Limits`, :class:`ScanResult`, :func:`write_result`
 * only the fit: :func:`fit_scan`, :func:`identify`, :class:`ScanFit`, :class:`Pose`
 """
 

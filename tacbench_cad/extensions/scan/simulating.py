@@ -295,7 +295,7 @@ def simulate_height_map(block: Block, truth: ScanTruth, step_mm: float = 0.1, tu
         turn_deg: The angle by which the block is turned under the instrument.
 
     Returns:
-        The scan with its :class:`HeightGrid`. Pixels beside the block, in holes and beyond the
+        The scan with its ``HeightGrid``. Pixels beside the block, in holes and beyond the
         part that was seen are ``nan``.
     """
     rng = np.random.default_rng((truth.seed, 0))

@@ -123,7 +123,7 @@ def launch(kind: str, **options: Any) -> VirtualRig:
 
     Args:
         kind: The firmware: ``grbl``, ``grblhal``, ``marlin`` or ``arduino``.
-        **options: Other fields of :class:`Setup`, and keyword arguments of the
+        **options: Other fields of ``Setup``, and keyword arguments of the
             firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
 
     Raises:

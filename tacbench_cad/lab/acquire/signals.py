@@ -26,7 +26,7 @@ class Signals:
     """Turns SIGINT, SIGTERM and SIGHUP into an orderly end.
 
     While a block is pressed, the signals go to the carriage, which stops. At other times (a question to the user, the
-    opening of devices) they raise :class:`RunInterruptedError` at once. Outside the main thread, no signal is handled.
+    opening of devices) they raise a ``RunInterruptedError`` at once. Outside the main thread, no signal is handled.
 
     If the main thread does not return from a device, another thread lifts the sensor after the first signal. The second
     signal, or a time limit, gives the device up: if no exception can reach the main thread, the process ends.

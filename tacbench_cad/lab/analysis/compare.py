@@ -91,7 +91,7 @@ class Difference:
         high: The upper end of its 95 % interval; None for fewer than two prints.
         smallest_difference: The smallest difference that the data can show; None for fewer than two prints.
         paired: Whether the prints that both sensors pressed are compared in pairs, and no others.
-        prints_a: The number of A's prints in the comparison; see :attr:`Side.unit` if prints are unknown.
+        prints_a: The number of A's prints in the comparison; see ``Side.unit`` if prints are unknown.
         prints_b: The number of B's prints in the comparison.
     """
 

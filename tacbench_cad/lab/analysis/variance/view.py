@@ -77,7 +77,7 @@ class VarianceView:
         collection: The study.
         settings: The settings.
         cells: The cells.
-        tables: The tables by the names in :data:`COLUMNS`. If they were read from files, tables that are never shown
+        tables: The tables by the names in ``COLUMNS``. If they were read from files, tables that are never shown
             are missing.
     """
 

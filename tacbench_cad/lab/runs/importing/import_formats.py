@@ -32,7 +32,7 @@ class ImportFormat:
         together: Whether all files of the user with these suffixes are one source, which one table describes. Otherwise
             each file is a source, and the command imports all of them that are in a folder.
         folders: A function that returns the folders of this format below a folder, and what is left out there.
-        check_options: A function that raises an InputError if :attr:`ImportOptions.of_format` has a wrong option; None
+        check_options: A function that raises an InputError if ``ImportOptions.of_format`` has a wrong option; None
             if the format has no options.
     """
 
