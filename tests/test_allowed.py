@@ -69,7 +69,7 @@ ELSEWHERE = {
             "lab.analysis.comparison_sides:read_side",
             "extensions.scan.estimates:ScanFit.parameter",
             "lab.simulate.contact:DomeContact.z_for_force",
-            "extensions.virtual_rig.machine:Carriage.__init__",
+            "extensions.virtual_rig.machine:VirtualCarriage.__init__",
             "making.texturing:texture_step_file",
         ),
         "needs the results of a long calculation, or arguments that only this program makes",

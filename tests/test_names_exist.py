@@ -111,9 +111,9 @@ def test_a_name_that_does_not_exist_is_found(tmp_path: Path) -> None:
     path = tmp_path / "test_old.py"
     path.write_text(
         "from tacbench_cad.spec.block import Block, Blok\n"
-        "from tacbench_cad.util import door\n"
+        "from tacbench_cad.util import untrusted\n"
         "import housing.holdr\n"
-        "door.no_such_name('tacbench_cad.util.untrusted.nor_this')\n"
+        "untrusted.no_such_name('tacbench_cad.util.untrusted.nor_this')\n"
         "CODE = 'from housing import Holder, Holdr'\n"
     )
     assert {name for name in used(path) if not exists(name)} == {

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tacbench_cad.extensions.markers.markers import PinPositions as FoundMarkers
+from tacbench_cad.extensions.markers.markers import Markers
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.contact import contact_for
@@ -41,7 +41,7 @@ def simulated_frames(look: str, presses: int, seed: int = 0) -> Iterator[tuple[F
 
 
 def detection_rates(
-    frames: Iterable[tuple[Frame, PinPositions]], find: Callable[[Frame], FoundMarkers]
+    frames: Iterable[tuple[Frame, PinPositions]], find: Callable[[Frame], Markers]
 ) -> tuple[float, float, float]:
     """Return the fraction of visible markers found, the fraction of false ones, and the rms error in pixels."""
     visible = false = 0

@@ -190,10 +190,10 @@ class Camera:
 def plugged(monkeypatch: Patch) -> list[str]:
     probed: list[str] = []
 
-    def answer(port: str, stage: StageSettings | None = None) -> probing.Answer:
+    def answer(port: str, stage: StageSettings | None = None) -> probing.PortAnswer:
         probed.append(port)
         settings = grbl_settings({1: 25.0, 22: 1.0, 23: 3.0}, counts_from_switch=True, stage=stage)
-        return probing.Answer(identity="grbl: 1.1h", settings=settings)
+        return probing.PortAnswer(identity="grbl: 1.1h", settings=settings)
 
     monkeypatch.setattr(ports, "candidates", lambda: [PORT])
     monkeypatch.setattr(probing, "cameras", lambda folders: ("/dev/v4l/by-id/usb-C-video-index0",))
