@@ -12,7 +12,7 @@ from math import cos, hypot, pi, radians, sin
 from pathlib import Path
 
 from build123d import Align, Box, Cylinder, Face, Polyline, Pos, Rot, Vector, extrude
-from build123d import PrintPart as Body
+from build123d import Part as Body
 
 from housing import Holder
 from tacbench_cad import Block, PrintPart, export
