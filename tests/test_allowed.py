@@ -33,7 +33,13 @@ ROWS = {**offered_blocks.ROWS, **offered_commands.ROWS, **offered_lab.ROWS}
 ELSEWHERE = {
     "lab.simulate.prints:read_printers": "formats of extensions; tests/lab/simulate/test_prints.py",
     **dict.fromkeys(
-        ("util.errors:require_between", "util.errors:one_of 2", "util.convert:_literal_hook"), "their callers have rows"
+        (
+            "util.errors:require_between",
+            "util.errors:one_of 2",
+            "util.entries:load_named",
+            "util.convert:_literal_hook",
+        ),
+        "their callers have rows",
     ),
     **dict.fromkeys(("util.convert:_list_hook", "util.convert:_table_hook.structure"), "names a kind of value"),
     "util.convert:_literal_hook.structure": "the test of all words of documents below",

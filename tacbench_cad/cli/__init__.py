@@ -23,13 +23,15 @@ from tacbench_cad.util.packages import why_not_imported
 #: The headings of the commands. Each command names its own.
 PANELS = ("Print", "Press", "Analyse", "Share", "Help")
 #: The commands of the core, in the order in which people use them. Extensions and other packages add theirs by entry
-#: points of the group ``tacbench.commands``.
+#: points.
 CORE = (
     *("textures", "make", "show", "check-part"),
     *("rig", "acquire", "simulate", "import-frames", "check-runs", "roi"),
     *("variance", "grade", "classify", "split", "score", "compare", "report"),
     *("cite", "doctor", "completion"),
 )
+#: The group of entry points of other commands.
+_ADDED = "tacbench.commands"
 #: Exit code of a run that was stopped safely.
 SAFELY_STOPPED = 3
 
@@ -38,10 +40,10 @@ class _Commands(click.RichGroup):
     """The commands. Each is imported when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(CORE) + [name for name in entries("tacbench.commands") if name not in CORE]
+        return list(CORE) + [name for name in entries(_ADDED) if name not in CORE]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        added = entries("tacbench.commands")
+        added = entries(_ADDED)
         if cmd_name not in CORE and cmd_name not in added:
             raise NoSuchCommand(cmd_name, possibilities=self.list_commands(ctx), ctx=ctx)
         if cmd_name in CORE:
@@ -54,8 +56,8 @@ class _Commands(click.RichGroup):
         return command
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        if args[0] not in CORE and args[0] in entries("tacbench.commands"):
-            load(entries("tacbench.commands")[args[0]])  # says which module is missing
+        if args[0] not in CORE and args[0] in entries(_ADDED):
+            load(entries(_ADDED)[args[0]])  # says which module is missing
         return super().resolve_command(ctx, args)
 
 

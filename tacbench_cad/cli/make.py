@@ -25,15 +25,8 @@ if TYPE_CHECKING:
     "Parts to make: blocks, holder, jig, coupon. Default: blocks,holder,jig.",
     options.PARTS,
 )
-@options.option(
-    "--formats",
-    options.words("LIST", *options.FILE_FORMATS),
-    "File formats: stl, 3mf, step. Default: all of them.",
-    options.PARTS,
-)
-@options.option(
-    "--copies", options.COUNT, "Make N files of each block, labelled with the number of the copy.", options.PARTS
-)
+@options.formats
+@options.copies
 @options.flag("--assembly", "Also write holder, blocks and jig together as one file.", options.PARTS)
 @options.option(
     "--step-tolerance",

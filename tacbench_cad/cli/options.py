@@ -321,14 +321,22 @@ preset = option(
 scale = option(
     "--scale", SCALE, "Factor that multiplies all lengths of the block, and the press grid.", SIZE, default="1"
 )
+_WHICH_TEXTURES = (
+    "1 to 6, all, names such as dunes, later for all fourteen such names, or TOML files; for example 1,dunes."
+)
 textures = option(
     "--texture",
     words("LIST", *TEXTURES, suffix=".toml"),
-    "1 to 6, all, names such as dunes, later for all fourteen such names, or TOML files; for example 1,dunes.",
+    _WHICH_TEXTURES,
     PARTS,
     dest="textures",
     default="all",
 )
+drawn_textures = argument("textures", words("TEXTURES", *TEXTURES, suffix=".toml"), _WHICH_TEXTURES)
+formats = option(
+    "--formats", words("LIST", *FILE_FORMATS), "File formats: stl, 3mf, step. Default: all of them.", PARTS
+)
+copies = option("--copies", COUNT, "Make N files of each block, labelled with the number of the copy.", PARTS)
 key = option(
     "--key",
     Value("[MM]", _key_of),

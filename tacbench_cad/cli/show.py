@@ -10,11 +10,7 @@ from tacbench_cad.util.text import short_name
 
 
 @options.command("show", "Print")
-@options.argument(
-    "textures",
-    options.words("TEXTURES", *options.TEXTURES, suffix=".toml"),
-    "1 to 6, all, names such as dunes, later for all fourteen such names, or TOML files; for example 1,dunes.",
-)
+@options.drawn_textures
 @options.flag("--press", "Add the block's outline, the press positions and the contact areas.", options.PICTURE)
 @options.preset
 @options.scale

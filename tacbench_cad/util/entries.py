@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.util.errors import MissingToolError
+from tacbench_cad.util.errors import MissingToolError, one_of
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -42,3 +42,19 @@ def load(entry: EntryPoint) -> Any:
         if error.name is None or not f"{entry.module}.".startswith(f"{error.name}."):
             raise
         raise MissingToolError(f"{entry.name} needs {error.name}, which is not installed") from None
+
+
+def load_named(group: str, field: str, name: str) -> Any:
+    """Return the object of a group that a user's word names.
+
+    Args:
+        group: The group of entry points.
+        field: The field or option with the word, for the error.
+        name: The word.
+
+    Raises:
+        InputError: The group has no such name.
+        MissingToolError: The module of the entry point does not exist.
+    """
+    found = entries(group)
+    return load(found[one_of(field, name, found)])

@@ -27,7 +27,7 @@ STAND_INS: Mapping[str, Any] = {
     "0 to 9": list("0123456789"),
 }
 #: The functions whose calls make such messages.
-_MAKERS = {"one_of", "nearest", "require_between"}
+_MAKERS = {"load_named", "one_of", "nearest", "require_between"}
 
 
 @dataclass(frozen=True, kw_only=True)

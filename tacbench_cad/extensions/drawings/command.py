@@ -18,11 +18,7 @@ _DRAWN = {"block": "blocks", "holder": "holder", "jig": "jig", "coupon": "coupon
 
 
 @options.command("draw", "Print")
-@options.argument(
-    "textures",
-    options.words("TEXTURES", *options.TEXTURES, suffix=".toml"),
-    "1 to 6, all, names such as dunes, later for all fourteen such names, or TOML files; for example 1,dunes.",
-)
+@options.drawn_textures
 @options.option("--part", options.choice(*_DRAWN), "What to draw.", options.PICTURE, default="block")
 @options.flag("--press", "Block: add the press positions and the contact areas.", options.PICTURE)
 @options.part

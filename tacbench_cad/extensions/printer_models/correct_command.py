@@ -27,15 +27,8 @@ if TYPE_CHECKING:
     "Parts to make: blocks, holder, jig. Holder and jig get the sides of the corrected files. Default: all.",
     options.PARTS,
 )
-@options.option(
-    "--formats",
-    options.words("LIST", *options.FILE_FORMATS),
-    "File formats: stl, 3mf, step. Default: all of them.",
-    options.PARTS,
-)
-@options.option(
-    "--copies", options.COUNT, "Make N files of each block, labelled with the number of the copy.", options.PARTS
-)
+@options.formats
+@options.copies
 @options.out("DIR", "Folder of the files.", default="corrected")
 @options.json
 def command(model: Path, parts: tuple[str, ...] | None, json: bool, **request: Any) -> None:

@@ -20,7 +20,7 @@ from tacbench_cad.lab.analysis.variance.moments import small_map
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.region import Region
 from tacbench_cad.lab.runs.region_search import region_of
-from tacbench_cad.util.entries import entries, load
+from tacbench_cad.util.entries import load_named
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
 from tacbench_cad.util.types import Floats
 
@@ -148,7 +148,7 @@ def feature_of(text: str, **defaults: object) -> Feature:
         MissingToolError: The extension of the feature was deleted.
     """
     name, _, words = text.partition(":")
-    kind: type[Any] = load(entries(GROUP)[one_of("features", name, tuple(entries(GROUP)))])
+    kind: type[Any] = load_named(GROUP, "features", name)
     keys = [field.name for field in fields(kind) if field.metadata.get("key", "") is not None]
     settings = {key: value for key, value in defaults.items() if key in keys}
     for word in words.split(",") if words else ():

@@ -30,8 +30,8 @@ import numpy as np
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Study
 from tacbench_cad.util.convert import Bounds, Checked
-from tacbench_cad.util.entries import entries, load
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.entries import load_named
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 from tacbench_cad.util.untrusted import read_document
 
@@ -206,12 +206,11 @@ def read_printers(paths: Sequence[Path]) -> Printers:
         InputError: A file cannot be read, its format is unknown, or two files are of the same printer and filament.
         MissingToolError: The extension that reads a file is not installed.
     """
-    readers = entries("tacbench.simulated_printers")
     printers: dict[tuple[str, str], SimulatedPrinter] = {}
     for path in paths:
         document = read_document(path, "printer", "toml")
-        reader = readers[one_of(f"{path}: format", str(document.get("format")), readers)]
-        printer, filament, simulated = load(reader)(path)
+        reader = load_named("tacbench.simulated_printers", f"{path}: format", str(document.get("format")))
+        printer, filament, simulated = reader(path)
         if (printer, filament) in printers:
             raise InputError("printers", str(path), "is the second file of this printer and filament; give one")
         printers[printer, filament] = simulated

@@ -28,6 +28,7 @@ from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED, 
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import COLUMNS as TARGETS_COLUMNS
+from tacbench_cad.util import entries as entry_points
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -327,7 +328,7 @@ KEYS = ExportFormat(write=_write_keys, loading='open("keys.txt").read()')
 
 def test_another_package_adds_a_format(run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     entry = EntryPoint("keys", f"{__name__}:KEYS", export_formats.GROUP)
-    monkeypatch.setattr(export_formats, "entries", lambda group: {"keys": entry})
+    monkeypatch.setattr(entry_points, "entries", lambda group: {"keys": entry})
     samples = export_runs([run_folder], "keys", tmp_path / "out")
     assert len((tmp_path / "out" / "keys.txt").read_text().splitlines()) == len(samples)
     assert KEYS.loading in (tmp_path / "out" / "README.md").read_text()

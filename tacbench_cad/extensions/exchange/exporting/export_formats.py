@@ -11,8 +11,7 @@ from pathlib import Path
 
 from tacbench_cad.extensions.exchange.exporting.card import card
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Progress, Samples
-from tacbench_cad.util.entries import entries, load
-from tacbench_cad.util.errors import one_of
+from tacbench_cad.util.entries import load_named
 from tacbench_cad.util.files import replacing_folder
 from tacbench_cad.util.packages import require
 
@@ -62,7 +61,7 @@ def export_runs(folders: Iterable[Path], to: str, out: Path, progress: Progress 
         CheckFailedError: A frame is missing, damaged or changed.
         MissingToolError: The format needs a package that is not installed.
     """
-    chosen: ExportFormat = load(entries(GROUP)[one_of("to", to, entries(GROUP))])
+    chosen: ExportFormat = load_named(GROUP, "to", to)
     require(f"--to {to}", *chosen.modules)
     samples = Samples(folders, progress)
     with replacing_folder(out) as folder:
