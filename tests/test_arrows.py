@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from helpers.sources import FILES, tree
+from helpers.sources import FILES, defined, tree
 
 #: The places that each place may import. ``tacbench_cad`` itself contains the version and the lazy public names.
 BELOW = {
@@ -31,6 +31,11 @@ USED = {
     "printer_models": {"scan"},
     "scan": {"slicing"},
     "watch": {"markers", "serving"},
+}
+LAB = FILES["tacbench_cad.lab"].parent
+#: The rooms of the core: packages that export the names which extensions use.
+ROOMS = {"tacbench_cad", "housing", *(f"tacbench_cad.lab.{path.parent.name}" for path in LAB.glob("*/__init__.py"))} | {
+    f"tacbench_cad.{room}" for room in ("spec", "geometry", "formats", "render", "checks", "making", "cli")
 }
 
 
@@ -71,6 +76,30 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     graphlib.TopologicalSorter(
         {name: arrows(name) for name in MODULES}
     ).prepare()  # raises a CycleError that names the circle
+
+
+@cache
+def exported(room: str) -> set[str]:
+    """Return the names that a room exports: the names of its stub, or of its ``__init__`` if it has no stub."""
+    stub = FILES[room].with_suffix(".pyi")
+    return set(defined(tree(stub if stub.exists() else FILES[room]).body))
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name.startswith("tacbench_cad.extensions.")])
+def test_an_extension_imports_only_names_that_a_room_of_the_core_exports(name: str) -> None:
+    """Extensions use the same names of the core as packages of other people.
+
+    The modules of ``util`` count as rooms. They do not depend on each other much, and users need none of their names.
+    """
+    for node in ast.walk(tree(FILES[name])):
+        if isinstance(node, ast.Import):
+            assert not [alias.name for alias in node.names if alias.name.startswith(("tacbench_cad", "housing"))]
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("tacbench_cad", "housing")):
+            assert node.module is not None
+            if not node.module.startswith("tacbench_cad.extensions"):
+                room = node.module
+                assert room in ROOMS or room.startswith("tacbench_cad.util."), room
+                assert {alias.name for alias in node.names} <= exported(room), room
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if name != "tacbench_cad.__main__"])

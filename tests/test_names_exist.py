@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from helpers.sources import FILES, ROOT, tree
+from helpers.sources import FILES, ROOT, defined, tree
 
 HELPERS = {f"helpers.{path.stem}": path for path in (ROOT / "tests" / "helpers").glob("*.py")}
 MODULES = FILES | HELPERS
@@ -27,23 +27,6 @@ USERS = sorted(
 _IN_TEXT = re.compile(r"\bfrom ((?:tacbench_cad|housing)[\w.]*) import (\w+(?: *, *\w+)*)")
 #: The arguments of ``monkeypatch.setattr``: a module and one of its names.
 _DOTTED = re.compile(r"(?:tacbench_cad|housing)(?:\.\w+)+")
-
-
-def defined(statements: list[ast.stmt]) -> Iterator[str]:
-    """Yield the names that statements at the first level of a module define."""
-    for node in statements:
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield node.name
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
-        elif isinstance(node, ast.If | ast.Try | ast.With | ast.For):
-            for _, body in ast.iter_fields(node):
-                if isinstance(body, list):
-                    yield from defined([child for child in body if isinstance(child, ast.stmt)])
-            yield from defined([line for child in getattr(node, "handlers", []) for line in child.body])
-        yield from (
-            child.id for child in ast.walk(node) if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Store)
-        )
 
 
 @cache

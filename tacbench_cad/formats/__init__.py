@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacbench_cad.formats import step, stl, threemf
+from tacbench_cad.formats.stl import read_stl as read_stl
+from tacbench_cad.formats.threemf import read_foreign_mesh as read_foreign_mesh
 from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.util.errors import InputError
 

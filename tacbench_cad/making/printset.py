@@ -11,7 +11,7 @@ from typing import Any
 from tacbench_cad import __version__
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.making import manifest
-from tacbench_cad.making.plan import FileSource, LeftOut, Plan
+from tacbench_cad.making.planning import FileSource, LeftOut, Plan
 from tacbench_cad.making.request import Request, asks_for_cad, plan
 from tacbench_cad.making.writing import Failure, Outcome, make_files, make_in_child
 from tacbench_cad.util import plotting

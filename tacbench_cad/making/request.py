@@ -12,7 +12,7 @@ from housing.fits import require_key
 from housing.fixture import Fixture
 from housing.kinds import FIXTURES
 from tacbench_cad.formats import FORMATS
-from tacbench_cad.making.plan import FIXTURE_MODULES, FileSource, LeftOut, Plan
+from tacbench_cad.making.planning import FIXTURE_MODULES, FileSource, LeftOut, Plan
 from tacbench_cad.spec.block import MAX_COPIES, Block
 from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.making.plan import FileSource
+from tacbench_cad.making.planning import FileSource
 from tacbench_cad.making.request import PARTS, Request, plan
 from tacbench_cad.render.viewing.page import write_page
 from tacbench_cad.render.viewing.scene import Facts, Scene, Thing, block_thing

@@ -15,7 +15,7 @@ from tacbench_cad.geometry.block_part import as_part
 from tacbench_cad.geometry.mesh import Certificate, Mesh
 from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.making.manifest import Row
-from tacbench_cad.making.plan import file_name
+from tacbench_cad.making.planning import file_name
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import replacing, sha256

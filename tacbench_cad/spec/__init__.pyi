@@ -1,9 +1,11 @@
 """The names of :mod:`tacbench_cad.spec`, for type checkers and for its lazy loading alike."""
 
+from . import crest_errors as crest_errors
 from .block import KEY_MM as KEY_MM
 from .block import MAX_COPIES as MAX_COPIES
 from .block import SIZE_RANGE_MM as SIZE_RANGE_MM
 from .block import Block as Block
+from .block import extremes_on as extremes_on
 from .crest_errors import Extrema as Extrema
 from .distance import distance_along_normal as distance_along_normal
 from .extremes import Extremes as Extremes

@@ -16,13 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.colours import Channels, channels_fault
-from tacbench_cad.lab.rig.drivers import NEEDED, RESULTS
-from tacbench_cad.lab.rig.errors import RigError
-from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.registry import Kind
-from tacbench_cad.lab.rig.stage import Closing
+from tacbench_cad.lab.rig import NEEDED, RESULTS, Channels, Clock, Closing, Force, Kind, RigError, channels_fault
 from tacbench_cad.util.errors import one_line
 
 Result = Literal["passed", "failed", "not tested"]

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from click.exceptions import Exit
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import ask_line, print_json, print_lines, print_table
+from tacbench_cad.cli import ask_line, options, print_json, print_lines, print_table
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.extensions.conformance.checks import DriverCheck
-    from tacbench_cad.lab.rig.registry import Kind
+    from tacbench_cad.lab.rig import Kind
 
 KINDS = ("stage", "gauge", "sensor")
 
@@ -95,10 +94,8 @@ def _checked(
     """Open the device and check it. An exception of the driver while it is opened is a failed check."""
     from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
     from tacbench_cad.extensions.conformance.stage import check_stage
-    from tacbench_cad.lab.rig.clock import Clock
-    from tacbench_cad.lab.rig.drivers import find_driver, open_device
-    from tacbench_cad.lab.rig.registry import Context
-    from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
+    from tacbench_cad.lab.rig import Clock, Context, find_driver, open_device
+    from tacbench_cad.lab.study import GaugeSettings, SensorSettings, StageSettings
     from tacbench_cad.util.convert import from_plain
 
     clock, table, found = Clock(), dict(values), find_driver(kind, driver)

@@ -11,13 +11,9 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from tacbench_cad.extensions.conformance.checks import SLACK_S, Checks, DriverCheck, check_close, check_interface
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import RESULTS
-from tacbench_cad.lab.rig.errors import RigError
-from tacbench_cad.lab.rig.stage import Limits, can_turn
-from tacbench_cad.lab.study.rotation import UPRIGHT, Turn, angle_between, tilt, towards
-from tacbench_cad.lab.study.spec import Angles, Point
-from tacbench_cad.spec.protocol import DOME_RADIUS_MM
+from tacbench_cad.lab.rig import RESULTS, Clock, Limits, RigError, can_turn
+from tacbench_cad.lab.study import UPRIGHT, Angles, Point, Turn, angle_between, tilt, towards
+from tacbench_cad.spec import DOME_RADIUS_MM
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The allowed difference between a target and the reported position, in mm.

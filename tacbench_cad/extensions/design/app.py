@@ -34,8 +34,8 @@ from tacbench_cad.extensions.design.document import (
 from tacbench_cad.extensions.design.model import Design, facts, picture
 from tacbench_cad.extensions.serving.server import file_routes
 from tacbench_cad.formats import FORMATS
-from tacbench_cad.making.printset import build
-from tacbench_cad.spec.images import PICTURES, TABLES
+from tacbench_cad.making import build
+from tacbench_cad.spec import PICTURES, TABLES
 from tacbench_cad.util.convert import Bounds, from_plain, to_plain
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.files import replacing

@@ -5,8 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note
+from tacbench_cad.cli import note, options
 
 
 @options.command("design", "Print")

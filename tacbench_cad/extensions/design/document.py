@@ -9,12 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.extensions.design.model import PERIOD, RECTANGLE, Design
-from tacbench_cad.spec.families import LATER_NAMES, built_in_name
-from tacbench_cad.spec.images import PICTURES
-from tacbench_cad.spec.outlines import NAMED
-from tacbench_cad.spec.presets import VALUES, with_table
-from tacbench_cad.spec.spline import SplineSurface
-from tacbench_cad.spec.texture_files import texture_of_document, texture_path, unknown_texture
+from tacbench_cad.spec import (
+    LATER_NAMES,
+    NAMED,
+    PICTURES,
+    VALUES,
+    SplineSurface,
+    built_in_name,
+    texture_of_document,
+    texture_path,
+    unknown_texture,
+    with_table,
+)
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal
 from tacbench_cad.util.untrusted import parse_toml, read_text

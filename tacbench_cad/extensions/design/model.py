@@ -17,17 +17,25 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.making.request import Request
-from tacbench_cad.spec.block import SIZE_RANGE_MM, Block
-from tacbench_cad.spec.outlines import Outline, outline_of
-from tacbench_cad.spec.presets import VALUES, with_table
-from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.texture_files import texture_of_document
-from tacbench_cad.spec.textures import BlockTable, Texture, table_in_mm
-from tacbench_cad.spec.wavelengths import printable_heights, spectrum
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.geometry import as_part
+from tacbench_cad.making import Request
+from tacbench_cad.spec import (
+    SIZE_RANGE_MM,
+    VALUES,
+    Block,
+    BlockTable,
+    Outline,
+    Surface,
+    Texture,
+    Tolerance,
+    WaveSum,
+    outline_of,
+    printable_heights,
+    spectrum,
+    table_in_mm,
+    texture_of_document,
+    with_table,
+)
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import at_most, mm
@@ -249,7 +257,7 @@ def facts(design: Design) -> list[tuple[str, str]]:
     fraction = f"{100.0 * waves.printable(design.nozzle_mm):.3g} % of the variance of the height"
     if waves.waves is not None:
         fraction = f"{waves.printable_waves(design.nozzle_mm)} of {waves.waves} waves, {fraction}"
-    mesh, expected = block_part(block).mesh
+    mesh, expected = as_part(block).mesh
     assert expected.certificate is not None
     distance = f"{at_most(1000.0 * expected.certificate.distance_mm, 3)} µm"
     return [

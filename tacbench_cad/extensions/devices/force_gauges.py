@@ -18,14 +18,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from tacbench_cad.lab.rig import ports
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import GaugeError, NoAnswerError
-from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.study.spec import GaugeSettings
+from tacbench_cad.lab.rig import Clock, Closing, Context, Driver, Force, GaugeError, Line, NoAnswerError, ports
+from tacbench_cad.lab.study import GaugeSettings
 from tacbench_cad.util.convert import Bounds, from_plain
 from tacbench_cad.util.errors import InputError
 

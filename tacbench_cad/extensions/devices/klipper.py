@@ -36,20 +36,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import (
+from tacbench_cad.lab.rig import (
     AlarmError,
+    Clock,
+    Closing,
+    Context,
     DeviceLostError,
+    Driver,
     NoAnswerError,
     NotThereError,
     OutOfRangeError,
     PositionLostError,
     ProtocolError,
     RigError,
+    no_report,
 )
-from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.stage import Closing, no_report
-from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.lab.study import Point, StageSettings
 from tacbench_cad.util.convert import Bounds, from_plain
 from tacbench_cad.util.errors import InputError, one_line
 

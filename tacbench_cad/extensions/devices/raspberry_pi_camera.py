@@ -13,13 +13,18 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.colours import INSIDE
-from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
-from tacbench_cad.lab.rig.frames import FrameLimits, require_good_frame
-from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.lab.rig import (
+    INSIDE,
+    Closing,
+    Context,
+    DeviceLostError,
+    Driver,
+    Frame,
+    FrameLimits,
+    SensorError,
+    require_good_frame,
+)
+from tacbench_cad.lab.study import SensorSettings
 from tacbench_cad.util.convert import Bounds, from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_line
 

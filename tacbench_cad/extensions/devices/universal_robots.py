@@ -24,19 +24,31 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import (
+from tacbench_cad.lab.rig import (
     AlarmError,
+    Clock,
+    Closing,
+    Context,
     DeviceLostError,
+    Driver,
     NoAnswerError,
     NotThereError,
     OutOfRangeError,
     PositionLostError,
+    no_report,
 )
-from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.stage import Closing, no_report
-from tacbench_cad.lab.study.rotation import Turn, angle_between, angles_of, from_vector, leaning, matrix, to_vector
-from tacbench_cad.lab.study.spec import Angles, Point, StageSettings
+from tacbench_cad.lab.study import (
+    Angles,
+    Point,
+    StageSettings,
+    Turn,
+    angle_between,
+    angles_of,
+    from_vector,
+    leaning,
+    matrix,
+    to_vector,
+)
 from tacbench_cad.util.convert import Bounds, from_plain
 from tacbench_cad.util.errors import InputError, one_line
 

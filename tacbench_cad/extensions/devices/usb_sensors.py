@@ -9,11 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-from tacbench_cad.lab.rig.camera import CameraOptions, CameraSensor
-from tacbench_cad.lab.rig.camera_devices import Opener
-from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.video_nodes import find_camera
-from tacbench_cad.lab.study.spec import SensorSettings
+from tacbench_cad.lab.rig import CameraOptions, CameraSensor, Context, Driver, Opener, find_camera
+from tacbench_cad.lab.study import SensorSettings
 from tacbench_cad.util.convert import Bounds, from_plain
 
 #: The property by which OpenCV sets the lamps of a DIGIT (its firmware uses the control of a zoom lens for them).

@@ -6,14 +6,9 @@ import numpy as np
 
 from tacbench_cad.extensions.drawings.cuts import Cuts
 from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, DrawingView, length, sides
-from tacbench_cad.geometry.block_mesh import mesh_block
-from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.render.bodies import relief_of
-from tacbench_cad.render.raster import Body, Camera, render
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.label import LABEL_DEPTH_MM, STROKE_MM
-from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.geometry import Mesh, mesh_block
+from tacbench_cad.render import Body, Camera, relief_of, render
+from tacbench_cad.spec import LABEL_DEPTH_MM, STROKE_MM, Block, PressGrid, Tolerance
 from tacbench_cad.util.types import Bytes, Floats
 
 _Point = tuple[float, float, float]

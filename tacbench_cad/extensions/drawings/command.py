@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import next_block, note, print_next
+from tacbench_cad.cli import next_block, note, options, print_next
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import short_name
 
@@ -35,7 +34,7 @@ def command(textures: tuple[str, ...], part: str, press: bool, out: Path | None,
       tacbench draw 4 --part holder --slots 6 -o tray.svg
     """
     from tacbench_cad.extensions.drawings import save_drawing
-    from tacbench_cad.making.request import Request, plan
+    from tacbench_cad.making import Request, plan
     from tacbench_cad.util.plotting import picture_format, require_single_picture
 
     if out is not None:
@@ -55,6 +54,6 @@ def command(textures: tuple[str, ...], part: str, press: bool, out: Path | None,
 
 def _drawing(thing: Any, press: bool) -> Drawing:
     from tacbench_cad.extensions.drawings import block_drawing, fixture_drawing
-    from tacbench_cad.spec.block import Block
+    from tacbench_cad.spec import Block
 
     return block_drawing(thing, press) if isinstance(thing, Block) else fixture_drawing(thing)

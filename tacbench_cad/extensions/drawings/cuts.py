@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.drawings.sheet import Outlines
-from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry import Mesh
 from tacbench_cad.util.types import Floats
 
 # Rows: the directions to the right, up and towards the viewer, in the part's x, y, z.

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import rich_click as click
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.cli import ProgressLine, options
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import counted
@@ -107,7 +106,7 @@ def _export_tactile_data(
 ) -> None:
     from tacbench_cad.extensions.exchange.exporting.card import NO_SERIES
     from tacbench_cad.extensions.exchange.exporting.tactile_data import Processing, export_tactile_data
-    from tacbench_cad.lab.runs.reading import Run, find_runs
+    from tacbench_cad.lab.runs import Run, find_runs
 
     processing = Processing(bbox=bbox, size=size, grey=not colour)
     runs = find_runs(folders)

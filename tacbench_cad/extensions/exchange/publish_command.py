@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from tacbench_cad.cli import completing, options
-from tacbench_cad.cli.common import next_paths, note, print_json, print_next
-from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.cli import ProgressLine, completing, next_paths, note, options, print_json, print_next
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.spec.block import Block
+    from tacbench_cad.spec import Block
 
 
 @options.command("publish", "Share")
@@ -113,7 +111,7 @@ def command(
 
 
 def _make_report(runs: tuple[Path, ...], classify: bool, jobs: int, progress: ProgressLine, path: Path) -> None:
-    from tacbench_cad.lab.analysis.report.page import ReportOptions, write_report
+    from tacbench_cad.lab.analysis import ReportOptions, write_report
 
     write_report(runs, path, ReportOptions(classify=classify, jobs=jobs), progress.show)
 
@@ -128,7 +126,7 @@ def _copy_report(report: Path, path: Path) -> None:
 
 
 def _make_parts(progress: ProgressLine, blocks: Sequence[Block], folder: Path) -> None:
-    from tacbench_cad.making.printset import Request, build
+    from tacbench_cad.making import Request, build
 
     print_set = build(Request(parts=tuple(blocks), out=folder), progress.show)
     for left in print_set.left_out:

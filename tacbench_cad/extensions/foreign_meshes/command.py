@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_lines
+from tacbench_cad.cli import options, print_json, print_lines
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh
-    from tacbench_cad.making.texturing import TexturedFile
+    from tacbench_cad.making import TexturedFile
 
 
 @options.command("texture-part", "Print")
@@ -93,7 +92,7 @@ def command(file: Path, out: Path | None, json: bool, **settings: Any) -> None:
     """
     from tacbench_cad.extensions.foreign_meshes.files import textured_mesh, write_textured_mesh
     from tacbench_cad.formats import format_of
-    from tacbench_cad.making.texturing import texture_step_file
+    from tacbench_cad.making import texture_step_file
 
     lengths = {f"{name}_mm": settings.pop(name) for name in ("depth", "margin", "fade", "base", "tolerance")}
     at, face, texture, scale = (settings.pop(name) for name in ("at", "face", "texture", "scale"))

@@ -8,17 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.checks import meshcheck
+from tacbench_cad.checks import read_mesh
 from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh, texture_on_mesh
-from tacbench_cad.formats import format_of
-from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import read_foreign_mesh
-from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
-from tacbench_cad.geometry.part import PrintPart
-from tacbench_cad.geometry.texturing import texturing
-from tacbench_cad.making.texturing import part_name
-from tacbench_cad.spec.sampling import TOLERANCE_MM
-from tacbench_cad.spec.textures import Texture
+from tacbench_cad.formats import format_of, read_foreign_mesh, read_stl
+from tacbench_cad.geometry import ExpectedGeometry, Mesh, PrintPart, texturing
+from tacbench_cad.making import part_name
+from tacbench_cad.spec import TOLERANCE_MM, Texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, as_input, require_between
 from tacbench_cad.util.files import replacing
 
@@ -110,7 +105,7 @@ def write_textured_mesh(result: TexturedMesh, path: Path | str) -> Path:
     )
     with replacing(path) as temporary:
         form.write(part, temporary)
-        back = meshcheck.read_mesh(temporary)
+        back = read_mesh(temporary)
         if len(back.faces) != len(mesh.faces) or abs(back.volume_mm3 - mesh.volume_mm3) > 1e-6 * mesh.volume_mm3:
             raise CheckFailedError(f"{path}: the file does not contain the mesh that was written")
     return path

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import Mesh, cross, manifold_of
-from tacbench_cad.geometry.textured.frame import Frame, axes_of
+from tacbench_cad.geometry import Frame, Mesh, axes_of, cross, manifold_of
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Indices, Ints
 

@@ -11,14 +11,20 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad.extensions.foreign_meshes.mesh_region import MeshRegion, region_at, require_closed, require_unit
-from tacbench_cad.geometry.mesh import Mesh
-from tacbench_cad.geometry.textured.amount import added_volume_mm3
-from tacbench_cad.geometry.textured.body import Area, texture_body
-from tacbench_cad.geometry.textured.field import Fade
-from tacbench_cad.geometry.textured.frame import Frame
-from tacbench_cad.geometry.textured.height import FLOOR_MM, around, height_over, require_fade
-from tacbench_cad.geometry.textured.height_grid import body_between
-from tacbench_cad.geometry.texturing import Texturing
+from tacbench_cad.geometry import (
+    FLOOR_MM,
+    Area,
+    Fade,
+    Frame,
+    Mesh,
+    Texturing,
+    added_volume_mm3,
+    around,
+    body_between,
+    height_over,
+    require_fade,
+    texture_body,
+)
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import at_most
 from tacbench_cad.util.types import Bools, Floats
@@ -399,7 +405,7 @@ def _from_axis(polygon: Floats, side: float) -> float:
 
 def _rounded(body: Any) -> tuple[Mesh, float]:
     """Return a body as a mesh of float32 values, and the largest distance by which a vertex was moved."""
-    from tacbench_cad.geometry.meshing.top import single
+    from tacbench_cad.geometry import single
 
     raw = body.to_mesh64()
     exact = np.asarray(raw.vert_properties)[:, :3]

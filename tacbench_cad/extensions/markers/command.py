@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, print_table
+from tacbench_cad.cli import next_paths, options, print_json, print_lines, print_next, print_table
 
 
 @options.command("markers", "Press")
@@ -64,9 +63,7 @@ def command(
     from tacbench_cad.extensions.markers.markers import MarkerSettings
     from tacbench_cad.extensions.markers.pattern import circle_around, expected_count
     from tacbench_cad.extensions.markers.references import add_references
-    from tacbench_cad.lab.runs.frame_files import write_png
-    from tacbench_cad.lab.runs.reading import Run, find_runs
-    from tacbench_cad.lab.runs.region_search import region_of
+    from tacbench_cad.lab.runs import Run, find_runs, region_of, write_png
 
     opened = [Run.open(folder) for folder in find_runs(runs)]
     if reference is not None:

@@ -20,9 +20,8 @@ import numpy as np
 
 from tacbench_cad.extensions.markers.markers import MarkerFinder, MarkerSettings
 from tacbench_cad.extensions.markers.tracking import MarkerTracker, Track
-from tacbench_cad.lab.rig.sensor import Frame, is_image
-from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.region import Region
+from tacbench_cad.lab.rig import Frame, is_image
+from tacbench_cad.lab.runs import Region, Run
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats
 

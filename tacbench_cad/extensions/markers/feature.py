@@ -11,11 +11,8 @@ import numpy as np
 from tacbench_cad.extensions.markers.displacements import MarkerFeatures
 from tacbench_cad.extensions.markers.markers import MarkerSettings
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.feature import Exhibit, Feature, Words
-from tacbench_cad.lab.analysis.tables import Column, Row
-from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.region import Region
+from tacbench_cad.lab.analysis import Collection, Column, Exhibit, Feature, Row, Words
+from tacbench_cad.lab.runs import Region, Run
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:

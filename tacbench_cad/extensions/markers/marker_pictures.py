@@ -6,7 +6,7 @@ import numpy as np
 
 from tacbench_cad.extensions.markers.markers import Markers
 from tacbench_cad.extensions.markers.tracking import Track
-from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.rig import Frame
 from tacbench_cad.util.types import Floats
 
 #: The width of the picture relative to the frame, and the number of binary places of the coordinates.

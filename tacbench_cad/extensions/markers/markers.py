@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.extensions.markers.pattern import MIN_MARKERS, in_field, no_pattern
-from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.frame_files import grey, noise_counts
+from tacbench_cad.lab.rig import Frame
+from tacbench_cad.lab.runs import grey, noise_counts
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Floats32
 

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tacbench_cad.lab.runs.frame_files import decoded
-from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.run_writer import RunWriter
-from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES
+from tacbench_cad.lab.runs import IMAGE_SUFFIXES, Run, RunWriter, decoded
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.untrusted import read_bytes
 

@@ -17,18 +17,10 @@ from typing import Generic, Self, TypeVar
 
 import numpy as np
 
-from tacbench_cad.lab.acquire.force_search import ContactForce
-from tacbench_cad.lab.acquire.safety import Carriage
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import RigError, TooFewFramesError
-from tacbench_cad.lab.rig.sensor import Frame, Sensor
-from tacbench_cad.lab.rig.stage import tracked
-from tacbench_cad.lab.rig.track import StageTrack, TurnTrack
-from tacbench_cad.lab.runs.series import MovingFrame
-from tacbench_cad.lab.study.motion import turn_of
-from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.rotation import in_stage, in_work_frame
-from tacbench_cad.lab.study.spec import Protocol
+from tacbench_cad.lab.acquire import Carriage, ContactForce
+from tacbench_cad.lab.rig import Clock, Frame, RigError, Sensor, StageTrack, TooFewFramesError, TurnTrack, tracked
+from tacbench_cad.lab.runs import MovingFrame
+from tacbench_cad.lab.study import Press, Protocol, in_stage, in_work_frame, turn_of
 
 #: The largest number of frames in memory, as a multiple of the number of frames to keep. Beyond it, every second frame
 #: is dropped.

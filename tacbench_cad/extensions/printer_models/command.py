@@ -6,8 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_lines, print_next, print_table, write_picture
+from tacbench_cad.cli import note, options, print_json, print_lines, print_next, print_table, write_picture
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
@@ -75,7 +74,7 @@ def command(
         raise InputError("out", str(out), "must end in .toml")
     from tacbench_cad.extensions.printer_models.fitting import facts, find_scans, printer_model, read_print_scan
     from tacbench_cad.extensions.printer_models.model import write_printer_model
-    from tacbench_cad.lab.study.names import own_name
+    from tacbench_cad.lab.study import own_name
     from tacbench_cad.util.convert import to_plain
 
     model = printer_model(

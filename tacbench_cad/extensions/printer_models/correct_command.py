@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from click.exceptions import Exit
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_next
-from tacbench_cad.cli.make import show_print_set
-from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.cli import ProgressLine, note, options, print_json, print_next, show_print_set
 
 if TYPE_CHECKING:
     from tacbench_cad.extensions.printer_models.correction import Corrected
-    from tacbench_cad.making.request import Request
+    from tacbench_cad.making import Request
 
 
 @options.command("correct", "Print")
@@ -50,8 +47,7 @@ def command(model: Path, parts: tuple[str, ...] | None, json: bool, **request: A
     from tacbench_cad.extensions.printer_models.effect import effect_of
     from tacbench_cad.extensions.printer_models.effect_table import show_effects
     from tacbench_cad.extensions.printer_models.model import read_printer_model
-    from tacbench_cad.making.printset import build
-    from tacbench_cad.making.request import Request, blocks_of
+    from tacbench_cad.making import Request, blocks_of, build
     from tacbench_cad.util.convert import to_plain
 
     asked = Request(**options.request_fields(request))
@@ -78,8 +74,8 @@ def _request(asked: Request, corrected: list[Corrected], parts: tuple[str, ...] 
     """Return the request of the parts: the corrected blocks, and fixtures for each of their outlines."""
     from dataclasses import replace
 
-    from housing.kinds import FIXTURES
-    from tacbench_cad.making.request import Request
+    from housing import FIXTURES
+    from tacbench_cad.making import Request
 
     made: list[Any] = []
     kinds = parts or ("blocks", "holder", "jig")

@@ -16,11 +16,8 @@ import numpy as np
 
 from tacbench_cad.extensions.printer_models.model import PrinterModel
 from tacbench_cad.extensions.printer_models.prediction import Print, is_correctable, multiplied, transfers
-from tacbench_cad.geometry.block_part import block_part, block_spec
-from tacbench_cad.geometry.part import PrintPart
-from tacbench_cad.spec.block import Block, extremes_on
-from tacbench_cad.spec.textures import BlockTable, Texture
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.geometry import PrintPart, as_part, block_spec
+from tacbench_cad.spec import Block, BlockTable, Texture, WaveSum, extremes_on
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.types import Floats
 
@@ -49,7 +46,7 @@ class Corrected:
 
     def part(self) -> PrintPart:
         """Return the file as a part. Its specification also names the print and the model of the printer."""
-        part = block_part(self.file)
+        part = as_part(self.file)
         about = {
             "corrected_for": self.model.fingerprint,
             "printer_model": to_plain(self.model, without_none=True),

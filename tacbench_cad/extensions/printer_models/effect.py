@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from tacbench_cad.extensions.printer_models.correction import MAX_FACTOR, Corrected, corrected_for
 from tacbench_cad.extensions.printer_models.model import PrinterModel, ReliefRule
 from tacbench_cad.extensions.printer_models.prediction import Errors, Print, is_correctable
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec import WaveSum
 
 
 @dataclass(frozen=True, kw_only=True)

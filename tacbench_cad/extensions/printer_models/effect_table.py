@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli.common import print_lines, print_table
+from tacbench_cad.cli import print_lines, print_table
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:

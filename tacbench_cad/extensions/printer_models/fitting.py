@@ -20,7 +20,7 @@ import numpy as np
 from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, ReliefRule, TransferPoint
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH, ScanFit
 from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_document
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 

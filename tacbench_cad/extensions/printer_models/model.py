@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tacbench_cad.spec.outlines import Circle, Outline
+from tacbench_cad.spec import Circle, Outline
 from tacbench_cad.util.convert import Bounds, Checked, Length, read_toml, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text

@@ -9,11 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from tacbench_cad.extensions.printer_models.model import PrinterModel
-from tacbench_cad.spec.block import Block, extremes_on
-from tacbench_cad.spec.distance import distance_along_normal
-from tacbench_cad.spec.extremes import Extremes
-from tacbench_cad.spec.outlines import Circle, Outline
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec import Block, Circle, Extremes, Outline, WaveSum, distance_along_normal, extremes_on
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from tacbench_cad.extensions.printer_models.model import PrinterModel, read_printer_model
 from tacbench_cad.extensions.printer_models.prediction import Print
-from tacbench_cad.lab.simulate.heights import cell_of, centres
-from tacbench_cad.lab.simulate.prints import DRIFT_MM, smooth_noise
-from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.lab.simulate import DRIFT_MM, cell_of, centres, smooth_noise
+from tacbench_cad.lab.study import PrintedBlock
 from tacbench_cad.util.types import Floats
 
 

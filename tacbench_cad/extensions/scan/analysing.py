@@ -15,7 +15,7 @@ from tacbench_cad.extensions.scan.fitting import fit_scan, identify
 from tacbench_cad.extensions.scan.limits import Limits
 from tacbench_cad.extensions.scan.result import Noise, PrintOrigin, ScanResult
 from tacbench_cad.extensions.scan.roughness import roughness
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.packages import why_missing
 from tacbench_cad.util.text import counted

@@ -17,7 +17,7 @@ import numpy as np
 
 from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.types import Bools, Floats
 
 #: The number of points of the search.

@@ -9,9 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from click.exceptions import Exit
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import next_block, note, print_json, print_lines, print_next, print_table, write_picture
-from tacbench_cad.cli.progress import ProgressLine
+from tacbench_cad.cli import (
+    ProgressLine,
+    next_block,
+    note,
+    options,
+    print_json,
+    print_lines,
+    print_next,
+    print_table,
+    write_picture,
+)
 from tacbench_cad.extensions.scan.record import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import locked, refusing, write_json
@@ -21,8 +29,8 @@ if TYPE_CHECKING:
     from tacbench_cad.extensions.scan.comparison import Views
     from tacbench_cad.extensions.scan.reading import ScanFile
     from tacbench_cad.extensions.scan.result import PrintOrigin, ScanResult
-    from tacbench_cad.lab.runs.reading import Run
-    from tacbench_cad.spec.block import Block
+    from tacbench_cad.lab.runs import Run
+    from tacbench_cad.spec import Block
 
 #: Seconds between two lines of progress without a terminal. A scan takes a few seconds.
 _EVERY_S = 2.0
@@ -178,12 +186,12 @@ def _blocks(
 ) -> tuple[list[Block], PrintOrigin, Run | None]:
     """Return the possible blocks, what is known about the print, and the run if the user named its folder."""
     from tacbench_cad.extensions.scan.result import PrintOrigin
-    from tacbench_cad.making.labelled import blocks_named
-    from tacbench_cad.spec.texture_files import is_texture_name
+    from tacbench_cad.making import blocks_named
+    from tacbench_cad.spec import is_texture_name
 
     if word is not None and not is_texture_name(word) and (Path(word) / "run.json").is_file():
-        from tacbench_cad.lab.runs.reading import Run
-        from tacbench_cad.lab.study.spec import PrintedBlock
+        from tacbench_cad.lab.runs import Run
+        from tacbench_cad.lab.study import PrintedBlock
 
         opened = Run.open(Path(word))
         printed = opened.info.printed
@@ -206,7 +214,7 @@ def _blocks(
 
 def _file_of(block: Block, path: Path) -> Block:
     """Return a block as it is in the file that was printed."""
-    from tacbench_cad.lab.study.plate import block_in_file
+    from tacbench_cad.lab.study import block_in_file
 
     return block_in_file(block, path)
 
@@ -223,7 +231,7 @@ def _result(
     from tacbench_cad.extensions.scan.analysing import LAYER_MM, ScanOptions, analyse
     from tacbench_cad.extensions.scan.limits import limits_of
     from tacbench_cad.extensions.slicing.gcode import read_gcode
-    from tacbench_cad.lab.study.names import own_name
+    from tacbench_cad.lab.study import own_name
 
     given: dict[str, Any] = {
         name: own_name(name, values[name]) for name in ("printer", "filament") if values[name] is not None

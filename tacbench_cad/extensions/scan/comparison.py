@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.extensions.scan.deviations import Summary
-from tacbench_cad.spec import crest_errors
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crest_errors import Extrema
-from tacbench_cad.spec.top_points import without_edge
+from tacbench_cad.spec import Block, Extrema, crest_errors, without_edge
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.types import Bools, Floats
 

@@ -10,11 +10,7 @@ import numpy as np
 
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.estimates import ScanFit
-from tacbench_cad.spec import crest_errors
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crest_errors import Extrema
-from tacbench_cad.spec.skin import SKIN_MM, pin_shifts_px
-from tacbench_cad.spec.top_points import EDGE_MM, points_of, without_edge
+from tacbench_cad.spec import EDGE_MM, SKIN_MM, Block, Extrema, crest_errors, pin_shifts_px, points_of, without_edge
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 

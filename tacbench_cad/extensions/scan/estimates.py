@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.spec.sines import Wave
+from tacbench_cad.spec import Wave
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacbench_cad.extensions.scan.height_model import Relief
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The face of a point: nothing, the table or the underside, the top, or 2 plus the index of a wall.

@@ -29,7 +29,7 @@ from tacbench_cad.extensions.scan.refining import (
     with_noise,
 )
 from tacbench_cad.extensions.scan.waves import wave_estimates
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.types import Floats
 
 #: The shortest wave that a height map shows, in pixels. Two pixels are the least (Nyquist).

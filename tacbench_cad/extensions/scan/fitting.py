@@ -30,8 +30,7 @@ from tacbench_cad.extensions.scan.refining import (
     trimmed_deviation,
     variance,
 )
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.distance import distance_along_normal
+from tacbench_cad.spec import Block, distance_along_normal
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
 

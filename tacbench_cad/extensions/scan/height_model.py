@@ -8,10 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sines import Wave
-from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec import Block, Surface, Wave, WaveSum
 from tacbench_cad.util.types import Floats, Ints
 
 #: The number of values in a table for each period of the shortest wave, and at most.

@@ -12,8 +12,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
-from tacbench_cad.spec.fits import FITS
-from tacbench_cad.spec.skin import FELT_PX
+from tacbench_cad.spec import FELT_PX, FITS
 from tacbench_cad.util.convert import Bounds, Checked, from_plain
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import short

@@ -17,9 +17,8 @@ from typing import Any, Literal
 import numpy as np
 
 from tacbench_cad.extensions.scan.cloud import Cloud, HeightGrid
-from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import read_foreign_mesh
-from tacbench_cad.spec.images import PICTURES, TABLES, read_heights
+from tacbench_cad.formats import read_foreign_mesh, read_stl
+from tacbench_cad.spec import PICTURES, TABLES, read_heights
 from tacbench_cad.util.errors import InputError, as_input, one_line, one_of
 from tacbench_cad.util.numbers import layout, read_numbers
 from tacbench_cad.util.packages import require

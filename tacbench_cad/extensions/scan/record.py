@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.untrusted import read_document
 
 #: The name of the file beside ``print.toml`` in a run folder.
 SCAN_FILE = "scan.json"
@@ -42,7 +42,7 @@ def read_scan_document(path: Path, *, within: Path | None = None) -> dict[str, A
     Raises:
         InputError: The file cannot be read, or is not such a document.
     """
-    document = untrusted.read_document(path, "scan", "json", within=within)
+    document = read_document(path, "scan", "json", within=within)
     if not isinstance(document, dict) or document.get("kind") != KIND:
         raise InputError("scan", str(path), f'must be a file that "tacbench scan" wrote, with "kind": "{KIND}"')
     if document.get("schema") != SCHEMA:

@@ -18,7 +18,7 @@ from tacbench_cad.extensions.scan.estimates import Fit
 from tacbench_cad.extensions.scan.faces import TABLE, TOP, WALL, Assigned, assign
 from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The residual, in standard deviations, from which a point has no weight.

@@ -19,12 +19,20 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.parts import ReportSection, list_part, long_part, text_part
-from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.tables import Column, Row, Table
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, parts_of
-from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.analysis import (
+    ALL_LEVELS,
+    Collection,
+    Column,
+    ReportSection,
+    Results,
+    Row,
+    Table,
+    VarianceView,
+    list_part,
+    long_part,
+    parts_of,
+    text_part,
+)
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, interval, short
 

@@ -14,8 +14,7 @@ from tacbench_cad.extensions.scan.deviations import Summary, TopMap, WallPoints
 from tacbench_cad.extensions.scan.estimates import Estimate, ScanFit, WaveEstimate
 from tacbench_cad.extensions.scan.limits import Limits, Verdict, verdict
 from tacbench_cad.extensions.scan.record import KIND, SCHEMA
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crest_errors import Extrema
+from tacbench_cad.spec import Block, Extrema
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.text import counted, short
 

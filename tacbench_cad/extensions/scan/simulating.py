@@ -15,10 +15,7 @@ import numpy as np
 
 from tacbench_cad.extensions.scan.cloud import Cloud, HeightGrid
 from tacbench_cad.extensions.scan.pose import Pose
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sines import Wave
-from tacbench_cad.spec.surface import Surface
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec import Block, Surface, Wave, WaveSum
 from tacbench_cad.util.errors import InputError, one_of, require_between
 from tacbench_cad.util.types import Bools, Floats
 

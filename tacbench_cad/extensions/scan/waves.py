@@ -9,7 +9,7 @@ import numpy as np
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH, WaveEstimate, wave_direction_deg
 from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.refining import Unknowns, free_waves
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec import WaveSum
 from tacbench_cad.util.types import Floats
 
 #: The length of a vector of two normal components, in standard deviations, that noise alone exceeds in 5 % of cases.

@@ -5,13 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from tacbench_cad.geometry.block_mesh import mesh_block
-from tacbench_cad.geometry.mesh import Certificate, Mesh
-from tacbench_cad.geometry.meshing.certify import prove_axis, vertical
-from tacbench_cad.geometry.meshing.certify_cells import Cells
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.presets import VALUES, grid_of_same_step
-from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.geometry import Cells, Certificate, Mesh, mesh_block, prove_axis, vertical
+from tacbench_cad.spec import VALUES, Block, SampleGrid, grid_of_same_step
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 

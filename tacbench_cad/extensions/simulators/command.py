@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import print_json, print_table
+from tacbench_cad.cli import options, print_json, print_table
 from tacbench_cad.util.text import counted
 
 #: The words of ``--to``; a test compares them with the formats that can be written.
@@ -42,7 +41,7 @@ def command(to: tuple[str, ...], textures: tuple[str, ...], preset: str, scale: 
       tacbench export-simulator --to npy,png16 --texture hex.toml --out heights
     """
     from tacbench_cad.extensions.simulators.folder import export_to_simulators
-    from tacbench_cad.making.choice import described
+    from tacbench_cad.making import described
     from tacbench_cad.util.convert import to_plain
 
     folders = export_to_simulators(described(textures, preset, scale), to, out)

@@ -14,8 +14,8 @@ from tacbench_cad import __version__
 from tacbench_cad.extensions.simulators import SIMULATOR_TARGETS, SimulatorTarget
 from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.extensions.simulators.readme import readme
-from tacbench_cad.geometry.block_part import block_spec
-from tacbench_cad.spec.block import Block
+from tacbench_cad.geometry import block_spec
+from tacbench_cad.spec import Block
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.files import TEMPORARY_PREFIX, locked, refusing, sha256
 from tacbench_cad.util.untrusted import read_document

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from tacbench_cad import __version__
 from tacbench_cad.extensions.simulators.asset import SimulatorAsset
-from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.spec import SampleGrid
 
 
 def readme(asset: SimulatorAsset, sections: Iterable[tuple[str, str]]) -> str:

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.extensions.simulators.asset import MAX_SAMPLES, HeightField, SimulatorAsset, TargetFiles, sampled
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.spec import Block, SampleGrid
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 

@@ -7,15 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import next_block, note, print_json, print_next, print_table, write_picture
+from tacbench_cad.cli import next_block, note, options, print_json, print_next, print_table, write_picture
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from tacbench_cad.extensions.slicing.comparison import AsSliced
     from tacbench_cad.extensions.slicing.printed_surface import Frame
-    from tacbench_cad.spec.block import Block
-    from tacbench_cad.spec.crest_errors import Extrema
+    from tacbench_cad.spec import Block, Extrema
 
 
 def _frame_of(option: str, text: str) -> Frame:
@@ -116,7 +114,7 @@ def command(
 def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Block:
     from dataclasses import replace
 
-    from tacbench_cad.making.choice import described
+    from tacbench_cad.making import described
 
     blocks = described((texture,), preset, scale)
     if len(blocks) != 1:

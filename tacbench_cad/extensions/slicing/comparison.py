@@ -16,12 +16,17 @@ import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
 from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, places_of, printed_heights, staircase
-from tacbench_cad.spec import crest_errors
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.crest_errors import Extrema
-from tacbench_cad.spec.families import catalogue
-from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.top_points import EDGE_MM, PITCH_MM, points_of, without_edge
+from tacbench_cad.spec import (
+    EDGE_MM,
+    PITCH_MM,
+    Block,
+    Extrema,
+    Texture,
+    catalogue,
+    crest_errors,
+    points_of,
+    without_edge,
+)
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import rich_click as click
 
-from tacbench_cad.cli.completing import Items, of_words
+from tacbench_cad.cli import Items, of_words
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.geometry import Mesh
 from tacbench_cad.util.types import Bools
 
 #: The tolerance of the z component of a unit normal, within which a face counts as horizontal or vertical.

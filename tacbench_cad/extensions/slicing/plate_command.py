@@ -6,8 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note, print_json, print_next, print_table, write_picture
+from tacbench_cad.cli import note, options, print_json, print_next, print_table, write_picture
 from tacbench_cad.extensions.slicing.completing import of_filaments, of_printers
 
 if TYPE_CHECKING:
@@ -94,10 +93,8 @@ def command(
     from tacbench_cad.extensions.slicing.printers import printer_named
     from tacbench_cad.extensions.slicing.printers import printers as known_printers
     from tacbench_cad.extensions.slicing.slicing_pictures import plate_picture
-    from tacbench_cad.lab.study.names import own_name
-    from tacbench_cad.lab.study.plate import block_in_file
-    from tacbench_cad.spec.block import Block
-    from tacbench_cad.spec.texture_files import find_textures
+    from tacbench_cad.lab.study import block_in_file, own_name
+    from tacbench_cad.spec import Block, find_textures
 
     machine = printer_named(printer, known_printers(printers))
     own_name("printer", machine.name)

@@ -10,10 +10,8 @@ import numpy as np
 
 from tacbench_cad.extensions.slicing.plates import Plate, write_layout
 from tacbench_cad.formats import threemf
-from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.geometry.part import PrintPart
-from tacbench_cad.spec.printrecord import form
-from tacbench_cad.spec.texture_files import read_texture
+from tacbench_cad.geometry import PrintPart, as_part
+from tacbench_cad.spec import form, read_texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import locked, replacing, write_text
 from tacbench_cad.util.untrusted import read_bytes
@@ -127,7 +125,7 @@ def _require_no_others(all_files: Sequence[PlateFiles], stem: str, out: Path) ->
 
 def _write_model(plate: Plate, name: str, path: Path) -> None:
     placed: list[tuple[PrintPart, tuple[float, float]]] = [
-        (block_part(placed.block), (placed.x_mm, placed.y_mm)) for placed in plate.blocks
+        (as_part(placed.block), (placed.x_mm, placed.y_mm)) for placed in plate.blocks
     ]
     with replacing(path) as temporary:
         threemf.write_plate(placed, name, temporary)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.extensions.slicing.printers import Printer
-from tacbench_cad.spec.block import MAX_COPIES, Block
+from tacbench_cad.spec import MAX_COPIES, Block
 from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.types import Floats, Ints

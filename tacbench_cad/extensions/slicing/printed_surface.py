@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Beads, Sliced
-from tacbench_cad.spec.block import Block
+from tacbench_cad.spec import Block
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats, Ints
 from tacbench_cad.util.untrusted import require_within

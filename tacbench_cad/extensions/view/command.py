@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import next_block, note, print_next
+from tacbench_cad.cli import next_block, note, options, print_next
 
 
 @options.command("view", "Print")
@@ -36,9 +35,8 @@ def command(parts: tuple[tuple[str, ...], ...], out: Path, **request: Any) -> No
       tacbench view 1,2 holder jig --slots 2
       tacbench view hex.toml --tolerance 0.05
     """
-    from tacbench_cad.making.request import Request
-    from tacbench_cad.making.showing import request_of, write_view
-    from tacbench_cad.render.viewing.page import require_page
+    from tacbench_cad.making import Request, request_of, write_view
+    from tacbench_cad.render import require_page
 
     words = [word for words in parts for word in words]
     print_set = request_of(words, Request(**options.request_fields(request)))

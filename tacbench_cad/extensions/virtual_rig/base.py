@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 
 from tacbench_cad.extensions.virtual_rig.machine import VirtualCarriage, replaced
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study import Point
 
 #: A wait of a program: a duration in s, or a condition.
 Wait = float | Callable[[], bool]

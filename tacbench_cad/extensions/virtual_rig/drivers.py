@@ -7,14 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import SERIAL
-from tacbench_cad.lab.rig.gauge import Gauge
-from tacbench_cad.lab.rig.grbl import GrblStage
-from tacbench_cad.lab.rig.marlin import MarlinStage
-from tacbench_cad.lab.rig.registry import Context, Driver
-from tacbench_cad.lab.rig.stage import inner
-from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, PrintedBlock, StageSettings, WorkFrame
+from tacbench_cad.lab.rig import SERIAL, Clock, Context, Driver, Gauge, GrblStage, MarlinStage, inner
+from tacbench_cad.lab.study import GaugeSettings, HolderRim, PrintedBlock, StageSettings, WorkFrame
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 

@@ -10,7 +10,7 @@ from tacbench_cad.extensions.virtual_rig.base import Program
 from tacbench_cad.extensions.virtual_rig.grbl_core import PLANNER_LINES, GrblCore
 from tacbench_cad.extensions.virtual_rig.grbl_gcode import GcodeBlock, GcodeError, parse
 from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path, replaced
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study import Point
 
 
 class Grbl(GrblCore):

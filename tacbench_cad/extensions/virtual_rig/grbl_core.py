@@ -9,7 +9,7 @@ from tacbench_cad.extensions.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.extensions.virtual_rig.grbl_gcode import Modal
 from tacbench_cad.extensions.virtual_rig.grbl_memory import GRBL, FirmwareDialect, Memory, triple
 from tacbench_cad.extensions.virtual_rig.machine import Stroke, VirtualCarriage
-from tacbench_cad.lab.study.spec import Point, minus, plus
+from tacbench_cad.lab.study import Point, minus, plus
 
 #: The number of lines in the planner, and the largest number of characters in a line.
 PLANNER_LINES = 15

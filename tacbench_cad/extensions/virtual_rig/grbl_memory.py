@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tacbench_cad.extensions.virtual_rig.grbl_gcode import GcodeError
 from tacbench_cad.extensions.virtual_rig.machine import MotorAxis
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study import Point
 
 #: The settings in the order of ``$$``. The flags 20, 21 and 22 are on and the motors stay powered (``$1=255``), as on a
 #: stage for pressing. GRBL's own defaults are 0 for the flags and ``$1=25``.

@@ -10,12 +10,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tacbench_cad.extensions.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
-from tacbench_cad.lab.study.spec import HolderRim, Point, WorkFrame
+from tacbench_cad.lab.study import HolderRim, Point, WorkFrame
 from tacbench_cad.util.convert import Bounds, check_fields, from_plain
 from tacbench_cad.util.errors import InputError, located
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.simulate.contact import DomeContact
+    from tacbench_cad.lab.simulate import DomeContact
 
 #: The largest count of the amplifier's converter, which has 24 bits with sign.
 FULL_SCALE = 2**23 - 1
@@ -161,8 +161,8 @@ class BlockUnderDome:
 
     @cached_property
     def _contact(self) -> DomeContact:
-        from tacbench_cad.lab.runs.info import printed_block_from
-        from tacbench_cad.lab.simulate.contact import contact_for
+        from tacbench_cad.lab.runs import printed_block_from
+        from tacbench_cad.lab.simulate import contact_for
 
         return contact_for(printed_block_from(self.printed), self.holder)
 

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study import Point
 from tacbench_cad.util.errors import InputError
 
 #: The axes by their letters.

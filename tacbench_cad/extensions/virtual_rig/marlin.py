@@ -13,7 +13,7 @@ from tacbench_cad.extensions.virtual_rig.base import Program
 from tacbench_cad.extensions.virtual_rig.gcode import words
 from tacbench_cad.extensions.virtual_rig.machine import along_path, replaced
 from tacbench_cad.extensions.virtual_rig.marlin_core import VERSION, MarlinCore
-from tacbench_cad.lab.study.spec import Point, minus
+from tacbench_cad.lab.study import Point, minus
 
 #: The number of strokes in the planner.
 _PLANNER_STROKES = 15

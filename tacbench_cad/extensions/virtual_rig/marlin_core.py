@@ -12,7 +12,7 @@ from operator import xor
 
 from tacbench_cad.extensions.virtual_rig.base import Firmware, Program, earliest
 from tacbench_cad.extensions.virtual_rig.machine import VirtualCarriage
-from tacbench_cad.lab.study.spec import Point, minus, plus
+from tacbench_cad.lab.study import Point, minus, plus
 
 #: The reported version.
 VERSION = "2.1.2.7"

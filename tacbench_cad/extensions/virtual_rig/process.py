@@ -13,9 +13,8 @@ from typing import Any
 
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.extensions.virtual_rig.setup import Setup
-from tacbench_cad.lab.rig.errors import DeviceLostError
-from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.rig import Closing, DeviceLostError
+from tacbench_cad.lab.study import Point
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 

@@ -18,7 +18,7 @@ from tacbench_cad.extensions.virtual_rig.grbl_memory import GRBL, GRBLHAL
 from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings
 from tacbench_cad.extensions.virtual_rig.machine import MotorAxis, VirtualCarriage
 from tacbench_cad.extensions.virtual_rig.marlin import Marlin
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study import Point
 from tacbench_cad.util.convert import Bounds, Checked, from_plain
 from tacbench_cad.util.errors import InputError, nearest
 

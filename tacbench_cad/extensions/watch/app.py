@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from tacbench_cad.extensions.serving.server import file_routes
 from tacbench_cad.extensions.watch.model import Watched
-from tacbench_cad.lab.acquire.person import is_label
+from tacbench_cad.lab.acquire import is_label
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.untrusted import parse_json

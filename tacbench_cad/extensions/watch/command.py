@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tacbench_cad.cli import options
-from tacbench_cad.cli.common import note
-from tacbench_cad.cli.completing import of_run_folders
+from tacbench_cad.cli import note, of_run_folders, options
 from tacbench_cad.util.errors import InputError
 
 

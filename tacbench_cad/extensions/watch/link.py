@@ -16,11 +16,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tacbench_cad.lab.acquire.events import ProgressFile
-from tacbench_cad.lab.acquire.person import Person, is_label
-from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import PrintedBlock
+from tacbench_cad.lab.acquire import Person, PressProgress, ProgressFile, is_label
+from tacbench_cad.lab.study import Press, PrintedBlock
 from tacbench_cad.util.errors import InputError, MissingToolError, one_line
 from tacbench_cad.util.packages import require
 

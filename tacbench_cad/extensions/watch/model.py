@@ -16,13 +16,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.lab.acquire.events import KEPT_PRESSES, PROGRESS_FILE, Progress, ProgressReader
-from tacbench_cad.lab.rig.sensor import is_image
-from tacbench_cad.lab.runs.checking import Finding, check_run
-from tacbench_cad.lab.runs.reading import Run, find_runs
-from tacbench_cad.lab.runs.region_search import region_of
-from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, REFERENCES_FILE, RUN_FILE, TARGETS_FILE, Row
-from tacbench_cad.lab.study.presses import Press
+from tacbench_cad.lab.acquire import KEPT_PRESSES, PROGRESS_FILE, Progress, ProgressReader
+from tacbench_cad.lab.rig import is_image
+from tacbench_cad.lab.runs import (
+    IMAGE_SUFFIXES,
+    REFERENCES_FILE,
+    RUN_FILE,
+    TARGETS_FILE,
+    Finding,
+    Row,
+    Run,
+    check_run,
+    find_runs,
+    region_of,
+)
+from tacbench_cad.lab.study import Press
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.files import LOCK_NAME
 

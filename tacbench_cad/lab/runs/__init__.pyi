@@ -1,5 +1,14 @@
 """The names of :mod:`tacbench_cad.lab.runs`, for type checkers and for its lazy loading alike."""
 
+from . import params as params
+from . import schema as schema
+from .checking import Finding as Finding
+from .checking import check_run as check_run
+from .frame_files import decoded as decoded
+from .frame_files import encoded as encoded
+from .frame_files import grey as grey
+from .frame_files import noise_counts as noise_counts
+from .frame_files import write_png as write_png
 from .importing.array_files import Frames as Frames
 from .importing.array_files import array_name as array_name
 from .importing.array_files import array_source as array_source
@@ -20,5 +29,20 @@ from .importing.sources import Rows as Rows
 from .importing.sources import Sample as Sample
 from .importing.sources import Source as Source
 from .importing.sources import columns_of_fields as columns_of_fields
+from .info import printed_block_from as printed_block_from
 from .npyfile import mapped as mapped
+from .reading import Run as Run
+from .reading import find_runs as find_runs
+from .region import Region as Region
+from .region_search import region_of as region_of
+from .run_writer import RunWriter as RunWriter
+from .schema import IMAGE_SUFFIXES as IMAGE_SUFFIXES
+from .schema import REFERENCES_FILE as REFERENCES_FILE
 from .schema import RUN_FILE as RUN_FILE
+from .schema import TARGETS_FILE as TARGETS_FILE
+from .schema import Reference as Reference
+from .schema import Row as Row
+from .schema import Stationary as Stationary
+from .schema import cell as cell
+from .schema import columns as columns
+from .series import MovingFrame as MovingFrame

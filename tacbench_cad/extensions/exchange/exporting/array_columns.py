@@ -10,8 +10,7 @@ import numpy as np
 
 from tacbench_cad.extensions.exchange.exporting.columns import json_values
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
-from tacbench_cad.lab.rig.colours import outside
-from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.rig import Frame, outside
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import by
 

@@ -11,7 +11,7 @@ from datetime import datetime
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
-from tacbench_cad.lab.runs.schema import Row, cell, columns
+from tacbench_cad.lab.runs import Row, cell, columns
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, ExportColumn, values_of
-from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.frame_files import decoded
-from tacbench_cad.lab.runs.reading import Run, find_runs
-from tacbench_cad.lab.runs.schema import IMAGE_SUFFIXES, Row
+from tacbench_cad.lab.rig import Frame
+from tacbench_cad.lab.runs import IMAGE_SUFFIXES, Row, Run, decoded, find_runs
 from tacbench_cad.util.errors import InputError
 
 #: A function that is called with the number of frames written so far and the number of all frames.

@@ -11,7 +11,7 @@ from pathlib import Path
 from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS
 from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
-from tacbench_cad.lab.runs.schema import cell
+from tacbench_cad.lab.runs import cell
 from tacbench_cad.util.text import file_name
 
 #: The table and its first column; ``datasets`` requires these names.

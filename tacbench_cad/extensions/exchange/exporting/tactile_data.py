@@ -11,10 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacbench_cad.lab.rig.sensor import Frame, is_image
-from tacbench_cad.lab.runs import params, schema
-from tacbench_cad.lab.runs.frame_files import encoded
-from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.rig import Frame, is_image
+from tacbench_cad.lab.runs import Run, encoded, params, schema
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require

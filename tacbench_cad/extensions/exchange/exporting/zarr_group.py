@@ -11,8 +11,7 @@ from tacbench_cad.extensions.exchange.exporting.array_columns import ArrayColumn
 from tacbench_cad.extensions.exchange.exporting.card import summary
 from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
-from tacbench_cad.lab.rig.colours import OUTSIDE, has_colours
-from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.rig import OUTSIDE, Frame, has_colours
 
 #: The names of the group and of the array with the frames.
 GROUP, FRAMES = "frames.zarr", "frames"

@@ -26,11 +26,9 @@ from typing import Any, NamedTuple, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.colours import Channels
+from tacbench_cad.lab.rig import Channels
 from tacbench_cad.lab.runs import ImportFormat, ImportOptions, Loaded, Paths, Sample, Source, mapped
-from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.presets import PRESETS
-from tacbench_cad.spec.protocol import FORCES_N, PER_SIDE, PressGrid, Spacing
+from tacbench_cad.spec import FORCES_N, PER_SIDE, PRESETS, Block, PressGrid, Spacing
 from tacbench_cad.util.errors import InputError, one_of
 
 #: The options, each with its values; the first is the default. The authors printed the files that they ``released``.

@@ -21,10 +21,10 @@ from tacbench_cad.lab.runs import (
     describes_frames,
     require_frames,
 )
-from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.processes import read_isolated
+from tacbench_cad.util.untrusted import open_input
 
 #: The suffixes of HDF5 files.
 SUFFIXES = (".h5", ".hdf5")
@@ -39,7 +39,7 @@ def _read(path: Path, paths: Paths, options: ImportOptions) -> Source:
 def _opened(path: Path, name: str) -> Frames:
     """Open the array of frames in a file; the only array that can have frames if the name is empty."""
     require("the import of HDF5 files", "h5py")
-    untrusted.open_input(path, kind="array").close()
+    open_input(path, kind="array").close()
     chosen, shape, columns = _isolated(path, _content, path, name)
     require_frames(path, shape)
     failed: list[InputError] = []  # a damaged file is read no further, because each frame could take the time limit

@@ -20,9 +20,9 @@ from tacbench_cad.lab.runs import (
     Source,
     columns_of_fields,
 )
-from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.untrusted import open_input, read_bytes
 
 #: The files that identify such a folder: with a single split, and with several splits.
 FILES = ("dataset_info.json", "dataset_dict.json")
@@ -51,7 +51,7 @@ def _read(folder: Path, paths: Paths, options: ImportOptions) -> Source:
     except Exception as error:  # datasets and Arrow can raise almost any exception for damaged files
         raise InputError("data set", str(folder), f"cannot be read: {one_line(error, 200)}") from None
     for file in (file for split in splits.values() for file in split.cache_files):
-        untrusted.open_input(Path(file["filename"]), "data set", "array", within=folder).close()
+        open_input(Path(file["filename"]), "data set", "array", within=folder).close()
     samples: list[Sample] = []
     notes: list[str] = []
     facts: dict[str, Any] = {}
@@ -153,7 +153,7 @@ def _frame(split: Any, column: str, index: int, folder: Path) -> Loaded:
         return bytes(value["bytes"])
     if not value.get("path"):
         raise CheckFailedError("has no image")
-    return untrusted.read_bytes(folder / value["path"], "image", "image", within=folder)
+    return read_bytes(folder / value["path"], "image", "image", within=folder)
 
 
 FORMAT = ImportFormat(

@@ -28,9 +28,9 @@ from tacbench_cad.lab.runs import (
     Source,
     name_fault,
 )
-from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.untrusted import open_input
 
 #: The largest number of times that the warning about times far from every frame names.
 MAX_FAR = 5
@@ -57,7 +57,7 @@ class Video:
         require("the import of videos", "cv2")
         self.path = path
         self._lock = threading.Lock()
-        untrusted.open_input(path, "video", kind="array").close()
+        open_input(path, "video", kind="array").close()
         self._ahead: Any = self._opened()
         self._capture: Any = None
         self._next = 0

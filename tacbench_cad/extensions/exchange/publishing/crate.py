@@ -12,10 +12,8 @@ from pathlib import Path
 
 from tacbench_cad.extensions.exchange.publishing.metadata import DataSetPart, datacite, write_crate, zenodo
 from tacbench_cad.extensions.exchange.publishing.publication import Publication
-from tacbench_cad.lab.runs.reading import Run, find_runs
-from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
-from tacbench_cad.spec.block import Block
-from tacbench_cad.util import untrusted
+from tacbench_cad.lab.runs import Reference, Row, Run, Stationary, find_runs
+from tacbench_cad.spec import Block
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import (
     LOCK_NAME,
@@ -29,6 +27,7 @@ from tacbench_cad.util.files import (
 )
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.untrusted import open_input, read_bytes
 
 #: The folders of the runs and of the blocks' files in the data set, the report, and the list of checksums.
 RUNS, PARTS, REPORT_FILE, SUMS_FILE = "runs", "parts", "report.html", "SHA256SUMS"
@@ -69,9 +68,7 @@ def publish(
     twice = next((name for name, count in Counter(run.folder.name for run in runs).items() if count > 1), None)
     if twice is not None:
         raise InputError("runs", twice, "is the name of two run folders; publish them separately, or rename one")
-    licence = (
-        b"" if publication.licence_file is None else untrusted.read_bytes(Path(publication.licence_file), "licence")
-    )
+    licence = b"" if publication.licence_file is None else read_bytes(Path(publication.licence_file), "licence")
     with _data_set(out) as folder:
         sums: dict[str, str] = {}
         contents = [_copy_run(run, folder, sums, progress) for run in runs]
@@ -142,7 +139,7 @@ def _copy_run(run: Run, folder: Path, sums: dict[str, str], progress: Progress) 
     for count, name in enumerate(names, start=1):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         with (
-            untrusted.open_input(run.folder / name, "run", within=run.folder) as source,
+            open_input(run.folder / name, "run", within=run.folder) as source,
             (target / name).open("wb") as copy,
         ):
             shutil.copyfileobj(source, copy)

@@ -1,0 +1,7 @@
+"""The names of :mod:`tacbench_cad.render`, for type checkers and for its lazy loading alike."""
+
+from .bodies import relief_of as relief_of
+from .raster import Body as Body
+from .raster import Camera as Camera
+from .raster import render as render
+from .viewing.page import require_page as require_page
