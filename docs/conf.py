@@ -80,7 +80,6 @@ CONTENTS = {
         "devices",
         "run",
         "slide",
-        "roll",
         "watch",
         "runs",
         "own-data",

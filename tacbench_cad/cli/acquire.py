@@ -67,9 +67,9 @@ def command(
     """Press blocks on a rig, real or simulated.
 
     For each press, the sensor moves to a position and presses the block until the force is reached. It records a frame
-    and is lifted. With motion in [protocol], it first slides, rolls or tilts in contact while frames and forces are
-    recorded. Each block gets its own run folder. If a study has several blocks, the command says which block comes next
-    and asks for its label. While it runs, the newest frame is in last.png in the output folder.
+    and is lifted. With [protocol.motion], it first slides in contact while frames and forces are recorded. Each block
+    gets its own run folder. If a study has several blocks, the command says which block comes next and asks for its
+    label. While it runs, the newest frame is in last.png in the output folder.
 
     With --page, a page in the browser shows the run. Its buttons do the same as Ctrl-C (Stop), wait before the next
     press (Pause) and confirm a block by its typed label (Block is in). They work only on this machine: with the second

@@ -386,7 +386,7 @@ look = together(
     ),
     flag(
         "--series",
-        "Analyse the series of frames that were taken while the sensor moved in contact (slide, roll, tilt). Default: "
+        "Analyse the series of frames that were taken while the sensor moved in contact (a slide). Default: "
         "the frame of each press.",
         FRAMES,
     ),

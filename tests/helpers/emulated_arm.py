@@ -25,9 +25,6 @@ class EmulatedArm:
         self.began_s = self.ends_s = 0.0
         self.connected, self.program, self.protective, self.emergency, self.reachable = True, True, False, False, True
         self.stuck = False
-        #: The poses of all servo commands, and the last one, which the arm reaches with the next command.
-        self.servoed: list[list[float]] = []
-        self.last = self.target
 
     def pose(self) -> list[float]:
         if (now := self.clock.now_s()) >= self.ends_s:
@@ -44,24 +41,7 @@ class EmulatedArm:
         self.start, self.began_s = self.pose(), self.clock.now_s()
         self.target = [0.5 * (a + b) for a, b in zip(self.start, pose, strict=True)] if self.stuck else list(pose)
         self.ends_s = self.began_s + math.dist(self.start[:3], self.target[:3]) / speed
-        self.last = self.target
         return self.program
-
-    def servoL(  # noqa: N802
-        self, pose: list[float], speed: float, acceleration: float, time: float, lookahead_time: float, gain: float
-    ) -> bool:
-        assert 0.002 <= time <= lookahead_time and 0.03 <= lookahead_time <= 0.2 and 100.0 <= gain <= 2000.0
-        self.servoed.append(list(pose))
-        # The arm follows late. Without a further command it stops where it is.
-        if not self.stuck:
-            self.start = self.target = self.last
-            self.last = list(pose)
-        self.ends_s = 0.0
-        return self.program
-
-    def servoStop(self, a: float = 10.0) -> bool:  # noqa: N802
-        self.last = self.pose()
-        return True
 
     def stopL(self, a: float = 10.0, asynchronous: bool = False) -> None:  # noqa: N802
         self.start = self.target = self.pose()

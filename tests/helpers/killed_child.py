@@ -1,6 +1,6 @@
 """A process that presses a block on test doubles, or on the virtual rig, until it is killed.
 
-python killed_child.py FOLDER SEED fakes|slides|rolls|virtual-grbl|virtual-marlin
+python killed_child.py FOLDER SEED fakes|slides|virtual-grbl|virtual-marlin
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from helpers.arms import ARM_RIG, LastingArm, rig_of, turning_protocol
 from helpers.emulated import emulated_study
 from helpers.fakes import FakeSensor
 from helpers.rigs import FakeRig, info_of, printed, small_protocol
@@ -19,7 +18,7 @@ from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.study.rotation import UPRIGHT
+from tacbench_cad.lab.study.motion import MotionSettings
 from tacbench_cad.lab.study.spec import Protocol
 
 
@@ -40,21 +39,12 @@ def sliding(folder: Path, seed: int) -> None:
     doubles = FakeRig(slides=True)
     doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
     rig = doubles.rig()
-    values: dict[str, Any] = {"motion": "slide", "motion_frames": 5, "slide_length_mm": 4.0, "stationary_frames": 1}
-    info = info_of(rig, small_protocol(forces_n=(1.0,), bands_n=(0.01,), depths_mm=(1.0,), **values))
+    slide = MotionSettings(name="slide", frames=5, options={"length_mm": 4.0})
+    values: dict[str, Any] = {"forces_n": (1.0,), "bands_n": (0.01,), "depths_mm": (1.0,), "stationary_frames": 1}
+    info = info_of(rig, small_protocol(motion=slide, **values))
     print("ready", flush=True)
     with Signals() as signals:
         press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
-
-
-def rolling(folder: Path) -> None:
-    """Press and roll on the simulated arm, which stays tilted and in contact if this process is killed in a roll."""
-    arm, frame = LastingArm(folder / "arm"), ARM_RIG.stage.frame
-    with rig_of(arm, ARM_RIG, printed(), frame) as rig, Signals() as signals:
-        info = info_of(rig, turning_protocol(forces_n=(1.5,)), frame=frame)
-        print("ready", flush=True)
-        press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
-    assert arm.rotation() == UPRIGHT
 
 
 def on_virtual_rig(folder: Path, driver: str) -> None:
@@ -70,8 +60,6 @@ if __name__ == "__main__":
         on_doubles(Path(sys.argv[1]), int(sys.argv[2]))
     elif sys.argv[3] == "slides":
         sliding(Path(sys.argv[1]), int(sys.argv[2]))
-    elif sys.argv[3] == "rolls":
-        rolling(Path(sys.argv[1]))
     else:
         on_virtual_rig(Path(sys.argv[1]), sys.argv[3])
     print("done", flush=True)

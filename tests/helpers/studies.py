@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
+from tacbench_cad.lab.study.motion import MotionSettings
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
@@ -109,8 +110,7 @@ def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
         protocol=Protocol(
             grid=plan.grid,
             stationary_frames=plan.still,
-            motion="slide" if plan.moving else "none",
-            motion_frames=plan.moving_frames,
+            motion=MotionSettings(name="slide", frames=plan.moving_frames) if plan.moving else None,
         ),
         grid_spacing="own",
         holder=HolderRim(),

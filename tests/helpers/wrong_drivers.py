@@ -12,8 +12,6 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
-from tacbench_cad.lab.study.spec import Angles
 
 Point = tuple[float, float, float]
 TRAVEL_MM = 100.0
@@ -166,51 +164,6 @@ class NoIdentity(GoodStage):
         self.identity = ""
 
 
-class TurnsAboutItsFlange(SimulatedStage):
-    """Turns about a point far above the summit, as an arm whose tool centre point is not set."""
-
-    def turn(
-        self, angles_deg: Angles, speed_deg_s: float, *, above_mm: float = 0.0, by_mm: Point = (0.0, 0.0, 0.0)
-    ) -> Angles:
-        return super().turn(angles_deg, speed_deg_s, above_mm=above_mm + 30.0, by_mm=by_mm)
-
-
-class TurnsInRadians(SimulatedStage):
-    """Takes the angles as radians."""
-
-    def turn(
-        self, angles_deg: Angles, speed_deg_s: float, *, above_mm: float = 0.0, by_mm: Point = (0.0, 0.0, 0.0)
-    ) -> Angles:
-        x, y, z = (math.degrees(angle) % 360.0 for angle in angles_deg)
-        return super().turn((x, y, z), math.degrees(speed_deg_s), above_mm=above_mm, by_mm=by_mm)
-
-
-class TurnsUprightInMoves(SimulatedStage):
-    """Turns the sensor back when it moves."""
-
-    def move(self, target_mm: Point, speed_mm_s: float) -> Point:
-        super().turn((0.0, 0.0, 0.0), 90.0)
-        return super().move(target_mm, speed_mm_s)
-
-
-class TurnsAtOnce(SimulatedStage):
-    """Returns when the turn has begun."""
-
-    def turn(
-        self, angles_deg: Angles, speed_deg_s: float, *, above_mm: float = 0.0, by_mm: Point = (0.0, 0.0, 0.0)
-    ) -> Angles:
-        super().turn(angles_deg, 1e6, above_mm=above_mm, by_mm=by_mm)
-        return angles_deg
-
-
-#: Each stage that turns the sensor, with the beginning of its fault; none for the arm itself.
-TURNING: dict[type[SimulatedStage], str] = {
-    SimulatedStage: "",
-    TurnsAboutItsFlange: "a turn about the summit around y left the summit 2.6",
-    TurnsInRadians: "a turn about the summit around y",
-    TurnsUprightInMoves: "a turn about the summit around y was undone by a move",
-    TurnsAtOnce: "a turn about the summit around y returned after 0.0",
-}
 #: Each wrong stage with the checks that it must fail, and no others.
 STAGES: dict[type[GoodStage], set[str]] = {
     GoodStage: set(),

@@ -1,4 +1,4 @@
-"""Conformance checks of a stage: units, blocking, turns, limits, a stop in the middle of a move, and recovery."""
+"""Conformance checks of a stage: units, blocking, limits, a stop in the middle of a move, and recovery."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from tacbench_cad.extensions.conformance.checks import SLACK_S, Checks, DriverCheck, check_close, check_interface
-from tacbench_cad.lab.rig import RESULTS, Clock, Limits, RigError, can_turn
-from tacbench_cad.lab.study import UPRIGHT, Angles, Point, Turn, angle_between, tilt, towards
-from tacbench_cad.spec import DOME_RADIUS_MM
+from tacbench_cad.lab.rig import RESULTS, Clock, Limits, RigError
+from tacbench_cad.lab.study import Point
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The allowed difference between a target and the reported position, in mm.
@@ -30,8 +29,6 @@ STOPPED_MM_S = 1.0
 SLOWNESS = 3.0
 #: The distance from the limits that is kept, in mm.
 MARGIN_MM = 0.5
-#: The angle of the turns, their speed in degrees/s, and the allowed error of an angle.
-TURN_DEG, TURN_DEG_S, NEAR_DEG = 5.0, 5.0, 0.1
 #: The factors by which a position in mm differs from one in another unit.
 LENGTH_UNITS = {"metres": 0.001, "centimetres": 0.1, "inches": 1.0 / 25.4, "micrometres": 1000.0}
 
@@ -61,7 +58,6 @@ def check_stage(
         if kit.home("home"):
             kit.moves()
             kit.small_move()
-            kit.turns()
             kit.beyond(beyond_mm)
             kit.stop()
         with suppress(Exception):
@@ -164,68 +160,6 @@ class _Kit:
         asked_s = time.monotonic() - began_s
         shown = f"small move {1000 * moved_s:.0f} ms, position() {1000 * asked_s:.0f} ms"
         self.checks.require("timing", moved_s <= SLACK_S and asked_s <= SLACK_S / 4.0, shown, shown)
-
-    def turns(self) -> None:
-        """Turn a stage that can do so about its summit and about the centre of a dome, and back, if it can turn."""
-        if not can_turn(self.stage):
-            return
-        began = self.checks.attempt("turn", self._angles)
-        if began is None:
-            return
-        if tilt(began) > TURN_DEG:
-            shown = f"the sensor is tilted by {tilt(began):.1f} degrees; turn it straight down"
-            self.checks.failed("turn", shown)
-            return
-        faults: list[str] = []
-        for direction in (0.0, 90.0):
-            axis = int(direction / 90.0)
-            start = self.at()
-            length = DOME_RADIUS_MM * math.radians(TURN_DEG)
-            shift = [0.0, 0.0, 0.0]
-            shift[axis] = self._target(start, axis, length)[axis] - start[axis]
-            lean = towards(direction, math.copysign(TURN_DEG, shift[axis]))
-            by = (shift[0], shift[1], 0.0)
-            back = (-shift[0], -shift[1], 0.0)
-            for name, end, above_mm, by_mm in (
-                ("about the summit", lean, 0.0, (0.0, 0.0, 0.0)),
-                ("about the summit", UPRIGHT, 0.0, (0.0, 0.0, 0.0)),
-                ("of a dome that rolls", lean, DOME_RADIUS_MM, by),
-                ("of a dome that rolls", UPRIGHT, DOME_RADIUS_MM, back),
-            ):
-                fault = self._turned(end, above_mm, by_mm)
-                if fault is None:
-                    return
-                faults += [f"a turn {name} around {'yx'[axis]} {fault}"] if fault else []
-        shown = f"{TURN_DEG:g} degrees around x and y, about the summit and as a dome that rolls"
-        self.checks.require("turn", not faults, shown, "; ".join(faults[:2]))
-
-    def _turned(self, angles: Angles, above_mm: float, by_mm: Point) -> str | None:
-        """Turn the sensor. Return the fault, or an empty text; None after an error, which is a failed check."""
-        start = self.at()
-        turn = Turn(summit_mm=start, from_deg=self._angles(), to_deg=angles, above_mm=above_mm, by_mm=by_mm)
-        began_s = self.clock.now_s()
-        result = self.checks.attempt(
-            "turn",
-            lambda: RESULTS["stage"]["turn"](self.stage.turn(angles, TURN_DEG_S, above_mm=above_mm, by_mm=by_mm)),
-        )
-        if result is None:
-            return None
-        took_s, least_s = self.clock.now_s() - began_s, turn.angle_deg / TURN_DEG_S
-        if took_s < 0.8 * least_s:
-            return f"returned after {took_s:.2f} of {least_s:.2f} s"
-        if max(angle_between(result, angles), angle_between(self._angles(), angles)) > NEAR_DEG:
-            return "ended at x {:.2f}, y {:.2f}, z {:.2f} degrees".format(*self._angles())
-        off_mm = math.dist(self.at(), turn.at(1.0)[0])
-        if off_mm > NEAR_MM:
-            return f"left the summit {off_mm:.3f} mm from its place"
-        x, y, z = self.at()
-        if self.checks.attempt("turn", lambda: self._moved((x, y, z), SPEED_MM_S)) is None:
-            return None
-        return "" if angle_between(self._angles(), angles) <= NEAR_DEG else "was undone by a move"
-
-    def _angles(self) -> Angles:
-        angles: Angles = RESULTS["stage"]["rotation"](self.stage.rotation())
-        return angles
 
     def beyond(self, target: Point | None) -> None:
         """Ask for a position that the device must refuse."""

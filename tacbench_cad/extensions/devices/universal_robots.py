@@ -4,11 +4,7 @@ Frame: x, y and z are those of the tool centre point in the robot's base frame, 
 upright. Set the tool centre point to the summit of the sensor, with the z axis of the tool along the sensor's axis and
 away from the robot. A move keeps the orientation of the tool, so turn the tool down before the run.
 
-Turns: the angles are 0 if the z axis of the tool points straight down. A tool that is tilted at opening, for instance
-because a program was killed during a turn, has the angle of its tilt, and turns back to 0. During a turn, the program
-sends the next pose every 20 ms (``servoL``), so the robot stops by itself if the program ends.
-
-Proof of a move or a turn: the robot must be at rest, and the measured pose of the tool must be at the target.
+Proof of a move: the robot must be at rest, and the measured position of the tool must be at the target.
 An arm knows its position at all times. :meth:`UniversalRobot.home` therefore does not move: it only makes the arm ready
 again after a stop. A run then lifts the tool after a fault or a signal. With ``home = false`` in ``[stage]``, it has to
 be lifted by hand.
@@ -37,25 +33,12 @@ from tacbench_cad.lab.rig import (
     PositionLostError,
     no_report,
 )
-from tacbench_cad.lab.study import (
-    Angles,
-    Point,
-    StageSettings,
-    Turn,
-    angle_between,
-    angles_of,
-    from_vector,
-    leaning,
-    matrix,
-    to_vector,
-)
+from tacbench_cad.lab.study import Point, StageSettings
 from tacbench_cad.util.convert import Bounds, from_plain
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The pause between two questions while the arm moves, in s.
 POLL_S = 0.01
-#: The period of the poses of a turn, in s, and the time and the gain with which the robot follows them.
-SERVO_S, LOOKAHEAD_S, GAIN = 0.02, 0.1, 300.0
 #: The largest acceleration of a stop, in m/s^2.
 STOP_M_S2 = 10.0
 #: A move may take this many times its distance divided by its speed, in addition to the timeout.
@@ -69,16 +52,14 @@ class RobotOptions:
     Args:
         acceleration_mm_s2: The acceleration of the tool.
         tolerance_mm: The allowed distance of the tool from its target. The repeatability of an UR3e or UR5e is 0.03 mm.
-        tolerance_deg: The allowed angle between the tool and its target after a turn.
     """
 
     acceleration_mm_s2: Annotated[float, Bounds(1.0, 5000.0)] = 200.0
     tolerance_mm: Annotated[float, Bounds(0.001, 5.0)] = 0.05
-    tolerance_deg: Annotated[float, Bounds(0.001, 5.0)] = 0.05
 
 
 class UniversalRobot(Closing):
-    """An arm. See :class:`tacbench_cad.lab.rig.stage.RotatingStage` and the module's description.
+    """An arm. See :class:`tacbench_cad.lab.rig.stage.Stage` and the module's description.
 
     Args:
         address: The name or the number of the robot in the network.
@@ -107,7 +88,6 @@ class UniversalRobot(Closing):
         self._name, self._timeout_s = f"arm at {address}", timeout_s
         self._options, self._clock = options or RobotOptions(), clock or Clock()
         self._report: Callable[[Point], None] = no_report
-        self._report_turn: Callable[[Angles], None] = no_report
         self._stopped = self._closed = False
         try:
             self._state: Any = rtde_receive.RTDEReceiveInterface(address)
@@ -118,9 +98,6 @@ class UniversalRobot(Closing):
         try:
             self._require_ready()
             self._orientation = self._pose()[3:]
-            tool = from_vector(tuple(self._orientation))
-            #: The orientation of the tool that points straight down.
-            self._upright = leaning(-tool[:, 2]).T @ tool
         except BaseException:
             self.close()
             raise
@@ -147,61 +124,13 @@ class UniversalRobot(Closing):
         """
         self._require_startable()
         start = self.position()
-        pose = self._reachable(target_mm, self._orientation)
+        pose = self._reachable(target_mm)
         acceleration = self._options.acceleration_mm_s2 / 1000.0
         with self._halting():
             if not self._arm.moveL(pose, speed_mm_s / 1000.0, acceleration, True):
                 raise AlarmError(f"{self._name}: refuses the move; look at its panel")
-            self._arrive(target_mm, None, math.dist(start, target_mm) / speed_mm_s, lambda: self._clock.sleep(POLL_S))
+            self._arrive(target_mm, math.dist(start, target_mm) / speed_mm_s)
         return self.position()
-
-    def turn(
-        self,
-        angles_deg: Angles,
-        speed_deg_s: float,
-        *,
-        above_mm: float = 0.0,
-        by_mm: Point = (0.0, 0.0, 0.0),
-    ) -> Angles:
-        """Turn the tool; finished when the arm is at rest at the target.
-
-        Raises:
-            OutOfRangeError: The target is beyond the reach or the safety limits of the arm.
-            NotThereError: The turn was stopped, or ended at another pose.
-            AlarmError: The robot has stopped itself.
-            NoAnswerError: The arm does not come to rest.
-        """
-        self._require_startable()
-        turn = Turn(
-            summit_mm=self.position(), from_deg=self.rotation(), to_deg=angles_deg, above_mm=above_mm, by_mm=by_mm
-        )
-        end_mm, seconds = turn.at(1.0)[0], turn.angle_deg / speed_deg_s
-        end = self._reachable(end_mm, self._vector(angles_deg))
-        began_s = self._clock.now_s()
-
-        def send() -> None:
-            part = (self._clock.now_s() - began_s) / seconds if seconds > 0.0 else 1.0
-            summit, angles = turn.at(min(part, 1.0))
-            pose = end if part >= 1.0 else [value / 1000.0 for value in summit] + self._vector(angles)
-            # The robot ignores the speed and the acceleration of this command.
-            if not self._arm.servoL(pose, 0.0, 0.0, SERVO_S, LOOKAHEAD_S, GAIN):
-                raise AlarmError(f"{self._name}: refuses the turn; look at its panel")
-            self._clock.sleep(SERVO_S)
-
-        with self._halting():
-            try:
-                self._arrive(end_mm, angles_deg, seconds, send, until_s=began_s + seconds)
-            finally:
-                with contextlib.suppress(Exception):
-                    self._arm.servoStop()
-                    # A turn that was stopped leaves the tool tilted, and the next move keeps this orientation.
-                    self._orientation = self._pose()[3:]
-        self._orientation = end[3:]
-        return self.rotation()
-
-    def rotation(self) -> Angles:
-        """Return the measured angles of the tool in degrees."""
-        return angles_of(from_vector(tuple(self._pose()[3:])) @ self._upright.T)
 
     def position(self) -> Point:
         """Return the measured position of the tool centre point in mm."""
@@ -211,10 +140,6 @@ class UniversalRobot(Closing):
     def report_to(self, receive: Callable[[Point], None]) -> None:
         """See :class:`tacbench_cad.lab.rig.stage.Stage`."""
         self._report = receive
-
-    def report_turns_to(self, receive: Callable[[Angles], None]) -> None:
-        """See :class:`tacbench_cad.lab.rig.stage.RotatingStage`."""
-        self._report_turn = receive
 
     def stop(self) -> None:
         """Stop the tool in a straight line. Never raises."""
@@ -230,62 +155,38 @@ class UniversalRobot(Closing):
             with contextlib.suppress(Exception):
                 end()
 
-    def _arrive(
-        self,
-        target_mm: Point,
-        angles_deg: Angles | None,
-        seconds: float,
-        wait: Callable[[], None],
-        until_s: float = 0.0,
-    ) -> None:
+    def _arrive(self, target_mm: Point, seconds: float) -> None:
         """Wait until the arm is at rest at a target.
 
         Args:
             target_mm: The target.
-            angles_deg: The angles there; None if the tool is not turned.
             seconds: The expected duration.
-            wait: Waits for the next look at the arm.
-            until_s: The time before which the arm has not arrived.
         """
         give_up_s = self._clock.now_s() + SLOWNESS * seconds + self._timeout_s * self._clock.speed
         while True:
-            wait()
+            self._clock.sleep(POLL_S)
             self._require_ready()
             # Rest is asked for before the position, so that the position is that of an arm at rest.
             at_rest = self._arm.isSteady()
             at = self.position()
             self._report(at)
             off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
-            off_deg = 0.0 if angles_deg is None else self._off_deg(angles_deg)
             if self._stopped:
                 raise NotThereError(f"{self._name}: the move was stopped on request; home the stage first")
-            is_there = off_mm <= self._options.tolerance_mm and off_deg <= self._options.tolerance_deg
-            now_s = self._clock.now_s()
-            if at_rest and is_there and now_s >= until_s:
+            if at_rest and off_mm <= self._options.tolerance_mm:
                 return
-            if now_s > give_up_s:
+            if self._clock.now_s() > give_up_s:
                 if at_rest:
-                    angle = "" if angles_deg is None else f" and {off_deg:.2f} degrees"
-                    raise NotThereError(f"{self._name}: is at rest {off_mm:.3f} mm{angle} away from its target")
+                    raise NotThereError(f"{self._name}: is at rest {off_mm:.3f} mm away from its target")
                 raise NoAnswerError(f"{self._name}: does not come to rest; look at its panel")
 
-    def _off_deg(self, angles_deg: Angles) -> float:
-        """Return the angle between the tool and its target, and report the angles."""
-        angles = self.rotation()
-        self._report_turn(angles)
-        return angle_between(angles, angles_deg)
-
-    def _vector(self, angles_deg: Angles) -> list[float]:
-        """Return the rotation vector of the tool."""
-        return list(to_vector(matrix(angles_deg) @ self._upright))
-
-    def _reachable(self, target_mm: Point, orientation: list[float]) -> list[float]:
-        """Return a pose of the tool in m and radians.
+    def _reachable(self, target_mm: Point) -> list[float]:
+        """Return the pose of the tool at a target in m and radians.
 
         Raises:
             OutOfRangeError: The pose is beyond the reach or the safety limits of the arm.
         """
-        pose = [value / 1000.0 for value in target_mm] + orientation
+        pose = [value / 1000.0 for value in target_mm] + self._orientation
         if not self._arm.isPoseWithinSafetyLimits(pose):
             shown = "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*target_mm)
             raise OutOfRangeError(f"{self._name}: {shown} is beyond its reach or its safety limits; nothing moved")
@@ -338,5 +239,4 @@ DRIVER = Driver(
     connection="network",
     modules=("rtde_control", "rtde_receive"),
     install="pip install ur-rtde",
-    turns=True,
 )

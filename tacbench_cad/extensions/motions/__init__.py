@@ -1,1 +1,1 @@
-"""Motions in contact after a press: a slide, a roll or a tilt of the sensor, during which frames are recorded."""
+"""A motion in contact after a press: a slide, during which frames and forces are recorded."""

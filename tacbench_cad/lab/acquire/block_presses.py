@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-from tacbench_cad.lab.acquire.after_touch import motion_of
 from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.position_checks import PositionChecks
@@ -28,12 +27,12 @@ from tacbench_cad.lab.rig.errors import (
     HeightError,
     NotReachedError,
     SensorError,
-    TooFewFramesError,
 )
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
+from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import Press
 
 #: The differences between the height of the block and the taught height, in mm, above which the person is told, and
@@ -171,9 +170,15 @@ class _BlockSession:
         self.checks = PositionChecks(
             self.run, self.carriage, self.presser, self.watch, self.rig.stage, self.progress, self._lift
         )
-        sensor, clock = self.rig.sensor, self.rig.clock
-        motion = motion_of(self.protocol)
-        self.motion = motion and motion(self.protocol, self.carriage, self.force, sensor, self._read, clock)
+        motion = motion_of(self.protocol.motion)
+        self.record_motion = motion and motion.recorder(
+            self.protocol.series_frames,
+            carriage=self.carriage,
+            force=self.force,
+            sensor=self.rig.sensor,
+            read=self._read,
+            clock=self.rig.clock,
+        )
 
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
@@ -201,39 +206,25 @@ class _BlockSession:
         self._stationary("end", middle)
 
     def _press(self, press: Press) -> None:
-        moving: list[MovingFrame] | None = None
-        attempts = 0
-        while moving is None:
-            attempts += 1
+        attempt = 1
+        while True:
             contact = self.presser.press(press)
-            time_utc, age_s = datetime.now(UTC), self._reference_age_s
-            frame, angles = self._read(), self.carriage.angles_deg
+            time_utc, age_s, frame = datetime.now(UTC), self._reference_age_s, self._read()
             after = None if self.force is None else self.force.again()
-            moving = self._move_in_contact(press, is_last=attempts == MOTION_ATTEMPTS)
+            moving: list[MovingFrame] | str = self.record_motion() if self.record_motion else []
             # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
             self._lift()
+            if not isinstance(moving, str):
+                break
+            if attempt == MOTION_ATTEMPTS:
+                raise SensorError(moving)
+            self.progress.say(f"press {press.number} is made again: {moving}")
+            attempt += 1
         pose, read = contact.pose_mm, contact.measured
-        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, angles, age_s)
+        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, age_s)
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)
-
-    def _move_in_contact(self, press: Press, *, is_last: bool) -> list[MovingFrame] | None:
-        """Make the motion of the protocol, and return its series; None if the sensor was too slow.
-
-        Raises:
-            TooFewFramesError: The sensor was too slow, and this was the last attempt.
-        """
-        if self.motion is None:
-            return []
-        try:
-            frames: list[MovingFrame] = self.motion.after_touch(press)
-            return frames
-        except TooFewFramesError as error:
-            if is_last:
-                raise
-            self.progress.say(f"press {press.number} is made again: {error}")
-            return None
 
     def _check_height(self, above_mm: float) -> None:
         """Say that the block has another height than taught, and ask the person if the difference is large.

@@ -11,28 +11,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError, undisturbed
 from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.rig.reach import travel_height_mm
-from tacbench_cad.lab.rig.stage import LimitedStage, RotatingStage, Stage, home_again
-from tacbench_cad.lab.rig.track import StageTrack
-from tacbench_cad.lab.study.rotation import (
-    UPRIGHT,
-    UPRIGHT_DEG,
-    Turn,
-    angle_between,
-    in_stage,
-    in_work_frame,
-    lowest,
-)
-from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, Protocol, WorkFrame, plus
+from tacbench_cad.lab.rig.stage import LimitedStage, Stage, home_again
+from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame, plus
 
 #: The allowed distance of a reported height below the depth limit, in mm, for firmware that rounds to micrometres.
 ROUNDING_MM = 0.002
-#: The lowest speed at which a lifted sensor is turned upright, in degrees/s.
-BACK_DEG_S = 10.0
 #: The time, in s, for which the lift is tried again if the stage does not answer: its firmware may only stand still.
 RETRY_S = 60.0
 #: The pause between two attempts, in s.
@@ -87,7 +74,6 @@ class Carriage:
         self._user: int | None = None
         self._retreating: int | None = None
         self.noticed, self.rescued = threading.Event(), threading.Event()
-        self._is_turning = self.protocol.is_turning
 
     def interrupt(self, reason: str) -> None:
         """Stop at once and leave the loop at its next move or frame. Signal handlers may call this method.
@@ -133,20 +119,14 @@ class Carriage:
         if self.at[2] > self.travel_mm + ROUNDING_MM:
             self._go((x_mm, y_mm, self.travel_mm), self.travel_mm_s)
 
-    @property
-    def angles_deg(self) -> Angles:
-        """The angles that the stage reports, in the work frame; all 0 without a roll or a tilt in the protocol."""
-        return in_work_frame(self.frame, self._turner.rotation()) if self._is_turning else UPRIGHT
-
     def lift(self) -> None:
-        """Move straight up to the travel height, unless the sensor is already there or higher, and turn it upright.
+        """Move straight up to the travel height, unless the sensor is already there or higher.
 
         Raises:
             RigError: The stage failed.
         """
         self.check()
         self._rise()
-        self._turn_upright()
 
     def _rise(self) -> None:
         with self._alone():
@@ -182,70 +162,18 @@ class Carriage:
             )
         return self.at[2]
 
-    def slide(self, end_mm: Point, speed_mm_s: float, track: StageTrack, check: Callable[[], None]) -> None:
+    def slide(self, end_mm: Point, speed_mm_s: float, begin: Callable[[], None]) -> None:
         """Move in contact along a straight line of the work frame.
 
         Args:
             end_mm: The end of the line.
             speed_mm_s: The speed.
-            track: Records the motion.
-            check: Called when the move is about to begin and can already be stopped with :meth:`halt`.
+            begin: Called when the move is about to begin and can already be stopped with :meth:`halt`.
 
         Raises:
             RigError: The stage failed or was stopped.
         """
-        with self._in_motion():
-            check()
-            track.begin()
-            reported = self.stage.move(self.frame.to_stage(end_mm), speed_mm_s)
-            track.end()
-        self.at, self.aim_mm = self.frame.to_work(reported), end_mm[2]
-        self.check()
-
-    def turn(self, turn: Turn, track: StageTrack, check: Callable[[], None]) -> None:
-        """Turn the sensor in contact.
-
-        Args:
-            turn: The turn, in the work frame.
-            track: Same as for :meth:`slide`.
-            check: Same as for :meth:`slide`.
-
-        Raises:
-            DepthLimitError: The dome would move below the depth limit. The sensor was not turned.
-            RigError: The stage failed or was stopped.
-        """
-        depth_mm = lowest(*turn.at(1.0), self.protocol.turn_radius_mm)[2]
-        if depth_mm < self.lowest_mm - ROUNDING_MM:
-            raise DepthLimitError(
-                f"the dome would move down to z = {depth_mm:.3f} mm, below the depth limit {self.lowest_mm:g} mm; use "
-                "a smaller turn_angle_deg"
-            )
-        with self._in_motion():
-            check()
-            track.begin()
-            self._turn(in_stage(self.frame, turn), self.protocol.turn_speed_deg_s)
-            track.end()
-        self.check()
-
-    def _turn(self, turn: Turn, speed_deg_s: float) -> None:
-        """Turn the sensor; the turn is in the stage's frame."""
-        self._turner.turn(turn.to_deg, speed_deg_s, above_mm=turn.above_mm, by_mm=turn.by_mm)
-        self.at = self.frame.to_work(self.stage.position())
-        self.aim_mm = self.at[2]
-
-    def _turn_upright(self) -> None:
-        """Turn a tilted sensor upright about the centre of its dome, at the travel height."""
-        if self._is_turning and angle_between(UPRIGHT, self.angles_deg) > UPRIGHT_DEG:
-            point, angles = self.stage.position(), self._turner.rotation()
-            radius_mm = self.protocol.turn_radius_mm
-            turn = Turn(summit_mm=point, from_deg=angles, to_deg=UPRIGHT, above_mm=radius_mm)
-            with self._in_motion():
-                self._turn(turn, max(self.protocol.turn_speed_deg_s, BACK_DEG_S))
-            self.check()
-
-    @property
-    def _turner(self) -> RotatingStage:
-        return cast(RotatingStage, self.stage)
+        self._go(end_mm, speed_mm_s, begin)
 
     def halt(self) -> None:
         """Stop a move at once. Another thread than the one that moves the stage may call this method. Never raises."""
@@ -336,7 +264,7 @@ class Carriage:
         except BaseException as error:
             self.noticed.set()
             say = undisturbed(say)
-            if text := self.retreat(slipped=isinstance(error, ContactError), say=say) or self._made_upright():
+            if text := self.retreat(slipped=isinstance(error, ContactError), say=say):
                 say(text)
             if isinstance(error, RunInterruptedError):
                 error.lifted = self.lifted
@@ -347,15 +275,6 @@ class Carriage:
         self.position_kept = False
         self.stage.home()
         self._rise()
-
-    def _made_upright(self) -> str:
-        """Turn the lifted sensor upright after a failure, and return the problem, or an empty text."""
-        try:
-            with self._retreat():
-                self._turn_upright()
-        except RigError as error:
-            return f"the sensor is lifted, but not upright ({error}): turn it upright by hand"
-        return ""
 
     def _lift_more(self) -> None:
         """Lift by a clearance above the travel height."""
@@ -405,8 +324,9 @@ class Carriage:
             finally:
                 self._moving = False
 
-    def _go(self, target_mm: Point, speed_mm_s: float) -> None:
+    def _go(self, target_mm: Point, speed_mm_s: float, begin: Callable[[], None] = lambda: None) -> None:
         with self._in_motion():
+            begin()
             reported = self.stage.move(self.frame.to_stage(target_mm), speed_mm_s)
         self.at, self.aim_mm = self.frame.to_work(reported), target_mm[2]
         self.check()

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from tacbench_cad.lab.acquire.after_touch import motion_of
 from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Person
@@ -18,10 +17,9 @@ from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
-from tacbench_cad.lab.rig.drivers import cannot_turn, find_driver, require_turning
+from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.reach import require_reach
-from tacbench_cad.lab.rig.stage import can_turn
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run, since_good_check
 from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
@@ -124,8 +122,6 @@ def acquire_study(
             lifted and how many presses are saved.
     """
     rig.require_gauge_for(study.protocol)
-    motion_of(study.protocol)  # a missing extension is reported before a device is opened
-    require_turning(study.protocol, rig.stage)
     slots = rig.stage.frames
     require_reach(study.protocol, rig.holder, slots, rig.stage.limits_mm)
     results: list[BlockResult] = []
@@ -146,8 +142,6 @@ def acquire_study(
             for place in tray:
                 if opened is None:
                     opened = devices.enter_context(opener(rig, place.printed, place.frame))
-                    if study.protocol.is_turning and not can_turn(opened.stage):
-                        raise cannot_turn(study.protocol, rig.stage)
                     if rig.stage.home and study.protocol.home_every:
                         require_repeatable_homing(opened.stage, study.protocol.slip_mm)
                 else:

@@ -18,7 +18,7 @@ from tacbench_cad.lab.analysis.pressing import Pressing
 from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.info import MOTION_KEYS, RunInfo
+from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.study.names import COMBINATIONS
@@ -152,22 +152,13 @@ class Collection:
             if not run.info.series_frames:
                 what = "has no series of frames: its protocol has no motion, or it was imported; leave out --series"
                 raise InputError("run", str(run.folder), what)
-            for name, value in self._motion(run).items():
-                if value != self._motion(self.runs[0])[name]:
-                    raise InputError(
-                        name,
-                        value,
-                        f"in {run.folder}, but {self._motion(self.runs[0])[name]!r} in {self.runs[0].folder}; "
-                        "analyse the series of these runs separately",
-                    )
+            motion, first = (info.protocol and info.protocol.motion for info in (run.info, self.info))
+            if motion != first:
+                other = f"in {run.folder}, but {first} in {self.runs[0].folder}"
+                raise InputError("motion", str(motion), f"{other}; analyse the series of these runs separately")
         if frames is not None and not 1 <= frames <= self.info.series_frames:
             raise InputError("frames", frames, f"must be from 1 to {self.info.series_frames}, the length of a series")
         return replace(self, series=series, frames=frames)
-
-    @staticmethod
-    def _motion(run: Run) -> dict[str, object]:
-        """Return the settings of a run's motion."""
-        return {key: value for key, value in vars(run.info.protocol).items() if key.startswith(MOTION_KEYS)}
 
     @property
     def info(self) -> RunInfo:

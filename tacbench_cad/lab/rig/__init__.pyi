@@ -28,7 +28,6 @@ from .errors import PositionLostError as PositionLostError
 from .errors import ProtocolError as ProtocolError
 from .errors import RigError as RigError
 from .errors import SensorError as SensorError
-from .errors import TooFewFramesError as TooFewFramesError
 from .frames import FrameLimits as FrameLimits
 from .frames import require_good_frame as require_good_frame
 from .gauge import Force as Force
@@ -43,11 +42,9 @@ from .sensor import Frame as Frame
 from .sensor import Sensor as Sensor
 from .sensor import is_image as is_image
 from .stage import Closing as Closing
+from .stage import LimitedStage as LimitedStage
 from .stage import Limits as Limits
-from .stage import can_turn as can_turn
+from .stage import Stage as Stage
 from .stage import inner as inner
 from .stage import no_report as no_report
-from .stage import tracked as tracked
-from .track import StageTrack as StageTrack
-from .track import TurnTrack as TurnTrack
 from .video_nodes import find_camera as find_camera

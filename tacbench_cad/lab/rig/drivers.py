@@ -26,10 +26,8 @@ from tacbench_cad.lab.rig.sensor import Frame, Sensor
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage
 from tacbench_cad.lab.rig.taxels import open_taxels
 from tacbench_cad.lab.study.spec import (
-    Angles,
     GaugeSettings,
     Point,
-    Protocol,
     SensorSettings,
     StageSettings,
 )
@@ -57,7 +55,7 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
         RigError: The device does not answer, is not the expected one, or cannot be homed.
     """
     opened = open_device("stage", settings, Context(clock=clock or Clock()))
-    stage = LimitedStage(opened, settings.limits_mm, settings.tilt_limit_deg)
+    stage = LimitedStage(opened, settings.limits_mm)
     try:
         if isinstance(opened, HasLimits):
             stage.limits_mm = opened.kept_limits_mm(settings.limits_mm)
@@ -148,32 +146,6 @@ def simulated_stages() -> tuple[str, ...]:
     return tuple(names)
 
 
-def require_turning(protocol: Protocol, settings: StageSettings) -> None:
-    """Check, before a device is opened, that the stage can make the motion of a protocol.
-
-    Whether a function returns a stage that can turn is known only once it is open.
-
-    Raises:
-        InputError: The stage cannot turn the sensor, or not so far.
-    """
-    if not protocol.is_turning:
-        return
-    if find_driver("stage", settings.driver).turns is False:
-        raise cannot_turn(protocol, settings)
-    if protocol.turn_angle_deg > settings.tilt_limit_deg:
-        raise InputError(
-            "[protocol] turn_angle_deg",
-            protocol.turn_angle_deg,
-            f"must be at most tilt_limit_deg of [stage], {settings.tilt_limit_deg:g}",
-        )
-
-
-def cannot_turn(protocol: Protocol, settings: StageSettings) -> InputError:
-    """Return the error for a stage that cannot turn the sensor."""
-    allowed = f'cannot turn the sensor, as motion = "{protocol.motion}" needs; use an arm ("ur", "simulated"), or '
-    return InputError("[stage] driver", settings.driver, allowed + "a driver of your own with a method turn()")
-
-
 def open_device(
     kind: Kind,
     settings: StageSettings | GaugeSettings | SensorSettings,
@@ -216,7 +188,7 @@ def _driver_of(factory: Callable[..., Any]) -> Driver:
 
     open.__module__ = factory.__module__
     summary = next(iter((factory.__doc__ or "").strip().splitlines()), "")
-    return Driver(open=open, summary=summary, turns=hasattr(factory, "turn") if isinstance(factory, type) else None)
+    return Driver(open=open, summary=summary)
 
 
 def _serial(factory: Callable[..., Stage], known: tuple[str, ...], summary: str) -> Driver:
@@ -293,10 +265,6 @@ def _point(value: Any) -> Point:
     return (x, y, z)
 
 
-def _angles(value: Any) -> Angles:
-    return _point(value)
-
-
 def _force(value: Any) -> Force:
     if not isinstance(value, Force):
         raise TypeError(f"{value!r:.60} is not a Force")
@@ -311,7 +279,7 @@ def _frame(value: Any) -> Frame:
 
 #: The required results of the methods of a user's own device.
 RESULTS: Mapping[str, Mapping[str, Callable[[Any], Any]]] = {
-    "stage": {"move": _point, "position": _point, "turn": _angles, "rotation": _angles},
+    "stage": {"move": _point, "position": _point},
     "gauge": {"read": _force},
     "sensor": {"read": _frame},
 }

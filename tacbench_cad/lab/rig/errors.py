@@ -71,9 +71,5 @@ class SensorError(RigError):
     """The sensor sends invalid frames: dark, blurred, frozen or of another shape."""
 
 
-class TooFewFramesError(SensorError):
-    """The sensor was too slow for the number of frames of a motion."""
-
-
 class NotReachedError(RigError):
     """The target force was missed too many times in a row."""

@@ -57,7 +57,6 @@ class Driver:
         install: The command that installs these packages.
         usb: The USB ids by which a connected device is recognised: ``2833:0209``, or ``0403`` for a vendor.
         product: A part of the product name by which a connected camera is recognised.
-        turns: Whether a stage can also turn the sensor; None if this is known only once the stage is open.
         simulated: Whether the device exists only in software, so that no person puts a block into it. The object that
             ``open`` returns then may have two more members. ``put(printed, holder, frame)`` replaces the block below
             the sensor. The ``clock`` of a stage is used by the whole rig.
@@ -72,7 +71,6 @@ class Driver:
     install: str = install_command("lab")
     usb: tuple[str, ...] = ()
     product: str = ""
-    turns: bool | None = False
     simulated: bool = False
     defaults: Mapping[str, Any] = field(default_factory=dict)
     unrecorded: tuple[str, ...] = ()

@@ -37,8 +37,6 @@ FRAME_TEXT = (
 )
 #: The keys that may change between two sessions of a run: the port of a device and the device's description of itself.
 CHANGING = ("identity", "port", "firmware", "version")
-#: The beginnings of the protocol's keys that only describe a motion.
-MOTION_KEYS = ("motion", "slide_", "turn_")
 #: The largest number of force levels of a run without a protocol.
 MAX_LEVELS = 1000
 #: The number of differences that an error message lists; it only counts the others.
@@ -191,11 +189,6 @@ class RunInfo:
         values["block"] = self.printed.as_dict()
         if self.protocol:
             values["protocol"]["grid"] = values["protocol"].pop("grid")
-            # Earlier versions of this program can then read a run without motion.
-            if not self.protocol.series_frames:
-                values["protocol"] = {
-                    key: value for key, value in values["protocol"].items() if not key.startswith(MOTION_KEYS)
-                }
         if self.frame:
             values["frame"]["meaning"] = FRAME_TEXT
         return values

@@ -30,8 +30,7 @@ from tacbench_cad.lab.runs.run_tables import GrowingTable, read_table, sync_fold
 from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationary, T, When
 from tacbench_cad.lab.runs.series import MovingFrame, require_complete, write_series
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.rotation import UPRIGHT
-from tacbench_cad.lab.study.spec import Angles, Point
+from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.printrecord import form
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
@@ -192,7 +191,6 @@ class RunWriter:
         in_band: bool | None = None,
         time_utc: datetime | None = None,
         moving: Sequence[MovingFrame] = (),
-        angles_deg: Angles = UPRIGHT,
         reference_age_s: float | None = None,
     ) -> str:
         """Store a press: first its series, then its frame, then its row.
@@ -206,7 +204,6 @@ class RunWriter:
             in_band: Whether the target force was reached; None without a gauge.
             time_utc: The time of the frame.
             moving: The frames of the series, in a run with a motion.
-            angles_deg: The angles of the sensor in the work frame.
             reference_age_s: The age of the last reference in s; None to compute it from the times.
 
         Returns:
@@ -227,7 +224,7 @@ class RunWriter:
         return self.sample(
             press.number,
             self._encoded(frame),
-            **schema.pose_values(pose_mm, angles_deg),
+            **schema.pose_values(pose_mm),
             position=press.position,
             force_level=press.force_level,
             target_force_n=press.target_n,

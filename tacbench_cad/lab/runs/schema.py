@@ -15,7 +15,7 @@ from functools import cache, cached_property
 from types import NoneType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 
-from tacbench_cad.lab.study.spec import Angles, Point, Pressed
+from tacbench_cad.lab.study.spec import Point, Pressed
 from tacbench_cad.util.errors import InputError, one_of
 
 #: The description of the run, the table with one row for each press, and the print record that the user fills in.
@@ -98,10 +98,9 @@ def moving_name(index: int, count: int, suffix: str) -> str:
     return f"frame_{index:0{max(2, len(str(count)))}d}{suffix}"
 
 
-def pose_values(mm: Point, deg: Angles) -> dict[str, float]:
-    """Return the fields of a row for a pose of the sensor, rounded to 1 nm and 1 microdegree."""
-    names = (f"pose_{turn}{axis}" for turn in ("", "r") for axis in "xyz")
-    return {name: round(float(value), 6) + 0.0 for name, value in zip(names, (*mm, *deg), strict=True)}
+def pose_values(mm: Point) -> dict[str, float]:
+    """Return the fields of a row for a position of the sensor, rounded to 1 nm."""
+    return {f"pose_{axis}": round(float(value), 6) + 0.0 for axis, value in zip("xyz", mm, strict=True)}
 
 
 class TableRow:
@@ -343,7 +342,7 @@ class MovingRow(TableRow):
         return (self.pose_x, self.pose_y, self.pose_z)
 
     @property
-    def rotation_deg(self) -> Angles:
+    def rotation_deg(self) -> Point:
         """The rotations of the sensor around x, y and z, in degrees."""
         return (self.pose_rx, self.pose_ry, self.pose_rz)
 

@@ -16,7 +16,7 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import FrameFile
 from tacbench_cad.lab.runs.run_tables import read_table, sync_folder, table_text
 from tacbench_cad.lab.runs.schema import MovingRow, PoseFrom
-from tacbench_cad.lab.study.spec import Angles, Point
+from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import write_text
 from tacbench_cad.util.types import Floats
@@ -31,7 +31,6 @@ class MovingFrame:
         time_s: The time of the frame, in s of the rig's clock.
         pose_mm: The position of the sensor's summit in the work frame at that time.
         pose_from: The origin of the pose.
-        rotation_deg: The rotations of the sensor around x, y and z.
         force_n: The force at that time; None without a gauge.
     """
 
@@ -39,7 +38,6 @@ class MovingFrame:
     time_s: float
     pose_mm: Point
     pose_from: PoseFrom
-    rotation_deg: Angles = (0.0, 0.0, 0.0)
     force_n: float | None = None
 
 
@@ -131,7 +129,7 @@ def write_series(
         file.write(here / name, durable=durable)
         rows.append(
             MovingRow(
-                **schema.pose_values(each.pose_mm, each.rotation_deg),
+                **schema.pose_values(each.pose_mm),
                 time_s=round(each.time_s - moving[0].time_s, 4),
                 pose_from=each.pose_from,
                 force_n=None if each.force_n is None else round(float(each.force_n), 6),

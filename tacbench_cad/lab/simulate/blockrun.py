@@ -22,9 +22,8 @@ from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
-from tacbench_cad.lab.study.motion import course_of
+from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.rotation import lowest
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
 from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Bounds, Checked, to_plain
@@ -167,36 +166,25 @@ class FrameSource:
             press: The press.
             pose: The pose of the press, where the motion begins.
             when: The time at which the motion begins.
-
-        Raises:
-            InputError: The force rises above the hard limit in a roll or a tilt.
         """
-        protocol, count, contact, drag = self.info.plan.protocol, self.info.series_frames, self._contact, Drag()
+        motion, count, drag = motion_of(self.info.plan.protocol.motion), self.info.series_frames, Drag()
         frames: list[MovingFrame] = []
-        course = course_of(protocol, pose)
-        for index in range(count):
+        for index in range(count if motion else 0):
+            assert motion is not None
             fraction = index / (count - 1)
-            (at, angles), time_s = course.at(fraction), fraction * course.seconds
+            (dx, dy), time_s = motion.shift_mm(fraction), fraction * motion.seconds
+            at, contact = (pose[0] + dx, pose[1] + dy, pose[2]), self._contact
             with timed(self.seconds, "press"):
-                force_n = contact.force_n(*lowest(at, angles))
-                if protocol.is_turning and force_n > protocol.hard_limit_n:
-                    raise InputError(
-                        "turn_angle_deg",
-                        protocol.turn_angle_deg,
-                        f"the force rises to {force_n:.3f} N in press {press.number}, above hard_limit_n = "
-                        f"{protocol.hard_limit_n:g} N; use a smaller angle",
-                    )
-                # The error of the approach stays the same during the motion. There is no friction in a roll or a tilt.
+                force_n = contact.force_n(*at)
+                # The error of the approach stays the same during the motion.
                 rng = seeded("approach", self._seed, self.info.printed.name, press.number)
-                lag_mm = (0.0, 0.0) if protocol.is_turning else drag.move(at, force_n)
-                pins = self.sensor.approach(contact, at, rng, angles, lag_mm)
+                pins = self.sensor.approach(contact, at, rng, drag.move(at, force_n))
             name = f"press {press.number} moving {index}"
             moving = MovingFrame(
                 frame=self.frame(pins, name, when + timedelta(seconds=time_s)),
                 time_s=time_s,
                 pose_mm=at,
                 pose_from="time",
-                rotation_deg=angles,
                 force_n=force_n,
             )
             frames.append(moving)

@@ -1,4 +1,4 @@
-"""A simulated force gauge and a simulated sensor that follow the position and the angles that a stage reports."""
+"""A simulated force gauge and a simulated sensor that follow the position that a stage reports."""
 
 from __future__ import annotations
 
@@ -13,14 +13,12 @@ from tacbench_cad.lab.rig.colours import INSIDE
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.registry import Context, Driver
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.rig.stage import Closing, LimitedStage, can_turn
+from tacbench_cad.lab.rig.stage import Closing, LimitedStage
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
 from tacbench_cad.lab.simulate.drag import Drag
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
-from tacbench_cad.lab.study.rotation import UPRIGHT, UPRIGHT_DEG, in_work_frame, lowest, tilt
 from tacbench_cad.lab.study.spec import (
-    Angles,
     GaugeSettings,
     HolderRim,
     Point,
@@ -42,11 +40,8 @@ FRAME_RATE_HZ = 30.0
 class _Follower(Closing):
     """The common part of both devices: the block under the sensor, and the sensor's pose."""
 
-    def __init__(
-        self, position: Callable[[], Point], rotation: Callable[[], Angles] | None, clock: Clock, seed: int | None
-    ) -> None:
+    def __init__(self, position: Callable[[], Point], clock: Clock, seed: int | None) -> None:
         self._position = position
-        self._rotation = rotation or (lambda: UPRIGHT)
         self._clock = clock
         self._rng = np.random.Generator(np.random.SFC64(seed))
         self._contact: DomeContact | None = None
@@ -62,12 +57,9 @@ class _Follower(Closing):
         """
         self._contact, self._frame = contact_for(printed, holder), frame
 
-    def _pose(self) -> tuple[Point, Angles]:
-        """Return the summit's reported position and the reported angles in the work frame."""
-        point, angles = self._position(), self._rotation()
-        if self._frame is None:
-            return point, angles
-        return self._frame.to_work(point), in_work_frame(self._frame, angles)
+    def _pose(self) -> Point:
+        """Return the summit's reported position in the work frame."""
+        return self._position() if self._frame is None else self._frame.to_work(self._position())
 
 
 class SimulatedGauge(_Follower):
@@ -77,18 +69,10 @@ class SimulatedGauge(_Follower):
         position: Returns the stage's reported position in its own frame.
         clock: The rig's time.
         seed: The seed of the noise; None for a random one.
-        rotation: Returns the stage's reported angles in its own frame; None for a stage that cannot turn.
     """
 
-    def __init__(
-        self,
-        position: Callable[[], Point],
-        clock: Clock,
-        *,
-        seed: int | None = None,
-        rotation: Callable[[], Angles] | None = None,
-    ) -> None:
-        super().__init__(position, rotation, clock, seed)
+    def __init__(self, position: Callable[[], Point], clock: Clock, *, seed: int | None = None) -> None:
+        super().__init__(position, clock, seed)
         self.identity = "simulated load cell"
         self.simulated = "simulated load cell"
         self.calibration: dict[str, object] = {}
@@ -98,7 +82,7 @@ class SimulatedGauge(_Follower):
         """Return the contact force at the reported position, averaged over the noisy samples of the window."""
         samples = max(1, round(window_s * GAUGE_RATE_HZ))
         self._clock.sleep(samples / GAUGE_RATE_HZ)
-        true_n = 0.0 if self._contact is None else self._contact.force_n(*lowest(*self._pose()))
+        true_n = 0.0 if self._contact is None else self._contact.force_n(*self._pose())
         values = true_n - self._zero_n + GAUGE_NOISE_N * self._rng.standard_normal(samples)
         return Force(mean_n=float(np.mean(values)), spread_n=float(np.std(values)), samples=samples)
 
@@ -125,7 +109,6 @@ class SimulatedSensor(_Follower):
         options: ``colour`` (default false: grey images), ``look`` (a name of
             :data:`~tacbench_cad.lab.simulate.appearances.LOOKS`, default ``clean``), ``flicker`` (a fraction; default:
             the look's own) and ``seed`` of the noise (default: a random one).
-        rotation: Same as for :class:`SimulatedGauge`.
 
     Raises:
         InputError: An option is unknown or not allowed.
@@ -137,15 +120,14 @@ class SimulatedSensor(_Follower):
         clock: Clock,
         options: Mapping[str, Any] | None = None,
         *,
-        rotation: Callable[[], Angles] | None = None,
         in_motion: Callable[[], bool] = lambda: False,
     ) -> None:
         chosen = from_plain(_SensorOptions, dict(options or {}), "[sensor] ")
-        super().__init__(position, rotation, clock, chosen.seed)
+        super().__init__(position, clock, chosen.seed)
         self._tactip = TacTip(colour=chosen.colour, flicker=chosen.flicker, look=look_named(chosen.look))
         self._began_s = clock.now_s()
         self._in_motion, self._drag = in_motion, Drag()
-        self._approached: tuple[DomeContact | None, Point, Angles] | None = None
+        self._approached: tuple[DomeContact | None, Point] | None = None
         #: The state of the generator before the errors of the last approach were drawn.
         self._before_approach = self._rng.bit_generator.state
         #: See :class:`tacbench_cad.lab.rig.sensor.Sensor`.
@@ -164,16 +146,13 @@ class SimulatedSensor(_Follower):
     def grab(self) -> Callable[[], Frame]:
         """Take the pose for an image; see :class:`tacbench_cad.lab.rig.sensor.Sensor`."""
         self._clock.sleep(1.0 / FRAME_RATE_HZ)
-        (pose, angles), is_moving = self._pose(), self._in_motion()
+        pose, is_moving = self._pose(), self._in_motion()
         frame_time_s = self._clock.now_s()
         if not is_moving:
             self._drag = Drag()
         contact = self._contact
-        lag_mm = self._drag.move(pose, 0.0 if contact is None else contact.force_n(*lowest(pose, angles)))
-        if tilt(angles) > UPRIGHT_DEG:
-            # There is no friction in a roll or a tilt.
-            lag_mm = (0.0, 0.0)
-        approach = contact, pose, angles
+        lag_mm = self._drag.move(pose, 0.0 if contact is None else contact.force_n(*pose))
+        approach = contact, pose
 
         def frame() -> Frame:
             # The error of an approach stays the same until the stage moves to another place.
@@ -184,29 +163,27 @@ class SimulatedSensor(_Follower):
                     rng.bit_generator.state = self._before_approach
                 else:
                     self._before_approach = rng.bit_generator.state
-                self._approached, self._pins = approach, self._tactip.approach(contact, pose, rng, angles, lag_mm)
+                self._approached, self._pins = approach, self._tactip.approach(contact, pose, rng, lag_mm)
             return self._tactip.frame(self._pins, self._rng, frame_time_s - self._began_s)
 
         return frame
 
 
-def _followed(context: Context, table: str) -> tuple[LimitedStage, Callable[[], Angles] | None]:
-    """Return the stage that a device follows, and the function that returns its angles; None if it cannot turn."""
-    stage = context.stage
-    if not isinstance(stage, LimitedStage):
+def _followed(context: Context, table: str) -> LimitedStage:
+    """Return the stage that a device follows."""
+    if not isinstance(context.stage, LimitedStage):
         raise InputError(f"[{table}] driver", "simulated", "follows the stage of a rig, and cannot be opened alone")
-    return stage, stage.followed_deg if can_turn(stage) else None
+    return context.stage
 
 
 def _open_gauge(settings: GaugeSettings, context: Context) -> SimulatedGauge:
-    stage, rotation = _followed(context, "gauge")
-    return SimulatedGauge(stage.followed_mm, context.clock, rotation=rotation)
+    return SimulatedGauge(_followed(context, "gauge").followed_mm, context.clock)
 
 
 def _open_sensor(settings: SensorSettings, context: Context) -> SimulatedSensor:
-    stage, rotation = _followed(context, "sensor")
+    stage = _followed(context, "sensor")
     return SimulatedSensor(
-        stage.followed_mm, context.clock, settings.options, rotation=rotation, in_motion=lambda: stage.is_tracked
+        stage.followed_mm, context.clock, settings.options, in_motion=lambda: stage.moving_mm is not None
     )
 
 

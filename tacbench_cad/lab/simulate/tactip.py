@@ -6,9 +6,7 @@ spread by Boussinesq's kernel ``3 t^3 / (2 pi (r^2 + t^2)^(5/2))``, whose Fourie
 moves inwards by ``w`` and turns with the skin, whose slope changes by the gradient of ``w``. Its white tip is the end
 of a lever that begins in the middle of the skin. The gel's volume and the stretching of the skin are ignored.
 
-The dome is a sphere, so the overlap depends only on the position of its centre. If the sensor is turned, the same
-overlap lies under other pins: the pins are turned with the sensor, moved by the skin as above, and turned back for the
-camera, which is fixed to the sensor. Friction acts only in a slide: there the skin in contact lags behind the dome (see
+Friction acts only in a motion in contact: there the skin in contact lags behind the dome (see
 :mod:`tacbench_cad.lab.simulate.drag`), and the pins above it with it.
 
 Dome frame: the origin is the dome's centre, x and y are those of the block, and z points to the summit, so downwards on
@@ -41,8 +39,7 @@ from tacbench_cad.lab.simulate.rendering import (
     visible,
     with_noise,
 )
-from tacbench_cad.lab.study.rotation import UPRIGHT, lowest, matrix
-from tacbench_cad.lab.study.spec import Angles, Point
+from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.spec.protocol import DOME_RADIUS_MM
 from tacbench_cad.spec.skin import INNER_RADIUS_MM, SKIN_MM, skin_transfer
 from tacbench_cad.util.errors import InputError
@@ -145,31 +142,6 @@ class Skin:
         return w, np.stack([slope_x, slope_y], axis=1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Turned:
-    """The pins at rest of a sensor that is turned about the centre of its dome.
-
-    Args:
-        angles_deg: The angles of the sensor.
-        matrix: The turn in the dome frame, whose z points down, shape (3, 3).
-        outward: The unit vector from the centre of the dome to each pin, turned, shape (n, 3).
-        skin: The skin at the turned pins.
-    """
-
-    angles_deg: Angles
-    matrix: Floats
-    outward: Floats
-    skin: Skin
-
-    @classmethod
-    def of(cls, rest: Pins, angles_deg: Angles) -> _Turned:
-        """Turn the pins at rest."""
-        flipped = np.diag([1.0, 1.0, -1.0])
-        turn = flipped @ matrix(angles_deg) @ flipped
-        outward = -rest.facing if angles_deg == UPRIGHT else -rest.facing @ turn.T
-        return cls(angles_deg=angles_deg, matrix=turn, outward=outward, skin=Skin(DOME_RADIUS_MM * outward[:, :2]))
-
-
 class TacTip:
     """The sensor. An image depends only on contact, pose and random generator.
 
@@ -202,7 +174,7 @@ class TacTip:
         self.camera = camera or FrameCamera(focal_px=look.focal_px, middle_px=look.centre_px)
         self.rest = _pins_at_rest(look.rings)
         self._levers_mm = MIDDLE_MM - np.linalg.norm(self.rest.tips_mm, axis=1)
-        self._turned = _Turned.of(self.rest, UPRIGHT)
+        self._skin = Skin(-DOME_RADIUS_MM * self.rest.facing[:, :2])
         radii_px = np.linalg.norm(self.camera.pixels(self.rest.tips_mm) - self.camera.middle_px, axis=1)
         places = radii_px / np.max(radii_px)
         light = _light(self.rest)
@@ -234,30 +206,34 @@ class TacTip:
             "focal_px": self.camera.focal_px,
         }
 
-    def pins(
-        self,
-        contact: DomeContact | None,
-        pose_mm: Point,
-        angles_deg: Angles = UPRIGHT,
-        lag_mm: tuple[float, float] = (0.0, 0.0),
-    ) -> Pins:
+    def pins(self, contact: DomeContact | None, pose_mm: Point, lag_mm: tuple[float, float] = (0.0, 0.0)) -> Pins:
         """Return the pins with the summit at a pose.
 
         Args:
             contact: The surface under the dome; None for no contact.
             pose_mm: The summit in the work frame.
-            angles_deg: The angles of the sensor in the work frame.
             lag_mm: The x and y by which the dome is ahead of the skin in contact, see
                 :class:`~tacbench_cad.lab.simulate.drag.Drag`.
         """
-        return self._pins_over(contact, lowest(pose_mm, angles_deg), angles_deg, lag_mm)
+        if contact is None or contact.force_n(*pose_mm) == 0.0:
+            return self.rest
+        overlap, outward = contact.overlap(*pose_mm), -self.rest.facing
+        w, slope = self._skin.displacement(overlap.depth_mm, overlap.x_mm, overlap.y_mm, overlap.cell_mm)
+        facing = -outward
+        facing[:, :2] -= outward[:, 2:] * slope
+        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        tips = MIDDLE_MM * outward + self._levers_mm[:, None] * facing
+        tips[:, 2] -= w
+        if lag_mm != (0.0, 0.0):
+            # The skin that is pressed in most is the skin in contact. The skin around it lags less.
+            tips[:, :2] -= (w / np.max(w))[:, None] * np.array(lag_mm)
+        return Pins(tips_mm=tips, facing=facing)
 
     def approach(
         self,
         contact: DomeContact | None,
         pose_mm: Point,
         rng: np.random.Generator,
-        angles_deg: Angles = UPRIGHT,
         lag_mm: tuple[float, float] = (0.0, 0.0),
     ) -> Pins:
         """Return the pins after another approach to a pose, which misses the pose by a random error.
@@ -267,40 +243,16 @@ class TacTip:
             pose_mm: The summit in the work frame, as the stage reports it. A gauge has measured the force there, so the
                 force is reached at the summit's true position.
             rng: The random generator of the errors.
-            angles_deg: The angles of the sensor in the work frame.
             lag_mm: Same as for :meth:`pins`.
         """
-        below_mm = lowest(pose_mm, angles_deg)
-        force_n = contact.force_n(*below_mm) if contact is not None and self.look.misses else 0.0
+        force_n = contact.force_n(*pose_mm) if contact is not None and self.look.misses else 0.0
         if contact is None or force_n == 0.0:
-            return self._pins_over(contact, below_mm, angles_deg, lag_mm)
+            return self.pins(contact, pose_mm, lag_mm)
         spreads = np.repeat([self.look.approach_mm, *self.look.sway_px], (2, 2, 1))
         dx, dy, column, row, radius = (spreads * rng.standard_normal(5)).tolist()
-        x, y = below_mm[0] + dx, below_mm[1] + dy
-        pins = self._pins_over(contact, (x, y, contact.z_for_force(x, y, force_n)), angles_deg, lag_mm)
+        x, y = pose_mm[0] + dx, pose_mm[1] + dy
+        pins = self.pins(contact, (x, y, contact.z_for_force(x, y, force_n)), lag_mm)
         return replace(pins, sway_px=(column, row, radius))
-
-    def _pins_over(
-        self, contact: DomeContact | None, below_mm: Point, angles_deg: Angles, lag_mm: tuple[float, float]
-    ) -> Pins:
-        """Return the pins with the lowest point of the dome at a position of the work frame."""
-        if contact is None or contact.force_n(*below_mm) == 0.0:
-            return self.rest
-        if angles_deg != self._turned.angles_deg:
-            self._turned = _Turned.of(self.rest, angles_deg)
-        turned, overlap = self._turned, contact.overlap(*below_mm)
-        w, slope = turned.skin.displacement(overlap.depth_mm, overlap.x_mm, overlap.y_mm, overlap.cell_mm)
-        facing = -turned.outward
-        facing[:, :2] -= turned.outward[:, 2:] * slope
-        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-        tips = MIDDLE_MM * turned.outward + self._levers_mm[:, None] * facing
-        tips[:, 2] -= w
-        if lag_mm != (0.0, 0.0):
-            # The skin that is pressed in most is the skin in contact. The skin around it lags less.
-            tips[:, :2] -= (w / np.max(w))[:, None] * np.array(lag_mm)
-        if angles_deg == UPRIGHT:
-            return Pins(tips_mm=tips, facing=facing)
-        return Pins(tips_mm=tips @ turned.matrix, facing=facing @ turned.matrix)
 
     def frame(self, pins: Pins, rng: np.random.Generator, seconds: float = 0.0) -> Bytes:
         """Return one frame of pins, with flicker and noise.
@@ -341,7 +293,6 @@ class TacTip:
         pose_mm: Point,
         rng: np.random.Generator,
         seconds: float = 0.0,
-        angles_deg: Angles = UPRIGHT,
     ) -> Bytes:
         """Return the image with the summit at a pose.
 
@@ -350,12 +301,11 @@ class TacTip:
             pose_mm: The summit in the work frame.
             rng: The random generator of flicker and noise.
             seconds: The time since the start of the run.
-            angles_deg: The angles of the sensor in the work frame.
 
         Returns:
             uint8 of :attr:`shape`.
         """
-        return self.frame(self.pins(contact, pose_mm, angles_deg), rng, seconds)
+        return self.frame(self.pins(contact, pose_mm), rng, seconds)
 
 
 def _by_place(places: Floats, values: tuple[float, ...]) -> Floats:

@@ -1,27 +1,12 @@
 """The names of :mod:`tacbench_cad.lab.study`, for type checkers and for its lazy loading alike."""
 
-from .motion import turn_of as turn_of
 from .names import own_name as own_name
 from .plate import block_in_file as block_in_file
 from .presses import Press as Press
-from .rotation import UPRIGHT as UPRIGHT
-from .rotation import Turn as Turn
-from .rotation import angle_between as angle_between
-from .rotation import angles_of as angles_of
-from .rotation import from_vector as from_vector
-from .rotation import in_stage as in_stage
-from .rotation import in_work_frame as in_work_frame
-from .rotation import leaning as leaning
-from .rotation import matrix as matrix
-from .rotation import tilt as tilt
-from .rotation import to_vector as to_vector
-from .rotation import towards as towards
-from .spec import Angles as Angles
 from .spec import GaugeSettings as GaugeSettings
 from .spec import HolderRim as HolderRim
 from .spec import Point as Point
 from .spec import PrintedBlock as PrintedBlock
-from .spec import Protocol as Protocol
 from .spec import SensorSettings as SensorSettings
 from .spec import StageSettings as StageSettings
 from .spec import WorkFrame as WorkFrame

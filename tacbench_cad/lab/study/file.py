@@ -300,6 +300,10 @@ def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
     else:
         spacing = "own"
         values["grid"] = from_plain(_Grid, grid, "[protocol] grid ").scaled(scale)
+    if isinstance(motion := values.get("motion"), Mapping):
+        # All other keys are settings of the motion.
+        own = {key: value for key, value in motion.items() if key in ("name", "frames")}
+        values["motion"] = {**own, "options": {key: value for key, value in motion.items() if key not in own}}
     if "forces_n" in values and "bands_n" not in values:
         raise InputError("[protocol] bands_n", None, "is missing; with forces_n, also give a band for each force")
     return from_plain(Protocol, values, "[protocol] "), spacing

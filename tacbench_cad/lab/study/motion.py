@@ -1,57 +1,78 @@
-"""The motion of the sensor in contact after a press: a slide, a roll or a tilt, from its start to its end."""
+"""The motion in contact after a press: its settings, and what an extension provides for it.
+
+An extension provides a motion by an entry point in the group ``tacbench.motions``. Its name is the key ``name`` of the
+table ``[protocol.motion]``. It names a dataclass whose fields are the other keys, with the members of :class:`Motion`.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Protocol
 
-from tacbench_cad.lab.study.rotation import UPRIGHT, Turn, towards
-from tacbench_cad.lab.study.spec import Angles, Point, Protocol, plus
+from tacbench_cad.util.convert import Bounds, Checked, from_plain
+from tacbench_cad.util.entries import entries, load
+from tacbench_cad.util.errors import MissingToolError
+
+#: The largest number of frames of a series, which are kept in memory until the sensor is lifted.
+MAX_FRAMES = 500
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
-    """The course of a motion in the work frame.
+class MotionSettings(Checked):
+    """The table ``[protocol.motion]``.
 
     Args:
-        at: Returns the summit and the angles of the sensor after a fraction of the motion, from 0 to 1.
-        seconds: The duration at the speed of the protocol.
+        name: The name of the motion: ``slide``.
+        frames: The number of frames of a series, at equal distances from the start of the motion to its end.
+        options: The keys of the motion itself.
     """
 
-    at: Callable[[float], tuple[Point, Angles]]
-    seconds: float
+    name: str
+    frames: Annotated[int, Bounds(2, MAX_FRAMES)] = 10
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
-def turn_of(protocol: Protocol, start_mm: Point, angles_deg: Angles = UPRIGHT) -> Turn:
-    """Return the turn of a roll or a tilt.
+class Motion(Protocol):
+    """A sideways motion of the sensor at constant height.
 
-    Args:
-        protocol: The protocol.
-        start_mm: The summit at the start, in the work frame.
-        angles_deg: The angles at the start. They differ from 0 by the errors of the stage.
+    Attributes:
+        seconds: The duration.
     """
-    to_deg = towards(protocol.turn_direction_deg, protocol.turn_angle_deg)
-    if protocol.motion == "tilt":
-        return Turn(summit_mm=start_mm, from_deg=angles_deg, to_deg=to_deg)
-    x, y = protocol.contact_shift_mm
-    radius = protocol.turn_radius_mm
-    return Turn(summit_mm=start_mm, from_deg=angles_deg, to_deg=to_deg, above_mm=radius, by_mm=(x, y, 0.0))
+
+    @property
+    def seconds(self) -> float:
+        """See the attributes."""
+
+    def shift_mm(self, fraction: float) -> tuple[float, float]:
+        """Return x and y of the sensor relative to the start, after a fraction of the motion, from 0 to 1."""
+
+    def recorder(self, frames: int, **devices: Any) -> Callable[[], Any]:
+        """Return what makes the motion on a rig.
+
+        Args:
+            frames: The number of frames of a series.
+            **devices: The ``carriage``, the gauge's contact ``force`` (None without a gauge), the ``sensor``, a
+                function ``read`` that reads and checks a frame, and the ``clock`` of the rig.
+
+        Returns:
+            A function that moves the sensor in contact. It returns a list of
+            :class:`~tacbench_cad.lab.runs.series.MovingFrame`, or the reason, as a text, why the press must be made
+            again: the sensor was too slow. The press loop lifts the sensor afterwards.
+        """
 
 
-def course_of(protocol: Protocol, start_mm: Point) -> Course:
-    """Return the course of the motion after a press.
+def motion_of(settings: MotionSettings | None) -> Motion | None:
+    """Return the motion of a protocol; None without a motion.
 
-    Args:
-        protocol: The protocol, with a motion.
-        start_mm: The summit of the press, in the work frame.
+    Raises:
+        InputError: A key is unknown, or its value is not allowed.
+        MissingToolError: No installed package has this motion.
     """
-    if protocol.motion in ("roll", "tilt"):
-        turn = turn_of(protocol, start_mm)
-        return Course(at=turn.at, seconds=turn.angle_deg / protocol.turn_speed_deg_s)
-    x, y = protocol.slide_mm
-
-    def at(fraction: float) -> tuple[Point, Angles]:
-        return plus(start_mm, (fraction * x, fraction * y, 0.0)), UPRIGHT
-
-    return Course(at=at, seconds=math.hypot(x, y) / protocol.slide_speed_mm_s)
+    if settings is None:
+        return None
+    motions = entries("tacbench.motions")
+    if settings.name not in motions:
+        raise MissingToolError(f'[protocol.motion] name = "{settings.name}" needs an extension that is not installed')
+    motion: Motion = from_plain(load(motions[settings.name]), dict(settings.options), "[protocol.motion] ")
+    return motion

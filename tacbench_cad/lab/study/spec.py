@@ -6,7 +6,6 @@ Nothing here uses a file or a device. Units are millimetres, newtons and seconds
 from __future__ import annotations
 
 import hashlib
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,9 +14,10 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 
 from tacbench_cad.lab.rig import registry
+from tacbench_cad.lab.study.motion import MotionSettings, motion_of
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
-from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
+from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
 from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, to_plain
@@ -29,10 +29,6 @@ ContactMode = Literal["force", "depth"]
 TouchMethod = Literal["gauge", "sensor", "taught"]
 Order = Literal["paper", "random"]
 Point = tuple[float, float, float]
-#: Rotations around x, y and z, in degrees.
-Angles = tuple[float, float, float]
-#: The motion of the sensor in contact after each press.
-Motion = Literal["none", "slide", "roll", "tilt"]
 QuarterTurns = Annotated[int, Bounds(0, 3)]
 Baud = Annotated[int, Bounds(300, 10_000_000)]
 Copy = Annotated[int, Bounds(1, 999)]
@@ -54,8 +50,6 @@ def minus(a: Point, b: Point) -> Point:
 HARD_LIMIT_N = 5.0
 #: The largest number of presses of a block, which would take about a year.
 MAX_PRESSES = 1_000_000
-#: The largest number of frames of a series, which are kept in memory until the sensor is lifted.
-MAX_MOTION_FRAMES = 500
 #: The number of parts of a motion whose ends are checked to lie on the block.
 MOTION_PARTS = 200
 #: The default depths below the first contact, in mm, for a rig without a gauge. They are the rounded depths to which
@@ -261,18 +255,8 @@ class Protocol:
         home_every: The number of presses after which the position is checked: the stage is homed and a press is
             repeated; 0 for no checks.
         slip_mm: The largest error of the position that such a check accepts.
-        motion: The motion after the frame of each press, during which a series of frames is recorded: none, a slide
-            along a straight line at constant height, a roll of the dome on the block, or a tilt about the summit.
-        motion_frames: The number of frames of a series, at equal distances or angles from the start of the motion to
-            its end.
-        slide_length_mm: The length of the slide.
-        slide_direction_deg: The direction of the slide in the block frame, counter-clockwise from the x axis.
-        slide_speed_mm_s: The speed of the slide.
-        turn_angle_deg: The angle of a roll or a tilt.
-        turn_direction_deg: The direction of a roll or a tilt in the block frame, counter-clockwise from the x axis. The
-            top of the sensor leans in this direction, and the contact moves in it.
-        turn_speed_deg_s: The speed of a roll or a tilt.
-        turn_radius_mm: The radius of the dome, which rolls on the block.
+        motion: The motion in contact after the frame of each press, during which a series of frames is recorded; None
+            for a press that is lifted at once.
     """
 
     contact: ContactMode = "force"
@@ -298,15 +282,7 @@ class Protocol:
     misses_allowed: Annotated[int, Bounds(1, 10_000)] = 5
     home_every: Annotated[int, Bounds(0, MAX_PRESSES)] = 50
     slip_mm: Annotated[float, Bounds(0.001, 10.0)] = 0.1
-    motion: Motion = "none"
-    motion_frames: Annotated[int, Bounds(2, MAX_MOTION_FRAMES)] = 10
-    slide_length_mm: Annotated[float, Bounds(0.01, 1000.0)] = 5.0
-    slide_direction_deg: Annotated[float, Bounds(-360.0, 360.0)] = 90.0
-    slide_speed_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 5.0
-    turn_angle_deg: Annotated[float, Bounds(0.1, 60.0)] = 10.0
-    turn_direction_deg: Annotated[float, Bounds(-360.0, 360.0)] = 90.0
-    turn_speed_deg_s: Annotated[float, Bounds(0.001, 360.0)] = 10.0
-    turn_radius_mm: Annotated[float, Bounds(1.0, 500.0)] = DOME_RADIUS_MM
+    motion: MotionSettings | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -317,10 +293,6 @@ class Protocol:
         for band, force in zip(self.bands_n, self.forces_n, strict=True):
             if not 0.0 < band < force:
                 raise InputError("bands_n", band, f"must be above 0 and below its force, {force:g} N")
-        deepest_mm = self.depths_mm[-1] + self.dip_mm
-        if self.contact == "depth" and deepest_mm >= self.depth_limit_mm:
-            allowed = f"moves the dome down to {deepest_mm:.3g} mm, below {self.depth_limit_mm:g} mm, the depth limit"
-            raise InputError("turn_angle_deg", self.turn_angle_deg, allowed)
         presses = self.levels * self.repeats * len(self.grid.x_mm) * len(self.grid.y_mm)
         if presses > MAX_PRESSES:
             allowed = f"gives {presses:,} presses of a block; at most {MAX_PRESSES:,} are allowed"
@@ -333,40 +305,16 @@ class Protocol:
         if values[-1] >= limit:
             raise InputError(name, values[-1], f"must be below {limit:g} {what}")
 
-    @property
-    def slide_mm(self) -> tuple[float, float]:
-        """The x and y of the end of a slide, relative to its start."""
-        angle = math.radians(self.slide_direction_deg)
-        return (self.slide_length_mm * math.cos(angle), self.slide_length_mm * math.sin(angle))
-
-    @property
-    def is_turning(self) -> bool:
-        """Whether the motion needs a stage that can turn the sensor."""
-        return self.motion in ("roll", "tilt")
-
-    @property
-    def contact_shift_mm(self) -> tuple[float, float]:
-        """The x and y by which the contact has moved on the block at the end of the motion."""
-        if not self.is_turning:
-            return self.slide_mm if self.motion == "slide" else (0.0, 0.0)
-        angle, direction = math.radians(self.turn_angle_deg), math.radians(self.turn_direction_deg)
-        length = self.turn_radius_mm * (angle if self.motion == "roll" else math.sin(angle))
-        return (length * math.cos(direction), length * math.sin(direction))
-
-    @property
-    def dip_mm(self) -> float:
-        """The distance by which the lowest point of the dome is below the summit at the end of a tilt."""
-        is_tilt = self.motion == "tilt"
-        return self.turn_radius_mm * (1.0 - math.cos(math.radians(self.turn_angle_deg))) if is_tilt else 0.0
-
     def path_mm(self, parts: int = 1) -> Floats:
         """Return the points of contact in all presses and motions, shape (parts + 1, positions, 2), in order of time.
 
         Args:
             parts: The number of equal parts into which each motion is divided.
         """
-        fractions = np.linspace(0.0, 1.0, parts + 1)[:, None, None]
-        return np.asarray(self.grid.positions_mm + fractions * np.array(self.contact_shift_mm))
+        motion = motion_of(self.motion)
+        fractions = np.linspace(0.0, 1.0, parts + 1).tolist() if motion else []
+        shifts = np.array([motion.shift_mm(fraction) for fraction in fractions] if motion else [(0.0, 0.0)])
+        return np.asarray(self.grid.positions_mm + shifts[:, None])
 
     def require_motions_on(self, block: Block) -> None:
         """Check that the contact stays on the top of a block in every motion.
@@ -374,33 +322,24 @@ class Protocol:
         Raises:
             InputError: It leaves the top.
         """
-        if self.motion == "none":
+        if self.motion is None:
             return
         path = self.path_mm(MOTION_PARTS)
         beyond = beyond_top_mm(block, path.reshape(-1, 2)).reshape(path.shape[:2]).max(axis=0)
         worst = int(beyond.argmax())
         if beyond[worst] > 1e-9:
             (x, y), size = path[0, worst], block.size_mm
-            if self.is_turning:
-                field, value, shorter = (
-                    "turn_angle_deg",
-                    self.turn_angle_deg,
-                    "a smaller angle, another turn_direction_deg",
-                )
-            else:
-                field, value = "slide_length_mm", self.slide_length_mm
-                shorter = "a shorter slide, another slide_direction_deg"
             raise InputError(
-                field,
-                value,
-                f"the {self.motion} from x {x:g}, y {y:g} mm leaves the top of the block ({size[0]:g} x {size[1]:g} "
-                f"mm) by {beyond[worst]:.3g} mm; use {shorter} or another grid",
+                "[protocol.motion]",
+                None,
+                f"the {self.motion.name} from x {x:g}, y {y:g} mm leaves the top of the block ({size[0]:g} x "
+                f"{size[1]:g} mm) by {beyond[worst]:.3g} mm; use a shorter one, another direction or another grid",
             )
 
     @property
     def series_frames(self) -> int:
         """The number of frames of each press's series; 0 without a motion."""
-        return 0 if self.motion == "none" else self.motion_frames
+        return 0 if self.motion is None else self.motion.frames
 
     @property
     def levels(self) -> int:
@@ -493,8 +432,6 @@ class StageSettings(_Device):
         origin_mm: Same as for :class:`WorkFrame`.
         quarter_turns: Same as for :class:`WorkFrame`.
         limits_mm: The lowest and the highest allowed x, y and z, in the stage's frame.
-        tilt_limit_deg: The largest allowed angle between the sensor's axis and the vertical, of a stage that can turn
-            the sensor.
         travel_mm_s: The speed at the travel height, and down through free air to 1 mm above a known height.
         approach_mm_s: The speed of every step near the block and in contact.
         slots_mm: The offsets of a tray's slots from the origin, in the stage's frame; a single slot by default.
@@ -511,7 +448,6 @@ class StageSettings(_Device):
     origin_mm: Point = (0.0, 0.0, 0.0)
     quarter_turns: QuarterTurns = 0
     limits_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-    tilt_limit_deg: Annotated[float, Bounds(0.0, 60.0)] = 30.0
     travel_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 20.0
     approach_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 2.0
     slots_mm: Annotated[tuple[Point, ...], Length(1, 1000)] = ((0.0, 0.0, 0.0),)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import wrong_drivers
-from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, TURNING, GoodGauge, GoodSensor, GoodStage, Number
+from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, GoodGauge, GoodSensor, GoodStage, Number
 
 from tacbench_cad.extensions.conformance import stage as conformance_stage
 from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
@@ -21,7 +21,6 @@ from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
-from tacbench_cad.lab.simulate.simulated_stage import DRIVER, SimulatedStage
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
 
@@ -64,14 +63,6 @@ def test_the_defect_of_a_stage_is_named(kind: type[GoodStage], monkeypatch: pyte
         monkeypatch.setattr(conformance_stage, "SLACK_S", 0.5)
     checks = check_stage(kind(clock), LIMITS, clock, beyond_mm=BEYOND)
     require_failed(checks, kind, STAGES[kind])
-
-
-@pytest.mark.parametrize("kind", TURNING, ids=lambda kind: kind.__name__)
-def test_the_defect_of_a_stage_that_turns_is_named(kind: type[SimulatedStage]) -> None:
-    clock = Clock(speed=SPEED)
-    checks = check_stage(kind(clock), DRIVER.defaults["limits_mm"], clock, beyond_mm=BEYOND)
-    assert failed(checks) == ({"turn"} if TURNING[kind] else set())
-    assert not TURNING[kind] or detail(checks, "turn").startswith(TURNING[kind])
 
 
 @pytest.mark.parametrize("kind", GAUGES, ids=lambda kind: kind.__name__)

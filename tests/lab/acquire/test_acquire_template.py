@@ -11,12 +11,15 @@ import pytest
 
 from tacbench_cad.lab.acquire.template import TEMPLATE_FILE, write_template
 from tacbench_cad.lab.study.file import StudyFile, read_study
+from tacbench_cad.lab.study.motion import MotionSettings, motion_of
 from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
 #: The line before the keys of a second sensor, which replace those of the first.
 TAXELS = "# For taxels instead:"
+#: The line before the keys of a motion.
+MOTION = "# [protocol.motion]\n"
 #: The commented keys whose values are examples, because they have no defaults.
 EXAMPLES = ("port", "device", "calibration", "key_mm", "baud")
 #: The keys of ``[sensor]`` that belong to every driver.
@@ -42,6 +45,8 @@ def read(folder: Path, text: str) -> StudyFile:
 
 def with_defaults(text: str) -> str:
     """Return the text with every commented default as a key; keys that are only examples stay comments."""
+    before, motion, rest = text.partition(MOTION)
+    text = before + rest[rest.index("\n[stage]") :] if motion else text
     return re.sub(rf"(?m)^# (?!(?:{'|'.join(EXAMPLES)}) =)([a-z_]+ = )", r"\1", text.partition(TAXELS)[0])
 
 
@@ -115,7 +120,7 @@ def test_the_example_study_is_valid(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [Protocol, StageSettings, GaugeSettings, SensorSettings, HolderRim])
 def test_every_key_is_explained(kind: type) -> None:
     for field in fields(kind):  # type: ignore[arg-type]
-        if (kind, field.name) != (SensorSettings, "options"):
+        if (kind, field.name) not in ((SensorSettings, "options"), (Protocol, "motion")):
             assert re.search(rf"(?m)^(?:# )?{field.name} = ", TEMPLATE), field.name
 
 
@@ -137,3 +142,13 @@ def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
     with pytest.raises(InputError, match="already exists"):
         write_template(tmp_path)
+
+
+def test_the_commented_motion_has_the_defaults(tmp_path: Path) -> None:
+    before, _, rest = READY.partition(MOTION)
+    keys, stage, after = rest.partition("\n[stage]")
+    motion = re.sub(r"(?m)^# ([a-z_]+ = )", r"\1", MOTION[2:] + keys)
+    protocol = read(tmp_path, before + motion + stage + after).study.protocol
+    assert protocol.motion is not None
+    assert (protocol.motion.name, protocol.motion.frames) == ("slide", MotionSettings(name="slide").frames)
+    assert motion_of(protocol.motion) == motion_of(MotionSettings(name="slide"))

@@ -109,19 +109,6 @@ def test_a_run_with_slides_that_is_killed_three_times_is_complete_in_the_end(tmp
 
 
 @pytest.mark.long
-def test_a_run_on_an_arm_that_stays_tilted_when_it_is_killed_is_complete_in_the_end(tmp_path: Path) -> None:
-    kill_and_resume(tmp_path, 1, 31, "rolls", 1.5)
-
-
-@pytest.mark.long
-def test_sixty_kills_of_runs_with_rolls(tmp_path: Path) -> None:
-    killed = runs = 0
-    while killed < 60:
-        runs += 1
-        killed += kill_and_resume(tmp_path / f"{runs}", 4, 3000 + runs, "rolls", 2.0)
-
-
-@pytest.mark.long
 def test_a_hundred_kills_of_runs_with_slides(tmp_path: Path) -> None:
     runs = kill_repeatedly(tmp_path, 100, 2000, 0.8, "slides")
     print(f"100 kills in {counted(runs, 'run')}, no press lost")

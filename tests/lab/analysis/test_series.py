@@ -391,7 +391,7 @@ def test_what_series_cannot_be_used_for_is_refused(slides: Path, tmp_path: Path)
         fitted(Collection.open([tmp_path / "short"]).viewed(True), "forces")
     both = Collection.open([slides, tmp_path / "short"])  # the frames of the presses are comparable
     with pytest.raises(
-        InputError, match=r"motion_frames = 2: in .*, but 4 in .*; analyse the series of these runs separ"
+        InputError, match=r"motion.*frames=2.*: in .*, but .*frames=4.* in .*; analyse the series of these runs separ"
     ):
         both.viewed(True)
 
@@ -421,10 +421,11 @@ prints = [{ printer = "bambu-p1p", filament = "pla-minus", copies = 2, force_lev
 grid = { x_mm = [5.0, 8.0], y_mm = [15.0] }
 repeats = 1
 stationary_frames = 1
-motion = "slide"
-motion_frames = 5
-slide_length_mm = 8.0
-slide_direction_deg = 0.0
+[protocol.motion]
+name = "slide"
+frames = 5
+length_mm = 8.0
+direction_deg = 0.0
 """
 
 

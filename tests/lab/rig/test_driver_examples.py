@@ -20,8 +20,7 @@ from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError, NotThereError, PositionLostError
-from tacbench_cad.lab.study.rotation import above, angle_between
+from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError, NotThereError
 
 FOLDER = Path(__file__).parents[3] / "examples" / "drivers"
 LIMITS = ((200.0, 400.0), (0.0, 200.0), (100.0, 300.0))
@@ -54,7 +53,7 @@ class EmulatedSyncRobot:
 
     def __init__(self, controller: SimpleNamespace) -> None:
         self.info, self.controller, self.linear_speed = "Emulated robot", controller, 20.0
-        self.tcp, self.axes, self.angular_speed = (0.0,) * 6, "rxyz", 20.0
+        self.tcp, self.axes = (0.0,) * 6, "rxyz"
         self.pose = self.start
         self.moves = 0
 
@@ -62,8 +61,7 @@ class EmulatedSyncRobot:
         if math.dist(pose[:3], (0.0, 0.0, 0.0)) > 850.0:
             raise RuntimeError("target is out of reach")
         assert self.axes == "sxyz"
-        turned = angle_between(pose[3:], self.pose[3:]) / self.angular_speed  # type: ignore[arg-type]
-        time.sleep(max(math.dist(pose[:3], self.pose[:3]) / self.linear_speed, turned))
+        time.sleep(math.dist(pose[:3], self.pose[:3]) / self.linear_speed)
         self.pose, self.moves = tuple(pose), self.moves + 1
 
     def close(self) -> None:
@@ -97,41 +95,22 @@ def test_a_robot_of_cri_moves_in_pieces(cri: Any) -> None:
             stage.move((2000.0, 100.0, 210.0), 20_000.0)
 
 
-def test_a_robot_of_cri_rolls_and_knows_its_tilt_when_it_is_opened_again(
-    cri: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with cri("192.168.1.5") as stage:
-        length = 20.0 * math.radians(10.0)
-        turned = stage.turn((0.0, 10.0, 0.0), 50.0, above_mm=20.0, by_mm=(length, 0.0, 0.0))
-        assert turned == pytest.approx((0.0, 10.0, 0.0))
-        centre = above(stage.position(), turned, 20.0)
-        assert centre == pytest.approx((300.0 + length, 100.0, 220.0))
-        monkeypatch.setattr(EmulatedSyncRobot, "start", stage.robot.pose)
-    with cri("192.168.1.5") as stage:
-        assert stage.rotation() == pytest.approx((0.0, 10.0, 0.0))
-        stage.stop()
-        with pytest.raises(PositionLostError):
-            stage.turn((0.0, 0.0, 0.0), 50.0)
-        stage.home()
-        assert stage.turn((0.0, 0.0, 0.0), 50.0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-
-
 def test_a_robot_of_cri_conforms(cri: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock(speed=20.0)
     monkeypatch.setattr(EmulatedSyncRobot, "move_linear", _faster(clock))
     monkeypatch.setitem(sys.modules["cri_robot"].__dict__, "PIECE_S", 0.5)
     checks = check_stage(cri("192.168.1.5"), LIMITS, clock, beyond_mm=(2000.0, 0.0, 0.0))
-    assert wrong(checks) == [] and "turn" in [check.name for check in checks]
+    assert wrong(checks) == []
 
 
 def _faster(clock: Clock) -> Callable[..., None]:
     move = EmulatedSyncRobot.move_linear
 
     def moved(robot: EmulatedSyncRobot, pose: tuple[float, ...]) -> None:
-        speeds = robot.linear_speed, robot.angular_speed
-        robot.linear_speed, robot.angular_speed = (clock.speed * speed for speed in speeds)
+        speed = robot.linear_speed
+        robot.linear_speed = clock.speed * speed
         move(robot, pose)
-        robot.linear_speed, robot.angular_speed = speeds
+        robot.linear_speed = speed
 
     return moved
 

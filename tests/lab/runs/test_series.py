@@ -22,6 +22,7 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
+from tacbench_cad.lab.study.motion import MotionSettings
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -30,7 +31,8 @@ FRAMES = 3
 
 def slide_info(info: RunInfo, **changes: Any) -> RunInfo:
     assert info.protocol is not None
-    changes = {"motion": "slide", "motion_frames": FRAMES, "slide_length_mm": 2.0, "stationary_frames": 0, **changes}
+    slide = MotionSettings(name="slide", frames=FRAMES, options={"length_mm": 2.0})
+    changes = {"motion": slide, "stationary_frames": 0, **changes}
     return replace(info, protocol=replace(info.protocol, **changes))
 
 
@@ -106,7 +108,7 @@ def test_a_series_without_a_gauge_has_no_forces(tmp_path: Path, make_info: Calla
 def test_a_run_without_motion_has_no_series_and_no_new_keys(complete_run: Path) -> None:
     run = Run.open(complete_run)
     assert run.info.series_frames == 0
-    assert not any(key.startswith(("motion", "slide_")) for key in run.info.as_dict()["protocol"])
+    assert run.info.as_dict()["protocol"]["motion"] is None
     assert not (complete_run / "series").exists()
     with pytest.raises(InputError, match="has no series: its protocol has no motion"):
         run.series(run.rows[0])

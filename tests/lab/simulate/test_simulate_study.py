@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import shutil
@@ -20,14 +19,12 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from helpers.cases import mostly_long
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.blockrun import SimulationOptions, other_images, simulate_block
-from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.study import (
     SimulationEstimate,
     estimate_simulation,
@@ -40,7 +37,7 @@ from tacbench_cad.lab.simulate.study import (
     study_of,
 )
 from tacbench_cad.lab.study import names
-from tacbench_cad.lab.study.rotation import lowest
+from tacbench_cad.lab.study.motion import MotionSettings
 from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, Protocol, Study
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, PressGrid
@@ -331,7 +328,8 @@ def test_an_interruption_ends_with_130_and_the_study_can_be_resumed(tmp_path: Pa
 
 
 def test_a_slide_study_has_a_series_of_moving_frames_for_each_press(tmp_path: Path) -> None:
-    study = _study(motion="slide", motion_frames=4, slide_length_mm=6.0, slide_speed_mm_s=3.0, repeats=1)
+    slide = MotionSettings(name="slide", frames=4, options={"length_mm": 6.0, "speed_mm_s": 3.0})
+    study = _study(motion=slide, repeats=1)
     study = replace(study, blocks=(replace(study.blocks[1], levels=(2,)),))
     needed = estimate_simulation(study, tmp_path)
     (block,) = simulate_study(study, tmp_path)
@@ -347,36 +345,3 @@ def test_a_slide_study_has_a_series_of_moving_frames_for_each_press(tmp_path: Pa
         assert series.force_n is not None and series.force_n[0] == pytest.approx(row.measured_force_n, abs=1e-5)
         assert series.pose_from == "time"
     assert b"simulated TacTip" in (folder / "series" / "press_1" / "frame_02.png").read_bytes()[:400]
-
-
-def _turning(motion: str, angle_deg: float) -> Study:
-    study = _study(motion=motion, motion_frames=3, turn_angle_deg=angle_deg, turn_direction_deg=0.0, repeats=1)
-    protocol = replace(study.protocol, grid=PressGrid(x_mm=(5.0, 8.0), y_mm=(20.0,)))
-    return replace(study, blocks=(replace(study.blocks[1], levels=(2,)),), protocol=protocol)
-
-
-@pytest.mark.parametrize("motion", mostly_long(["roll", "tilt"], "tilt"))
-def test_a_study_with_turns_has_angles_and_forces_in_its_series(tmp_path: Path, motion: str) -> None:
-    study = _turning(motion, 8.0)
-    (block,) = simulate_study(study, tmp_path)
-    assert check_run(tmp_path / block.name, workers=1).findings == ()
-    run, contact = Run.open(tmp_path / block.name), contact_for(study.blocks[0].printed, study.holder)
-    assert len(run.rows) == 2
-    for row in run.rows:
-        assert (row.pose_rx, row.pose_ry, row.pose_rz) == (0.0, 0.0, 0.0)
-        series = run.series(row, verify=True)
-        np.testing.assert_allclose(series.rotation_deg, [[0.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 8.0, 0.0]], atol=1e-6)
-        np.testing.assert_allclose(series.time_s, [0.0, 0.4, 0.8], atol=1e-4)
-        x, _, z = (series.pose_mm[-1] - series.pose_mm[0]).tolist()
-        angle = math.radians(8.0)
-        summit = (20.0 * (angle - math.sin(angle)), 20.0 * (1.0 - math.cos(angle))) if motion == "roll" else (0.0, 0.0)
-        assert (x, z) == pytest.approx(summit, abs=1e-5)
-        assert series.force_n is not None
-        for force_n, pose, angles in zip(series.force_n, series.pose_mm, series.rotation_deg, strict=True):
-            assert force_n == pytest.approx(contact.force_n(*lowest(tuple(pose), tuple(angles))), abs=1e-4)
-        assert np.count_nonzero(np.abs(series.frames[-1].astype(int) - series.frames[0]) > 60) > 100
-
-
-def test_a_tilt_with_too_much_force_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"turn_angle_deg = 40.*the force rises to .* N in press .*use a smaller"):
-        simulate_study(_turning("tilt", 40.0), tmp_path)

@@ -19,10 +19,9 @@ from tacbench_cad.lab.simulate.heights import flat_plate
 from tacbench_cad.lab.simulate.rendering import with_noise
 from tacbench_cad.lab.simulate.simulated_devices import GAUGE_NOISE_N, SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.simulate.tactip import Skin, TacTip
-from tacbench_cad.lab.study.rotation import UPRIGHT, above, lowest, matrix, towards
-from tacbench_cad.lab.study.spec import Angles, HolderRim, Point, PrintedBlock, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, Point, PrintedBlock, WorkFrame
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.protocol import DOME_RADIUS_MM, FORCES_N
+from tacbench_cad.spec.protocol import FORCES_N
 from tacbench_cad.spec.skin import INNER_RADIUS_MM, pin_shifts_px, shift_px_per_mm
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes, Floats
@@ -249,51 +248,6 @@ def test_two_sensors_without_a_seed_never_return_the_same_frame() -> None:
 def test_an_unknown_setting_of_the_simulated_sensor_is_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         SimulatedSensor(_Carriage().position, FAST, options)
-
-
-def _moved(angles: Angles, contact: DomeContact = PLATE, depth_mm: float = 1.7) -> tuple[Floats, Floats]:
-    """Return the direction of each pin from the axis and the displacement of its tip, with the dome at a depth."""
-    tip = TacTip()
-    centre = (0.0, 0.0, DOME_RADIUS_MM - depth_mm)
-    pins = tip.pins(contact, above(centre, angles, -DOME_RADIUS_MM), angles)
-    return -tip.rest.facing, pins.tips_mm - tip.rest.tips_mm
-
-
-@pytest.mark.parametrize("direction", [0.0, 60.0, 90.0, 225.0])
-def test_on_a_turned_dome_the_contact_lies_under_other_pins(direction: float) -> None:
-    outward, moved = _moved(towards(direction, 20.0))
-    push = np.linalg.norm(moved, axis=1)
-    at = push @ outward / np.sum(push)
-    # The sensor leans in the direction, so the contact is on that side of the dome.
-    off = math.degrees(math.atan2(at[1], at[0])) - direction
-    assert abs((off + 180.0) % 360.0 - 180.0) < 2.0
-    assert math.degrees(math.atan2(math.hypot(at[0], at[1]), at[2])) == pytest.approx(20.0, abs=2.0)
-
-
-def test_the_turn_of_a_dome_about_its_centre_changes_neither_force_nor_push() -> None:
-    _, upright = _moved(UPRIGHT)
-    for angles in (towards(30.0, 15.0), (0.0, 0.0, 50.0)):
-        summit = above((0.0, 0.0, DOME_RADIUS_MM - 1.7), angles, -DOME_RADIUS_MM)
-        assert PLATE.force_n(*lowest(summit, angles)) == pytest.approx(PLATE.force_n(0.0, 0.0, -1.7))
-        _, turned = _moved(angles)
-        assert np.max(np.linalg.norm(turned, axis=1)) == pytest.approx(np.max(np.linalg.norm(upright, axis=1)), rel=0.1)
-
-
-def test_the_pins_of_a_sensor_that_is_turned_with_a_flat_plate_below_move_alike() -> None:
-    # The pins are arranged in steps of 30 degrees, so a turn by 30 degrees around z gives the same set of pins.
-    for angles, turn in (((0.0, 0.0, 30.0), 30.0), (towards(90.0, 12.0), 90.0)):
-        outward, moved = _moved(angles)
-        expected_outward, expected = _moved(UPRIGHT if turn == 30.0 else towards(0.0, 12.0))
-        spin = matrix((0.0, 0.0, turn))
-        nearest = np.argmin(np.linalg.norm((expected_outward @ spin.T)[:, None] - outward[None], axis=2), axis=0)
-        assert moved == pytest.approx((expected @ spin.T)[nearest], abs=1e-4)
-
-
-def test_a_tilted_sensor_at_rest_shows_its_pins_at_rest() -> None:
-    tip = TacTip()
-    assert tip.pins(PLATE, (0.0, 0.0, 5.0), towards(0.0, 20.0)) is tip.rest
-    # The summit is above the plate, but the tilted dome touches it.
-    assert tip.pins(PLATE, (0.0, 0.0, 0.5), towards(0.0, 20.0)) is not tip.rest
 
 
 @pytest.mark.parametrize("wavelength", [4.0, 6.2, 10.0])

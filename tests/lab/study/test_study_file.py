@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from helpers.printers import write_corrected
 
 from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
+from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import block_order, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
 from tacbench_cad.spec.block import Block
@@ -181,23 +181,25 @@ def test_values_out_of_range_are_refused() -> None:
         Study(blocks=(PlannedBlock(printed=block.printed, levels=(0,)),), protocol=Protocol())
 
 
-SLIDE = BLOCK + '[protocol]\nmotion = "slide"\n'
+SLIDE = BLOCK + '[protocol.motion]\nname = "slide"\n'
 
 
 def test_a_slide_has_a_direction_in_the_frame_of_the_block(tmp_path: Path) -> None:
-    protocol = _read(tmp_path, SLIDE + "slide_length_mm = 4\nslide_direction_deg = 150\n").study.protocol
+    protocol = _read(tmp_path, SLIDE + "length_mm = 4\ndirection_deg = 150\n").study.protocol
     assert protocol.series_frames == 10
-    assert protocol.slide_mm == pytest.approx((-(12.0**0.5), 2.0))
     assert protocol.path_mm(2)[1] == pytest.approx(protocol.grid.positions_mm + np.array([-(3.0**0.5), 1.0]))
+    slide = motion_of(protocol.motion)
+    assert slide is not None and slide.seconds == pytest.approx(0.8)
+    assert slide.shift_mm(1.0) == pytest.approx((-(12.0**0.5), 2.0))
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("slide_length_mm = 30\n", r"slide_length_mm = 30.*from x 4, y 23 mm leaves the top of the block .* by 23"),
-        ("slide_length_mm = 4.5\nslide_direction_deg = 180\n", r"slide_length_mm = 4\.5.*from x 4, .* by 0\.5 mm"),
-        ("motion_frames = 1\n", r"motion_frames = 1.*from 2 to 500"),
-        ("slide_speed_mm_s = 0\n", "slide_speed_mm_s"),
+        ("length_mm = 30\n", r"the slide from x 4, y 23 mm leaves the top of the block .* by 23"),
+        ("length_mm = 4.5\ndirection_deg = 180\n", r"\[protocol.motion\].* from x 4, .* by 0\.5 mm"),
+        ("frames = 1\n", r"frames = 1.*from 2 to 500"),
+        ("speed_mm_s = 0\n", "speed_mm_s"),
         ("slide_mm = 3\n", "slide_mm"),
     ],
 )
@@ -208,45 +210,16 @@ def test_slides_that_are_not_possible_are_refused(tmp_path: Path, text: str, wor
 
 def test_the_example_of_slides_is_a_valid_study() -> None:
     file = read_study(Path(__file__).parents[3] / "examples" / "slide.toml")
-    assert file.study.protocol.motion == "slide" and file.study.presses == 16
+    assert file.study.protocol.series_frames == 8 and file.study.presses == 16
     assert file.required_rig.stage.driver == "virtual-grbl"
 
 
 def test_a_slide_must_not_cross_the_key(tmp_path: Path) -> None:
-    keyed = SLIDE.replace("texture = 4", "texture = 4\nkey_mm = 3") + "grid = { x_mm = [19], y_mm = [5] }\n"
-    assert _read(tmp_path, keyed + "slide_direction_deg = 0\nslide_length_mm = 4\n").study.presses
+    keyed = SLIDE.replace("texture = 4", "texture = 4\nkey_mm = 3")
+    keyed = keyed.replace("[protocol.motion]", "[protocol]\ngrid = { x_mm = [19], y_mm = [5] }\n[protocol.motion]")
+    assert _read(tmp_path, keyed + "direction_deg = 0\nlength_mm = 4\n").study.presses
     with pytest.raises(InputError, match="from x 19, y 5 mm leaves the top"):
-        _read(tmp_path, keyed + "slide_direction_deg = -45\n")
-
-
-def test_a_roll_moves_the_contact_by_the_arc_and_a_tilt_by_its_sine(tmp_path: Path) -> None:
-    keys = "turn_angle_deg = 15\nturn_direction_deg = 180\n"
-    for motion, length in (("roll", math.radians(15.0)), ("tilt", math.sin(math.radians(15.0)))):
-        grid = "grid = { x_mm = [10], y_mm = [15] }\n"
-        protocol = _read(tmp_path, f'{BLOCK}[protocol]\nmotion = "{motion}"\n{grid}{keys}').study.protocol
-        assert protocol.is_turning and protocol.series_frames == 10
-        assert protocol.contact_shift_mm == pytest.approx((-20.0 * length, 0.0))
-        assert protocol.dip_mm == pytest.approx(0.6815 if motion == "tilt" else 0.0, abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (
-            'motion = "roll"\nturn_angle_deg = 40\n',
-            r"turn_angle_deg = 40.*the roll from x 4, y 23 mm leaves the top .* by 6\.96 mm; use a smaller angle",
-        ),
-        ('motion = "roll"\nturn_radius_mm = 0\n', "turn_radius_mm"),
-        ('motion = "tilt"\nturn_angle_deg = 61\n', r"turn_angle_deg = 61.*from 0\.1 to 60"),
-        (
-            'motion = "tilt"\nturn_angle_deg = 20\ncontact = "depth"\ntouch = "sensor"\ndepth_limit_mm = 3\n',
-            r"turn_angle_deg = 20.*moves the dome down to 3\.41 mm, below 3 mm, the depth limit",
-        ),
-    ],
-)
-def test_turns_that_are_not_possible_are_refused(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        _read(tmp_path, f"{BLOCK}[protocol]\n{text}")
+        _read(tmp_path, keyed + "direction_deg = -45\n")
 
 
 def test_prints_of_files_that_differ_from_the_block(tmp_path: Path) -> None:

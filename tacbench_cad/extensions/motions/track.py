@@ -1,4 +1,4 @@
-"""The positions of a stage during one move, or its angles during one turn, by time.
+"""The positions of a stage during one move, by time.
 
 Most drivers wait in ``move`` until the carriage has arrived, and some firmware cannot say where the carriage is before
 that. A track collects what a driver reports during the move, and computes the positions between the reports. Without
@@ -10,12 +10,13 @@ delay of the report.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
-from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.study.rotation import UPRIGHT, Turn, angle_between
-from tacbench_cad.lab.study.spec import Angles, Point
+from tacbench_cad.lab.rig import Clock, LimitedStage, Stage, inner, no_report
+from tacbench_cad.lab.study import Point
 from tacbench_cad.util.types import Floats
 
 
@@ -29,13 +30,9 @@ class StageTrack:
         end_mm: The target.
         speed_mm_s: The speed along the line.
         clock: The rig's time.
-        angles_deg: The angles of the sensor during the move.
     """
 
-    def __init__(
-        self, start_mm: Point, end_mm: Point, speed_mm_s: float, clock: Clock, angles_deg: Angles = UPRIGHT
-    ) -> None:
-        self.angles_deg = angles_deg
+    def __init__(self, start_mm: Point, end_mm: Point, speed_mm_s: float, clock: Clock) -> None:
         self.start_mm, self.end_mm, self.speed_mm_s = start_mm, end_mm, speed_mm_s
         self.length_mm = math.dist(start_mm, end_mm)
         self._clock = clock
@@ -77,14 +74,6 @@ class StageTrack:
         x, y, z = (a + fraction * (b - a) for a, b in zip(at, self.end_mm, strict=True))
         return (x, y, z)
 
-    def now_deg(self) -> Angles:
-        """Return the estimated angles at this moment."""
-        return self.angles_deg
-
-    def poses(self, times_s: Floats) -> list[tuple[Point, Angles]]:
-        """Return the positions and the angles at some times after the end of the move."""
-        return [((float(x), float(y), float(z)), self.angles_deg) for x, y, z in self.at_mm(times_s)]
-
     def at_mm(self, times_s: Floats) -> Floats:
         """Return the positions at some times after the end of the move, shape (n, 3)."""
         times = [seen_s for seen_s, _ in self._seen] + [self._ended_s]
@@ -98,38 +87,16 @@ class StageTrack:
         return np.stack(columns, axis=1)
 
 
-class TurnTrack(StageTrack):
-    """A turn. The track itself is the angle since the start, in degrees, in place of x.
-
-    Args:
-        turn: The turn, in the stage's frame.
-        speed_deg_s: The speed.
-        clock: The rig's time.
-    """
-
-    def __init__(self, turn: Turn, speed_deg_s: float, clock: Clock) -> None:
-        super().__init__((0.0, 0.0, 0.0), (turn.angle_deg, 0.0, 0.0), speed_deg_s, clock)
-        self.turn = turn
-
-    def report_angles(self, angles_deg: Angles) -> None:
-        """Record angles that the stage reports now."""
-        self.report((angle_between(self.turn.from_deg, angles_deg), 0.0, 0.0))
-
-    def now_mm(self) -> Point:
-        """Return the estimated position of the summit at this moment."""
-        return self._now[0]
-
-    def now_deg(self) -> Angles:
-        """Return the estimated angles at this moment."""
-        return self._now[1]
-
-    def poses(self, times_s: Floats) -> list[tuple[Point, Angles]]:
-        """See :class:`StageTrack`."""
-        return [self._pose(float(turned_deg)) for turned_deg in self.at_mm(times_s)[:, 0]]
-
-    @property
-    def _now(self) -> tuple[Point, Angles]:
-        return self._pose(super().now_mm()[0])
-
-    def _pose(self, turned_deg: float) -> tuple[Point, Angles]:
-        return self.turn.at(turned_deg / self.length_mm if self.length_mm else 1.0)
+@contextmanager
+def tracked(stage: Stage, track: StageTrack) -> Iterator[None]:
+    """Send what a stage reports while it moves to a track, and show the track to the devices that follow the stage."""
+    report_to = getattr(inner(stage), "report_to", lambda receive: None)
+    if isinstance(stage, LimitedStage):
+        stage.moving_mm = track.now_mm
+    report_to(track.report)
+    try:
+        yield
+    finally:
+        if isinstance(stage, LimitedStage):
+            stage.moving_mm = None
+        report_to(no_report)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers.fakes import SlidingStage
 
+from tacbench_cad.extensions.motions.track import StageTrack, tracked
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.stage import LimitedStage, tracked
-from tacbench_cad.lab.rig.track import StageTrack
+from tacbench_cad.lab.rig.stage import LimitedStage
 from tacbench_cad.lab.study.spec import Point
 
 
@@ -92,7 +92,7 @@ def test_devices_that_follow_a_stage_do_not_disturb_it_while_it_is_tracked() -> 
     track = track_of()
     seen: list[Point] = []
     with tracked(limited, track):
-        assert limited.is_tracked
+        assert limited.moving_mm is not None
         calls = stage.calls
         track.begin()
         seen.append(limited.followed_mm())
@@ -102,5 +102,5 @@ def test_devices_that_follow_a_stage_do_not_disturb_it_while_it_is_tracked() -> 
         assert track.is_reported
     assert seen == [track.start_mm]
     calls = stage.calls
-    assert not limited.is_tracked
+    assert limited.moving_mm is None
     assert limited.followed_mm() == stage.at and stage.calls == calls + 1

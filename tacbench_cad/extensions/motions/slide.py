@@ -1,26 +1,28 @@
-"""The motion after a press: a slide, a roll or a tilt, while other threads read frames and forces.
+"""A slide after a press: the sensor moves in contact along a straight line, while other threads read frames and forces.
 
-The frames come as fast as the sensor delivers them. Of these, the frames nearest to equally spaced places on the line,
-or nearest to equally spaced angles, are kept. The force guard is active until the sensor stands still: a force above
-the hard limit stops the stage.
+The frames come as fast as the sensor delivers them. Of these, the frames nearest to equally spaced places on the line
+are kept. The force guard is active until the sensor stands still: a force above the hard limit stops the stage.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 import numpy as np
 
+from tacbench_cad.extensions.motions.track import StageTrack, tracked
 from tacbench_cad.lab.acquire import Carriage, ContactForce
-from tacbench_cad.lab.rig import Clock, Frame, RigError, Sensor, StageTrack, TooFewFramesError, TurnTrack, tracked
+from tacbench_cad.lab.rig import Clock, Frame, RigError, Sensor
 from tacbench_cad.lab.runs import MovingFrame
-from tacbench_cad.lab.study import Press, Protocol, in_stage, in_work_frame, turn_of
+from tacbench_cad.util.convert import Bounds, Checked
 
 #: The largest number of frames in memory, as a multiple of the number of frames to keep. Beyond it, every second frame
 #: is dropped.
@@ -106,11 +108,41 @@ class Recorder(Generic[T]):
                 self._failed()
 
 
-class ContactMotion:
-    """Makes the motion of a protocol after each press. See :func:`tacbench_cad.lab.acquire.after_touch.motion_of`.
+@dataclass(frozen=True, kw_only=True)
+class Slide(Checked):
+    """The keys of a slide in ``[protocol.motion]``. See :class:`tacbench_cad.lab.study.motion.Motion`.
 
     Args:
-        protocol: The protocol.
+        length_mm: The length of the line.
+        direction_deg: Its direction in the block frame, counter-clockwise from the x axis.
+        speed_mm_s: The speed.
+    """
+
+    length_mm: Annotated[float, Bounds(0.01, 1000.0)] = 5.0
+    direction_deg: Annotated[float, Bounds(-360.0, 360.0)] = 90.0
+    speed_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 5.0
+
+    @property
+    def seconds(self) -> float:
+        """The duration."""
+        return self.length_mm / self.speed_mm_s
+
+    def shift_mm(self, fraction: float) -> tuple[float, float]:
+        """Return x and y of the sensor relative to the start, after a fraction of the slide."""
+        angle, length_mm = math.radians(self.direction_deg), fraction * self.length_mm
+        return (length_mm * math.cos(angle), length_mm * math.sin(angle))
+
+    def recorder(self, frames: int, **devices: Any) -> SlideRecorder:
+        """Return what slides on a rig."""
+        return SlideRecorder(self, frames, **devices)
+
+
+class SlideRecorder:
+    """Slides after each press. See :class:`tacbench_cad.lab.study.motion.Motion`.
+
+    Args:
+        slide: The slide.
+        frames: The number of frames of a series.
         carriage: Moves the sensor.
         force: Reads the force; None on a rig without a gauge.
         sensor: The sensor.
@@ -120,30 +152,33 @@ class ContactMotion:
 
     def __init__(
         self,
-        protocol: Protocol,
+        slide: Slide,
+        frames: int,
+        *,
         carriage: Carriage,
         force: ContactForce | None,
         sensor: Sensor,
         read: Callable[[], Frame],
         clock: Clock,
     ) -> None:
-        self.protocol, self.carriage, self.force, self.clock = protocol, carriage, force, clock
-        self._sensor, self._read = sensor, read
+        self.slide, self.carriage, self.force, self.clock = slide, carriage, force, clock
+        self._frames, self._sensor, self._read = frames, sensor, read
 
-    def after_touch(self, press: Press) -> list[MovingFrame]:
-        """Make the motion from the place of a press, where the sensor is in contact. The sensor stays at the end.
+    def __call__(self) -> list[MovingFrame] | str:
+        """Slide from the place of a press, where the sensor is in contact. The sensor stays at the end.
 
         Returns:
-            The frames of the series.
+            The frames of the series, or the reason why the press must be made again.
 
         Raises:
             ForceLimitError: The force was above the hard limit. The stage was stopped.
-            TooFewFramesError: Two places of the motion have the same nearest frame.
             RigError: A device failed.
             RunInterruptedError: A signal came.
         """
-        protocol, carriage, count = self.protocol, self.carriage, self.protocol.series_frames
-        track, start = self._turn() if protocol.is_turning else self._slide(press)
+        carriage, work, count = self.carriage, self.carriage.frame, self._frames
+        (x, y, _), (dx, dy), speed_mm_s = carriage.at, self.slide.shift_mm(1.0), self.slide.speed_mm_s
+        end = (x + dx, y + dy, carriage.aim_mm)
+        track = StageTrack(work.to_stage(carriage.at), work.to_stage(end), speed_mm_s, self.clock)
         most = SPARE_FRAMES * count
         frames = Recorder(self._frame, carriage.halt, most, track.is_early)
         recorders: list[Recorder[Callable[[], Frame]] | Recorder[float]] = [frames]
@@ -155,46 +190,38 @@ class ContactMotion:
             for recorder in recorders:
                 recorder.check()
 
+        def begin() -> None:
+            check()
+            track.begin()
+
         with tracked(carriage.stage, track), ExitStack() as recording:
             for recorder in recorders:
                 recording.enter_context(recorder)
             try:
-                start(check)
+                carriage.slide(end, speed_mm_s, begin)
+                track.end()
             except RigError:
                 # If a thread has stopped the stage, its error is the cause.
                 check()
                 raise
         check()
         chosen = nearest_frames(track, np.array(frames.times_s), count)
+        if isinstance(chosen, str):
+            return chosen
         times = np.array([frames.times_s[index] for index in chosen])
         net = [None] * count if forces is None else np.interp(times, forces.times_s, forces.values).tolist()
         return [
             MovingFrame(
                 frame=frames.values[index](),
                 time_s=time_s,
-                pose_mm=carriage.frame.to_work(point),
+                pose_mm=work.to_work((x, y, z)),
                 pose_from="reports" if track.is_reported else "time",
-                rotation_deg=in_work_frame(carriage.frame, angles),
                 force_n=force_n,
             )
-            for index, time_s, (point, angles), force_n in zip(
-                chosen, times.tolist(), track.poses(times), net, strict=True
+            for index, time_s, (x, y, z), force_n in zip(
+                chosen, times.tolist(), track.at_mm(times).tolist(), net, strict=True
             )
         ]
-
-    def _slide(self, press: Press) -> tuple[StageTrack, Callable[[Callable[[], None]], None]]:
-        """Return the track of a slide, and the function that slides."""
-        carriage, (dx, dy), speed_mm_s = self.carriage, self.protocol.slide_mm, self.protocol.slide_speed_mm_s
-        end, work = (press.x_mm + dx, press.y_mm + dy, carriage.aim_mm), carriage.frame
-        track = StageTrack(work.to_stage(carriage.at), work.to_stage(end), speed_mm_s, self.clock)
-        return track, partial(carriage.slide, end, speed_mm_s, track)
-
-    def _turn(self) -> tuple[StageTrack, Callable[[Callable[[], None]], None]]:
-        """Return the track of a roll or a tilt, and the function that turns."""
-        carriage, protocol = self.carriage, self.protocol
-        turn = turn_of(protocol, carriage.at, carriage.angles_deg)
-        track = TurnTrack(in_stage(carriage.frame, turn), protocol.turn_speed_deg_s, self.clock)
-        return track, partial(carriage.turn, turn, track)
 
     def _frame(self) -> tuple[float, Callable[[], Frame]]:
         begun_s = self.clock.now_s()
@@ -216,19 +243,19 @@ def _same(frame: Frame) -> Frame:
     return frame
 
 
-def nearest_frames(track: StageTrack, times_s: np.ndarray, count: int) -> Sequence[int]:
-    """Return the numbers of the frames nearest to equally spaced places of a motion, from its start to its end.
+def nearest_frames(track: StageTrack, times_s: np.ndarray, count: int) -> Sequence[int] | str:
+    """Return the numbers of the frames nearest to equally spaced places of a slide, from its start to its end.
 
-    Of frames at the same place, where the sensor stands before and after the motion, the one nearest to the motion is
+    Of frames at the same place, where the sensor stands before and after the slide, the one nearest to the slide is
     taken.
 
     Args:
-        track: The motion.
+        track: The slide.
         times_s: The increasing times of the frames.
         count: The number of places.
 
-    Raises:
-        TooFewFramesError: Two places have the same nearest frame.
+    Returns:
+        The numbers, or a message if two places have the same nearest frame.
     """
     distances = np.linalg.norm(track.at_mm(times_s) - np.array(track.start_mm), axis=1)
     chosen: list[int] = []
@@ -236,14 +263,10 @@ def nearest_frames(track: StageTrack, times_s: np.ndarray, count: int) -> Sequen
         errors = np.abs(distances - place)
         near = np.flatnonzero(errors <= errors.min() + 1e-9)
         chosen.append(int(near[-1] if place == 0.0 else near[0]))
-    if any(b <= a for a, b in itertools.pairwise(chosen)):
-        moving = int(np.count_nonzero((distances > 0.0) & (distances < track.length_mm)))
-        if isinstance(track, TurnTrack):
-            motion, speed = f"a turn by {track.length_mm:g} degrees", "turn_speed_deg_s"
-        else:
-            motion, speed = f"a slide of {track.length_mm:g} mm", "slide_speed_mm_s"
-        raise TooFewFramesError(
-            f"the sensor delivered {moving} frames during {motion}, too few for motion_frames = {count} at equal "
-            f"distances; lower {speed} or motion_frames"
-        )
-    return chosen
+    if all(b > a for a, b in itertools.pairwise(chosen)):
+        return chosen
+    moving = int(np.count_nonzero((distances > 0.0) & (distances < track.length_mm)))
+    return (
+        f"the sensor delivered {moving} frames during a slide of {track.length_mm:g} mm, too few for frames = {count} "
+        "at equal distances; lower speed_mm_s or frames of [protocol.motion]"
+    )
