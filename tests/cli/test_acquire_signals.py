@@ -16,7 +16,7 @@ from helpers.blocked_sensor import WAYS
 from helpers.cases import mostly_long
 from helpers.rigs import printed
 
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
+from tacbench_cad.extensions.virtual_rig import VirtualRig, launch
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.util.convert import to_plain

@@ -9,25 +9,24 @@ from __future__ import annotations
 import errno
 import heapq
 import itertools
-import json
 import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 import serial
 
-from tacbench_cad.extensions.virtual_rig import drivers, process, server
+from tacbench_cad.extensions import virtual_rig
+from tacbench_cad.extensions.virtual_rig import drivers, server
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.lab.rig import line
 from tacbench_cad.lab.rig.errors import DeviceLostError
-from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.errors import InputError
 
+T = TypeVar("T")
 #: The time that one look at the clock takes, in s, so that a loop that only looks at the clock ends.
 TICK_S = 1e-6
 #: The shortest wait for bytes, in s: about what a port of the operating system takes.
@@ -174,24 +173,21 @@ class HostPort:
             raise OSError(errno.EIO, "the port is gone")
 
 
-class RigHere(process.VirtualRig):
-    """A virtual rig in this process."""
+class RigHere(server.VirtualRig):
+    """A virtual rig that is served whenever the test's clock goes on, instead of by a thread."""
 
     def __init__(self, setup: Setup) -> None:
-        self.setup = setup
-        self._server: server.Server | None = server.Server(setup)
-        for port in (self._server.stage, self._server.gauge):
+        super().__init__(setup)
+        for port in (self._stage, self._gauge):
             assert isinstance(port, MemoryPort), "use the fixture rig_time"
             port.serve = self.serve
         self._still_until_s = 0.0
         _RIGS.append(self)
-        self.port, self.gauge_port = self._server.stage.name, self._server.gauge.name
 
     def close(self) -> None:
-        if self._server is not None:
+        if self in _RIGS:
             _RIGS.remove(self)
-            self._server.close()
-            self._server = None
+        super().close()
 
     def stand_still(self, seconds: float) -> None:
         """Let the firmware do nothing for a time, as if its processor stood still."""
@@ -199,27 +195,23 @@ class RigHere(process.VirtualRig):
 
     def serve(self) -> None:
         """Transmit bytes in both directions."""
-        if self._server is not None and server.time.monotonic() >= self._still_until_s:
-            self._server._serve()
+        if not self._closed and server.time.monotonic() >= self._still_until_s:
+            self._serve()
 
     def pause_s(self, reading: MemoryPort | None) -> float:
         """Return the time until the rig has something to do. Samples are made when the gauge is read."""
-        assert self._server is not None
-        gauge = self._server.gauge
+        gauge = self._gauge
         opened, gauge.opened = gauge.opened, gauge is reading
         try:
-            return max(self._server._pause_s(), self._still_until_s - server.time.monotonic())
+            return max(self._pause_s(), self._still_until_s - server.time.monotonic())
         finally:
             gauge.opened = opened
 
-    def _ask(self, order: Mapping[str, Any]) -> dict[str, Any]:
-        if self._server is None:
-            raise DeviceLostError("the virtual rig's process has ended")
+    def _do(self, order: Callable[[], T]) -> T:
+        if self._closed:
+            raise DeviceLostError("the virtual rig is closed")
         self.serve()
-        answer = json.loads(json.dumps(self._server._order(json.dumps(to_plain(order)))))
-        if "error" in answer:
-            raise InputError("virtual rig", None, answer["error"])
-        return dict(answer)
+        return order()
 
 
 def clock() -> FakeTime:
@@ -228,7 +220,7 @@ def clock() -> FakeTime:
 
 
 def launch(kind: str, **options: Any) -> RigHere:
-    """Do what :func:`tacbench_cad.extensions.virtual_rig.process.launch` does, in this process."""
+    """Do what :func:`tacbench_cad.extensions.virtual_rig.launch` does, in this process."""
     return RigHere(Setup.of(kind, **options))
 
 
@@ -254,7 +246,7 @@ def fake_time(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
     monkeypatch.setattr(line, "time", waiting)
     monkeypatch.setattr(line, "POLL_S", line.WAIT_S)
     monkeypatch.setattr(server, "Pty", MemoryPort)
-    for module in (process, drivers):
+    for module in (virtual_rig, server, drivers):
         monkeypatch.setattr(module, "launch", launch)
     monkeypatch.setattr(serial, "serial_for_url", opened)
     return fake

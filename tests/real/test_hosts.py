@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
+from tacbench_cad.extensions.virtual_rig import VirtualRig, launch
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
 
 pytestmark = [
     pytest.mark.real,

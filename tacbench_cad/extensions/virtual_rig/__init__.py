@@ -1,4 +1,4 @@
-"""Virtual firmware: processes that behave like GRBL, grblHAL, Marlin and the paper's Arduino sketch, and a load cell.
+"""Virtual firmware that behaves like GRBL, grblHAL, Marlin and the paper's Arduino sketch, and a load cell.
 
 Import the names from this package. Each is loaded at its first use::
 
@@ -8,8 +8,8 @@ Import the names from this package. Each is loaded at its first use::
 
 The modules inside: ``machine`` moves a carriage in rig time; ``grbl``, ``marlin`` and ``arduino`` are state machines
 with bytes as input and output; ``board`` connects one to a serial line of a given speed and applies ``faults``;
-``loadcell`` sends samples; ``server`` and ``transport`` provide pseudo-terminals or TCP ports; ``process`` starts the
-process. ``drivers`` are the drivers ``virtual-grbl``, ``virtual-marlin`` and ``virtual-serial`` of study files.
+``loadcell`` sends samples; ``server`` and ``transport`` provide pseudo-terminals or TCP ports. ``drivers`` are
+the drivers ``virtual-grbl``, ``virtual-marlin`` and ``virtual-serial`` of study files.
 """
 
 import lazy_loader

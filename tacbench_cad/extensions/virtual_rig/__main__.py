@@ -9,9 +9,8 @@ from dataclasses import fields
 
 from tacbench_cad.extensions.virtual_rig.faults import KINDS as FAULTS
 from tacbench_cad.extensions.virtual_rig.faults import Fault, settings_of
-from tacbench_cad.extensions.virtual_rig.server import Server, serve_launcher
+from tacbench_cad.extensions.virtual_rig.server import VirtualRig
 from tacbench_cad.extensions.virtual_rig.setup import KINDS, Setup
-from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import TacbenchError
 
 
@@ -45,45 +44,29 @@ def main() -> int:
     for name, of in (("--option", "the firmware, as emergency_parser=1"), ("--gauge", "the load cell, as newtons=1")):
         parser.add_argument(name, action="append", default=[], metavar="KEY=VALUE", help=f"a setting of {of}")
     options = parser.parse_args()
-    _clean_up_on_sigterm()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         values = {name: getattr(options, name) for name in ("kind", "speed", "seed", "tcp", "check_baud")}
         if options.flat is not None:
             values["stimulus"] = dict(zip(("flat_z_mm", "n_per_mm"), options.flat, strict=True))
-        values["resets_on_open"] = not options.no_reset_on_open
-        values["faults"] = [Fault.parse(text) for text in options.fault]
-        values["firmware"] = settings_of(options.option)
-        values["gauge"] = settings_of(options.gauge)
-        server = Server(from_plain(Setup, values))
+        values |= {"resets_on_open": not options.no_reset_on_open, "faults": options.fault}
+        rig = VirtualRig(Setup.of(**settings_of(options.option) | values, gauge=settings_of(options.gauge)))
     except TacbenchError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     print(
-        f"SIMULATED {options.kind} stage on {server.stage.name}\n"
-        f"SIMULATED load cell on {server.gauge.name}\nCtrl-C ends it.",
+        f"SIMULATED {options.kind} stage on {rig.port}\nSIMULATED load cell on {rig.gauge_port}\nCtrl-C ends it.",
         file=sys.stderr,
         flush=True,
     )
     try:
-        server.run()
+        rig.run()
     except KeyboardInterrupt:
         return 130
     finally:
-        server.close()
+        rig.close()
     return 0
-
-
-def launched() -> None:
-    """Run in the child process of a launcher."""
-    _clean_up_on_sigterm()
-    # A terminal sends an interruption to a whole group of processes. The launcher decides when its rig ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    serve_launcher()
-
-
-def _clean_up_on_sigterm() -> None:
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig, launch
-from tacbench_cad.lab.rig import SERIAL, Clock, Context, Driver, Gauge, GrblStage, MarlinStage, inner
+from tacbench_cad.extensions.virtual_rig.server import VirtualRig, launch
+from tacbench_cad.lab.rig import SERIAL, Clock, Closing, Context, Driver, Gauge, GrblStage, MarlinStage, inner
 from tacbench_cad.lab.study import GaugeSettings, HolderRim, PrintedBlock, StageSettings, WorkFrame
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
@@ -16,7 +16,7 @@ from tacbench_cad.util.errors import InputError
 MAX_SPEED = 1000.0
 
 
-class _Emulated:
+class _Emulated(Closing):
     """The part of a stage that knows its emulated firmware.
 
     Attributes:
@@ -31,23 +31,18 @@ class _Emulated:
         """Replace the block under the carriage."""
         self.rig.put({"printed": printed.as_dict(), "holder": to_plain(holder), "frame": to_plain(frame)})
 
+    def close(self) -> None:
+        """Close the port, and end the firmware."""
+        super().close()
+        self.rig.close()
+
 
 class VirtualGrblStage(_Emulated, GrblStage):
     """A stage with emulated GRBL."""
 
-    def close(self) -> None:
-        """Close the port, and end the process of the firmware."""
-        super().close()
-        self.rig.close()
-
 
 class VirtualMarlinStage(_Emulated, MarlinStage):
     """A stage with emulated Marlin."""
-
-    def close(self) -> None:
-        """Close the port, and end the process of the firmware."""
-        super().close()
-        self.rig.close()
 
 
 def _driver(

@@ -190,30 +190,3 @@ def stimulus_from(values: Mapping[str, Any]) -> Stimulus:
         if fields(kind)[0].name in values:
             return from_plain(kind, values, "stimulus ")
     raise InputError("stimulus", sorted(values), "must have flat_z_mm and n_per_mm, or printed, holder and frame")
-
-
-class ForceAtCarriage:
-    """The force under the carriage, computed again only after the carriage has moved.
-
-    Args:
-        position: Returns the carriage's true position in mm.
-        stimulus: The object under the carriage; None for air.
-    """
-
-    def __init__(self, position: Callable[[], Point], stimulus: Stimulus | None) -> None:
-        self._position = position
-        self._known: tuple[Point, float] | None = None
-        self._stimulus = stimulus
-
-    def put(self, stimulus: Stimulus | None) -> None:
-        """Replace the object under the carriage."""
-        self._stimulus, self._known = stimulus, None
-
-    def __call__(self) -> float:
-        """Return the present force in N."""
-        here = self._position()
-        if self._stimulus is None:
-            return 0.0
-        if self._known is None or self._known[0] != here:
-            self._known = (here, self._stimulus.force_n(here))
-        return self._known[1]

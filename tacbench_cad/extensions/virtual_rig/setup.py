@@ -1,4 +1,4 @@
-"""The settings of a virtual rig, as one value that a launcher passes to the process."""
+"""The settings of a virtual rig, and the board that they describe."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, GoodGauge, GoodSensor
 from tacbench_cad.extensions.conformance import stage as conformance_stage
 from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
 from tacbench_cad.extensions.conformance.stage import check_stage
-from tacbench_cad.extensions.virtual_rig.process import launch
+from tacbench_cad.extensions.virtual_rig import launch
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_device
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell

@@ -10,6 +10,7 @@ from helpers.emulated import emulated_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.drivers import open_gauge
+from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
 
@@ -25,11 +26,12 @@ def test_stage_and_load_cell_are_emulated_and_say_so(driver: str) -> None:
         assert rig.gauge.simulated == "load cell of the virtual rig"
         assert rig.gauge.read(0.2).mean_n == pytest.approx(0.0, abs=0.05)
         assert "speed" not in rig.info["stage"]["settings"]["options"]
-        process = rig.following[0].rig  # type: ignore[attr-defined]
+        virtual = rig.following[0].rig  # type: ignore[attr-defined]
         x, y, z = settings.stage.origin_mm
         rig.stage.move((x, y, z + 20.0), 50.0)
-        assert process.true_position() == pytest.approx((x, y, z + 20.0), abs=0.1)
-    assert process._process.poll() is not None, "the firmware ends with the rig"
+        assert virtual.true_position() == pytest.approx((x, y, z + 20.0), abs=0.1)
+    with pytest.raises(DeviceLostError):  # the firmware ends with the rig
+        virtual.now_s()
 
 
 def test_the_emulated_load_cell_needs_an_emulated_stage() -> None:

@@ -11,7 +11,6 @@ from tacbench_cad.extensions.virtual_rig.loadcell import (
     FULL_SCALE,
     CellSettings,
     FlatSpring,
-    ForceAtCarriage,
     LoadCell,
     stimulus_from,
 )
@@ -85,18 +84,11 @@ def test_unread_samples_do_not_accumulate() -> None:
     assert len(counts(cell.read(1e6, lambda: 0.0))) == 1
 
 
-def test_flat_spring_and_the_cache_of_its_force() -> None:
+def test_flat_spring() -> None:
     spring = stimulus_from({"flat_z_mm": -50.0, "n_per_mm": 2.0})
     assert spring == FlatSpring(flat_z_mm=-50.0, n_per_mm=2.0)
     assert spring.force_n((0.0, 0.0, -49.0)) == 0.0
     assert spring.force_n((0.0, 0.0, -50.5)) == 1.0
-    here = (0.0, 0.0, -51.0)
-    force = ForceAtCarriage(lambda: here, spring)
-    assert force() == 2.0
-    here = (0.0, 0.0, -51.5)
-    assert force() == 3.0
-    force.put(None)
-    assert force() == 0.0
 
 
 def test_block_as_stimulus() -> None:

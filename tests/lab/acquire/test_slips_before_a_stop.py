@@ -16,9 +16,8 @@ from helpers.emulated import emulated_study
 from helpers.rig_here import launch
 from helpers.rigs import small_protocol
 
-from tacbench_cad.extensions.virtual_rig import drivers
+from tacbench_cad.extensions.virtual_rig import VirtualRig, drivers
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig
 from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent

@@ -425,8 +425,8 @@ def first_good_force(gauge: Gauge, error: type[Exception]) -> float:
 
 @pytest.mark.usefixtures("rig_time")
 def test_the_virtual_rigs_faults_cause_specific_errors_and_the_gauge_recovers() -> None:
+    from tacbench_cad.extensions.virtual_rig import launch
     from tacbench_cad.extensions.virtual_rig.faults import Fault
-    from tacbench_cad.extensions.virtual_rig.process import launch
 
     spring = {"flat_z_mm": 10.0, "n_per_mm": 0.2}
     with launch("grbl", speed=50.0, seed=3, gauge={"newtons": True}, stimulus=spring) as rig:

@@ -6,7 +6,7 @@ import pytest
 from helpers.rig_here import FakeTime, launch
 from helpers.scripted_marlin import ScriptedMarlin
 
-from tacbench_cad.extensions.virtual_rig.process import VirtualRig
+from tacbench_cad.extensions.virtual_rig import VirtualRig
 from tacbench_cad.lab.rig import marlin
 from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.marlin import MarlinStage

@@ -12,7 +12,7 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from tacbench_cad.extensions.virtual_rig.process import launch
+from tacbench_cad.extensions.virtual_rig import launch
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.study.spec import Point, StageSettings
