@@ -33,12 +33,10 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.printer_models.correction import corrected_for
-from tacbench_cad.extensions.printer_models.fitting import printer_model, scan_of_fit
+from tacbench_cad.extensions.printer_models.fitting import print_scan, printer_model
 from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, TransferPoint
 from tacbench_cad.extensions.printer_models.prediction import Print
-from tacbench_cad.extensions.scan.estimates import Fit, ScanFit
-from tacbench_cad.extensions.scan.fitting import fit_scan
-from tacbench_cad.extensions.scan.pose import Pose
+from tacbench_cad.extensions.scan import Cloud, Pose, PrintOrigin, ScanOptions, analyse, fit_scan
 from tacbench_cad.extensions.scan.simulating import ScanTruth, Transfer, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import series
@@ -76,14 +74,14 @@ class Loop:
     block: Block
     points: int
 
-    def scan(
-        self, file: Block, fit: Fit, *, seed: int, table_mm: float, scale: float = SCALE, loss: Transfer = transfer
-    ) -> ScanFit:
-        """Print and scan a file, and fit the scan to the block. Scans with the same seed have the same noise."""
+    def simulated(
+        self, file: Block, *, seed: int, table_mm: float, scale: float = SCALE, loss: Transfer = transfer
+    ) -> Cloud:
+        """Print and scan a file. Scans with the same seed have the same noise."""
         pose = Pose(rotation=np.eye(3), shift_mm=np.zeros(3), stretch=stretch((scale,) * 3))
         how = ScanTruth(pose=pose, transfer_x=loss, transfer_y=loss, noise_mm=NOISE_MM, points=self.points,
                         table_mm=table_mm, seed=seed)  # fmt: skip
-        return fit_scan(simulate_scan(file, how.with_random_pose()), self.block, fit)
+        return simulate_scan(file, how.with_random_pose())
 
     def scanned(self, files: dict[str, Block]) -> dict[str, float]:
         """Print and scan files; return the deviations along the normal, without that of a perfect print.
@@ -91,12 +89,13 @@ class Loop:
         The scans do not show the table, so that the top decides the height, as in the predictions.
         """
 
-        def square(result: ScanFit) -> float:
+        def square(scan: Cloud) -> float:
+            result = fit_scan(scan, self.block, "pose")
             return float(np.mean(result.deviation_mm[result.on_top] ** 2))
 
-        noise = square(self.scan(self.block, "pose", seed=3, table_mm=0.0, scale=1.0, loss=lambda _: 1.0))
+        noise = square(self.simulated(self.block, seed=3, table_mm=0.0, scale=1.0, loss=lambda _: 1.0))
         return {
-            name: math.sqrt(max(0.0, square(self.scan(file, "pose", seed=3, table_mm=0.0)) - noise))
+            name: math.sqrt(max(0.0, square(self.simulated(file, seed=3, table_mm=0.0)) - noise))
             for name, file in files.items()
         }
 
@@ -104,9 +103,10 @@ class Loop:
         """Return the model from two prints of the plain file."""
         scans = []
         for copy in (1, 2):
-            result = self.scan(self.block, "scale", seed=copy, table_mm=3.0)
-            about = {"printer": "virtual", "filament": "pla", "nozzle_mm": NOZZLE_MM, "simulated": True}
-            scans.append(scan_of_fit(result, self.block, copy=copy, path=f"print {copy}", **about))
+            about = PrintOrigin(printer="virtual", filament="pla", nozzle_mm=NOZZLE_MM, copy=copy)
+            scan = self.simulated(self.block, seed=copy, table_mm=3.0)
+            result = analyse(scan, [self.block], ScanOptions(origin=about))
+            scans.append(print_scan(result.as_dict(), f"print {copy}"))
         return printer_model(scans)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, ReliefRule, TransferPoint
-from tacbench_cad.extensions.scan.estimates import HALF_WIDTH, ScanFit
-from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_document
-from tacbench_cad.spec import Block
-from tacbench_cad.util.convert import from_plain
+from tacbench_cad.extensions.scan.estimates import HALF_WIDTH
+from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record, scan_record
 from tacbench_cad.util.errors import InputError
 
 #: Waves whose factor has a larger standard error say nothing about the transfer function.
@@ -137,102 +135,20 @@ def read_print_scan(path: Path) -> PrintScan:
     Raises:
         InputError: The file cannot be read, is not such a file, or a number is missing.
     """
-    return print_scan(read_scan_document(path), str(path))
+    return replace(read_scan_record(path, PrintScan), path=str(path))
 
 
 def print_scan(document: Mapping[str, Any], path: str) -> PrintScan:
     """Return the numbers of a scan from its document.
 
     Args:
-        document: The values of ``scan.json``. Other keys are ignored.
+        document: The values of ``scan.json``.
         path: The name of the file.
 
     Raises:
         InputError: A number is missing.
     """
-    known = {key: document[key] for key in _KEYS if key in document}
-    for key, names in (("parameters", _names(FittedParameter)), ("waves", _names(PrintedWave))):
-        rows = known.get(key)
-        if isinstance(rows, list):
-            known[key] = [_only(row, names) for row in rows]
-    if "geometry" in known:
-        known["geometry"] = _only(known["geometry"], _names(Geometry))
-    scan = from_plain(PrintScan, known, f"{path}: ")
-    return replace(scan, path=path)
-
-
-def scan_of_fit(
-    fit: ScanFit,
-    block: Block,
-    *,
-    printer: str,
-    filament: str,
-    copy: int | str,
-    nozzle_mm: float,
-    path: str = "",
-    simulated: bool = False,
-) -> PrintScan:
-    """Return the numbers of a scan from its fit, for a model without files.
-
-    Args:
-        fit: The fit, with the scale.
-        block: The block that the scan was fitted to.
-        printer: The printer.
-        filament: The filament.
-        copy: The number or the name of the print.
-        nozzle_mm: The diameter of the nozzle.
-        path: A name for error messages.
-        simulated: Whether the scan was simulated.
-    """
-    return PrintScan(
-        block=block.name,
-        parameters=tuple(
-            FittedParameter(**{name: getattr(each, name) for name in _names(FittedParameter)})
-            for each in fit.parameters
-            if each.determined
-        ),
-        waves=tuple(
-            PrintedWave(
-                wavelength_mm=each.wavelength_mm,
-                direction_deg=each.direction_deg,
-                amplitude_mm=abs(each.wave.amplitude),
-                amplitude_ratio=each.amplitude_ratio,
-                standard_error=each.standard_error,
-                phase_deg=each.phase_deg,
-            )
-            for each in fit.waves
-            if each.determined
-        ),
-        simulated=simulated,
-        printer=printer,
-        filament=filament,
-        copy=copy,
-        nozzle_mm=nozzle_mm,
-        geometry=Geometry(base_mm=block.base_mm, datum_mm=block.datum_mm),
-        path=path,
-    )
-
-
-_KEYS = (
-    "block",
-    "parameters",
-    "waves",
-    "simulated",
-    "printer",
-    "filament",
-    "copy",
-    "nozzle_mm",
-    "geometry",
-    "printed_from",
-)
-
-
-def _names(kind: Any) -> tuple[str, ...]:
-    return tuple(kind.__dataclass_fields__)
-
-
-def _only(row: Any, names: Iterable[str]) -> Any:
-    return {name: row[name] for name in names if name in row} if isinstance(row, Mapping) else row
+    return replace(scan_record(document, PrintScan, path), path=path)
 
 
 def find_scans(paths: Sequence[Path]) -> list[Path]:

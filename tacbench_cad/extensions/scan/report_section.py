@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
+from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.lab.analysis import (
     ALL_LEVELS,
     Collection,
@@ -109,7 +109,7 @@ def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[T
         if not path.is_file():
             continue
         try:
-            record = read_scan_record(path, within=run.folder)
+            record = read_scan_record(path, ScanRecord, within=run.folder)
         except InputError as error:
             damaged.append(str(error))
             continue

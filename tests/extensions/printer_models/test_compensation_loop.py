@@ -14,10 +14,10 @@ import pytest
 from helpers.printers import PRINTER, points
 
 from tacbench_cad.extensions.printer_models.correction import corrected_for
-from tacbench_cad.extensions.printer_models.fitting import printer_model, scan_of_fit
+from tacbench_cad.extensions.printer_models.fitting import print_scan, printer_model
 from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel
 from tacbench_cad.extensions.printer_models.prediction import Print
-from tacbench_cad.extensions.scan.fitting import fit_scan
+from tacbench_cad.extensions.scan import Cloud, PrintOrigin, ScanOptions, analyse, fit_scan
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan, stretch
 from tacbench_cad.spec.block import Block
@@ -33,7 +33,7 @@ def transfer(wavelength_mm: float) -> float:
     return float(0.7 ** ((FINEST_MM / wavelength_mm) ** 2))
 
 
-def printed_scan(file: Block, seed: int) -> object:
+def printed_scan(file: Block, seed: int) -> Cloud:
     pose = Pose(rotation=np.eye(3), shift_mm=np.array([3.0, -2.0, 1.0]), stretch=stretch((SCALE,) * 3))
     truth = ScanTruth(
         pose=pose, transfer_x=transfer, transfer_y=transfer, noise_mm=NOISE_MM, points=8_000, table_mm=2.0, seed=seed
@@ -42,8 +42,9 @@ def printed_scan(file: Block, seed: int) -> object:
 
 
 def measured_model(block: Block) -> PrinterModel:
-    fit = fit_scan(printed_scan(block, 1), block, "scale")  # type: ignore[arg-type]
-    return printer_model([scan_of_fit(fit, block, printer="virtual", filament="pla", copy=1, nozzle_mm=0.4)])
+    options = ScanOptions(origin=PrintOrigin(printer="virtual", filament="pla", copy=1, nozzle_mm=0.4))
+    result = analyse(printed_scan(block, 1), [block], options)
+    return printer_model([print_scan(result.as_dict(), "scan")])
 
 
 def test_one_round_of_scan_and_correction_reduces_the_deviation_by_more_than_3_times() -> None:
@@ -53,7 +54,7 @@ def test_one_round_of_scan_and_correction_reduces_the_deviation_by_more_than_3_t
     block = Block.of(Texture(name="fine", surface=waves), key_mm=3.0)
 
     def deviation(file: Block, seed: int) -> float:
-        result = fit_scan(printed_scan(file, seed), block, "pose")  # type: ignore[arg-type]
+        result = fit_scan(printed_scan(file, seed), block, "pose")
         top = result.deviation_mm[result.on_top & result.used]
         return float(np.sqrt(max(np.mean((top - top.mean()) ** 2) - NOISE_MM**2, 1e-8)))
 

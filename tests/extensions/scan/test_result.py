@@ -16,7 +16,7 @@ from tacbench_cad.extensions.scan.colours import coloured, reach_mm
 from tacbench_cad.extensions.scan.comparison import ComparisonView, Views
 from tacbench_cad.extensions.scan.deviations import top_map, wall_points
 from tacbench_cad.extensions.scan.limits import limits_of
-from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
+from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.extensions.scan.result import Noise, PrintOrigin, ScanResult, wave_table
 from tacbench_cad.extensions.scan.result_files import (
     DEVIATION_FILE,
@@ -75,7 +75,7 @@ def test_the_files_agree_with_the_result(tmp_path: Path) -> None:
     assert [path.name for path in paths] == [SCAN_FILE, DEVIATION_FILE, WAVES_FILE, POINTS_FILE]
     document = json.loads(paths[0].read_text(encoding="utf-8"))
     assert (document["printer"], document["copy"], document["nozzle_mm"]) == ("ender-3", 2, 0.4)
-    record = read_scan_record(paths[0])
+    record = read_scan_record(paths[0], ScanRecord)
     assert result().top.summary is not None
     assert (record.simulated, record.block) == (True, BLOCK.name)
     assert record.top_rms_mm == pytest.approx(result().top.summary.rms_mm)
@@ -105,7 +105,7 @@ def test_another_document_is_not_the_record_of_a_scan(tmp_path: Path, text: str)
     path = tmp_path / "scan.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"scan\.json"):
-        read_scan_record(path)
+        read_scan_record(path, ScanRecord)
 
 
 def test_colours_are_symmetric_and_their_reach_is_round() -> None:

@@ -14,7 +14,7 @@ from helpers.studies import write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.scan import Cloud, analysing, fit_scan, read_scan
-from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record
+from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.extensions.scan.result_files import write_ply, write_simulated
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan
 from tacbench_cad.spec.block import Block
@@ -95,7 +95,7 @@ def test_a_run_folder_names_the_block_and_receives_the_numbers(folder: Path) -> 
     cloud = simulate_scan(Block.of(1), ScanTruth(points=15_000, seed=4).with_random_pose())
     write_simulated(cloud, folder / "scan.ply")
     main(["scan", "scan.ply", "--block", str(run), "--no-picture"])
-    record = read_scan_record(run / SCAN_FILE)
+    record = read_scan_record(run / SCAN_FILE, ScanRecord)
     assert record.block.startswith("texture-1") and record.simulated
     document = json.loads((run / SCAN_FILE).read_text(encoding="utf-8"))
     assert document["printer"] and document["copy"] == 1
