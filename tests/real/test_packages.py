@@ -363,7 +363,7 @@ def test_base(environment: Environment) -> None:
     assert extras_of(set(missing.values())) <= {"cad", "analysis", "web"}
     assert {"tacbench_cad.cq", "tacbench_cad.bd", "housing.bd"} <= set(missing), "the plug-ins need these packages"
     light = ("tacbench_cad.lab.", "tacbench_cad.cli.", "tacbench_cad.making.", "tacbench_cad.extensions.slicing.")
-    assert [name for name in missing if name.startswith(light)] == ["tacbench_cad.lab.analysis.classification.network"]
+    assert [name for name in missing if name.startswith(light)] == []
 
 
 @pytest.mark.long
@@ -379,9 +379,7 @@ def test_lab(environment: Environment) -> None:
     assert "plugged in" in environment.tacbench("rig probe")
     assert 'pip install "tacbench-cad[analysis]"' in environment.refusal("variance runs")
     missing = environment.missing_modules()
-    assert [name for name in missing if name.startswith("tacbench_cad.lab.")] == [
-        "tacbench_cad.lab.analysis.classification.network"
-    ]
+    assert [name for name in missing if name.startswith("tacbench_cad.lab.")] == []
 
 
 @pytest.mark.long

@@ -21,7 +21,7 @@ from tacbench_cad.lab.analysis.classification.classify import classify, write_ta
 from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
 from tacbench_cad.lab.analysis.classification.outcomes import ClassifiedStudy
-from tacbench_cad.lab.analysis.classification.pca import Pool
+from tacbench_cad.lab.analysis.classification.principal import Products
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord, ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import PressTable
@@ -321,8 +321,8 @@ def test_predictions_are_those_of_scikit_learn_on_the_training_series_only(slide
     arrays = arrays_of(collection, np.arange(len(collection)))
     halves = arrays.reshape(len(collection), STEPS, SHAPE[0] // 2, 2, SHAPE[1] // 2, 2).mean(axis=(3, 5))
     assert np.abs(features.rows - halves.reshape(len(collection), -1)).max() <= 0.5  # rounded to whole counts
-    pool = Pool.of(features.rows, components=3, noise=False)
-    outcomes = leak_free_trial(ClassifiedStudy(features=features, presses=presses, settings=settings), pool, 1)[0]
+    products = Products.of(features.rows)
+    outcomes = leak_free_trial(ClassifiedStudy(features=features, presses=presses, settings=settings), products, 1)
     folds = trial_folds(presses, settings, 1).folds
     for fold, outcome in zip(folds, outcomes, strict=True):
         assert not set(fold.train) & set(fold.test)

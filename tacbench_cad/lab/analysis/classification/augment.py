@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tacbench_cad.lab.analysis.classification.features import Features
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Floats, Floats32, Ints
-
-#: The number of columns for which noise is drawn, or which are multiplied, at a time.
-BLOCK = 1024
+from tacbench_cad.util.types import Floats
 
 
 def trial_seed(seed: int, trial: int) -> int:
@@ -23,21 +20,6 @@ def trial_seed(seed: int, trial: int) -> int:
         trial: The number of the trial, from 1.
     """
     return int(np.random.SeedSequence([seed, trial]).generate_state(1)[0])
-
-
-def noise_block(seed: int, first: int, count: int, width: int) -> Floats32:
-    """Draw standard normal noise for some columns of all frames; equal arguments give equal noise.
-
-    Args:
-        seed: The seed of the trial.
-        first: The first column, a multiple of :data:`BLOCK`.
-        count: The number of frames.
-        width: The number of columns.
-
-    Returns:
-        The noise, shape (count, width).
-    """
-    return np.random.default_rng([seed, first // BLOCK]).standard_normal((count, width), dtype=np.float32)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,31 +55,20 @@ class Augmentation:
         """The number of rows for each training frame, including the frame itself."""
         return len(self.names)
 
-    @property
-    def offsets(self) -> tuple[float, ...]:
-        """The amounts that are added to the copies, without the noise."""
-        return (0.0, *(() if self.noise is None else (0.0,)), *self.brightness)
-
-    def rows(self, features: Features, chosen: Sequence[int] | Ints, seed: int) -> Floats:
+    def rows(self, frames: NDArray[Any], seed: int) -> Floats:
         """Make the copies of some frames.
 
         Args:
-            features: All frames.
-            chosen: The indices of the training set.
-            seed: The seed of the trial.
+            frames: The frames, (n, numbers).
+            seed: The seed of the noise.
 
         Returns:
-            First the unchanged frames, then the frames with noise, then each brightness; (copies x chosen, numbers).
+            First the unchanged frames, then the frames with noise, then each brightness; (copies x n, numbers).
         """
-        indices = np.asarray(chosen, dtype=np.int64)
-        plain = features.rows[indices].astype(np.float64)
-        copies = [plain + level for level in self.offsets]
-        if self.noise is not None:
-            for first in range(0, plain.shape[1], BLOCK):
-                width = min(BLOCK, plain.shape[1] - first)
-                drawn = noise_block(seed, first, len(features), width)[indices]
-                copies[1][:, first : first + width] += self.noise * drawn.astype(np.float64)
-        return np.concatenate(copies)
+        plain = frames.astype(np.float64)
+        random = np.random.default_rng(seed)
+        noise = [] if self.noise is None else [plain + self.noise * random.standard_normal(plain.shape)]
+        return np.concatenate([plain, *noise, *(plain + level for level in self.brightness)])
 
 
 #: The copies of the paper's text.

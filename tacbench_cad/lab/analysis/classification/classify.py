@@ -150,12 +150,11 @@ def _outcomes(
         calls_of = leak_free.calls if settings.protocol == "leak-free" else paper_protocol.calls
         show("trials", done, len(files))
         for group in (name for name in groups if missing[name]):
-            calls = calls_of(study, group, missing[group], executor.jobs)
-            for (numbers, _), results in zip(calls, executor(call for _, call in calls), strict=True):
-                for trial, result in zip(numbers, results, strict=True):
-                    _keep(files[group, trial], trial, result)
-                    outcomes[group, trial] = result
-                done += len(numbers)
+            results = executor(calls_of(study, group, missing[group]))
+            for trial, result in zip(missing[group], results, strict=True):
+                _keep(files[group, trial], trial, result)
+                outcomes[group, trial] = result
+                done += 1
                 show("trials", done, len(files))
     for place in files:
         yield from outcomes[place] or ()

@@ -3,13 +3,13 @@
 Copies of a frame are made after the split, so a test set never contains a copy of a training frame. Principal
 components and scaling are fitted to the training fold. The hold-out levels go from easy to hard, see
 :mod:`tacbench_cad.lab.analysis.classification.splits`. The results equal those of scikit-learn's
-``make_pipeline(PCA(components, svd_solver="full"), StandardScaler(), estimator)`` on the complete training rows, except
-for the signs of components.
+``make_pipeline(PCA(components, svd_solver="full"), StandardScaler(), estimator)`` on the training rows, except for the
+signs of components.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,9 +23,10 @@ from tacbench_cad.lab.analysis.classification.outcomes import (
     guarded,
     predictions,
 )
-from tacbench_cad.lab.analysis.classification.pca import PixelNoise, Pool, principal_scores
+from tacbench_cad.lab.analysis.classification.principal import Products, coordinates, noisy
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import Fold, Folds, PressTable, folds_of, with_copies
+from tacbench_cad.util.types import Floats
 
 
 def trial_folds(presses: PressTable, settings: ClassificationSettings, trial: int) -> Folds:
@@ -48,29 +49,22 @@ def trial_folds(presses: PressTable, settings: ClassificationSettings, trial: in
     return Folds(folds=tuple(kept), notes=(*whole.notes, *notes))
 
 
-def calls(study: ClassifiedStudy, _: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
+def calls(study: ClassifiedStudy, _: str, trials: Sequence[int]) -> list[Any]:
     """Return a call for each trial, for worker processes."""
     from joblib import delayed
 
-    settings = study.settings
-    components, noise = settings.components, settings.augmentation.noise is not None
-    pool = None
-    if components is not None:
-        pool = Pool.of(study.features.rows, components=components, noise=noise, jobs=jobs)
-    return [([trial], delayed(leak_free_trial)(study, pool, trial)) for trial in trials]
+    products = None if study.settings.components is None else Products.of(study.features.rows)
+    return [delayed(leak_free_trial)(study, products, trial) for trial in trials]
 
 
 @one_thread()
-def leak_free_trial(study: ClassifiedStudy, pool: Pool | None, trial: int) -> list[list[TestOutcome]]:
-    """Train and test every estimator in every fold of a trial.
+def leak_free_trial(study: ClassifiedStudy, products: Products | None, trial: int) -> list[TestOutcome]:
+    """Train and test every estimator in every fold of a trial, and return the outcomes.
 
     Args:
         study: The data and settings that all trials share.
-        pool: The inner products of all frames; None if there are no principal components.
+        products: The inner products of all frames; None if there are no principal components.
         trial: The number of the trial.
-
-    Returns:
-        A list with one item, the outcomes of the trial.
 
     Raises:
         InputError: An estimator raises an error or predicts an unknown texture, or there are too many components.
@@ -80,16 +74,16 @@ def leak_free_trial(study: ClassifiedStudy, pool: Pool | None, trial: int) -> li
 
     settings, presses, textures = study.settings, study.presses, study.presses.textures
     seed = trial_seed(settings.seed, trial)
-    folds = trial_folds(presses, settings, trial).folds
     outcomes: list[TestOutcome] = []
-    for fold, (train, test) in zip(folds, _rows(study, pool, folds, seed), strict=True):
+    for fold in trial_folds(presses, settings, trial).folds:
+        train, test = _rows(study, products, fold, seed)
         labels = np.tile(presses.texture[fold.train], settings.augmentation.count)
         for name in settings.estimators:
             where = f"trial {trial}, hold-out level {fold.hold_out}" + (
                 f", {fold.group} held out" if fold.group else ""
             )
-            model = settings.estimator(name, seed, study.features.shape if pool is None else None)
-            if pool is not None or settings.feature.few_numbers:
+            model = settings.estimator(name, seed, study.features.shape if products is None else None)
+            if products is not None or settings.feature.few_numbers:
                 model = make_pipeline(StandardScaler(), model)
             with guarded(name, where):
                 model.fit(train, labels)
@@ -105,18 +99,14 @@ def leak_free_trial(study: ClassifiedStudy, pool: Pool | None, trial: int) -> li
                     predicted=predictions(model, test, textures, name, where),
                 )
             )
-    return [outcomes]
+    return outcomes
 
 
-def _rows(study: ClassifiedStudy, pool: Pool | None, folds: Sequence[Fold], seed: int) -> Iterator[Any]:
-    """Yield the augmented training rows and the test rows of each fold."""
+def _rows(study: ClassifiedStudy, products: Products | None, fold: Fold, seed: int) -> tuple[Floats, Floats]:
+    """Return the augmented training rows and the test rows of a fold."""
     components, copies = study.settings.components, study.settings.augmentation
-    if pool is None or components is None:
-        for fold in folds:
-            test = study.features.rows[fold.test].astype(np.float64)
-            yield copies.rows(study.features, fold.train, seed), test
-        return
-    noise = None if copies.noise is None else PixelNoise.of(pool, copies.noise, seed)
-    for fold in folds:
-        scores = principal_scores(pool, noise, copies, components, fold.train)
-        yield scores.train, scores.plain[fold.test]
+    if products is None or components is None:
+        rows = study.features.rows
+        return copies.rows(rows[fold.train], seed), rows[fold.test].astype(np.float64)
+    found = coordinates(products, copies, components, fold.train, fold.test)
+    return noisy(*found, copies, components, seed)

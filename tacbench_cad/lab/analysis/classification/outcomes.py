@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -90,8 +91,14 @@ def guarded(estimator: str, where: str) -> Iterator[None]:
     Raises:
         InputError: The block raised an error. The message names the estimator and the fold.
     """
+    from sklearn.exceptions import ConvergenceWarning
+
     try:
-        yield
+        with warnings.catch_warnings():
+            if estimator == "network":  # it runs all epochs, also on few rows
+                warnings.simplefilter("ignore", ConvergenceWarning)
+                warnings.filterwarnings("ignore", "Got `batch_size`")
+            yield
     except TacbenchError:
         raise
     except Exception as error:

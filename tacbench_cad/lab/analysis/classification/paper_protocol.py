@@ -13,14 +13,14 @@ that combination, including copy 1. Here it is called ``all copies``, and ``othe
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.classification.augment import trial_seed
+from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial_seed
+from tacbench_cad.lab.analysis.classification.features import Rows
 from tacbench_cad.lab.analysis.classification.outcomes import (
     ALL_OTHERS,
     ClassifiedStudy,
@@ -28,7 +28,7 @@ from tacbench_cad.lab.analysis.classification.outcomes import (
     guarded,
     predictions,
 )
-from tacbench_cad.lab.analysis.classification.pca import Pool, Scores, clipped_scores, trial_scores
+from tacbench_cad.lab.analysis.classification.principal import Products, coordinates, noisy
 from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationSettings, one_thread
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.util.errors import InputError
@@ -101,53 +101,59 @@ def _require_possible(study: ClassifiedStudy) -> None:
             raise InputError("train-on", name, f"has only {present[0]}; training needs at least two textures")
 
 
-def calls(study: ClassifiedStudy, train_on: str, trials: Sequence[int], jobs: int) -> list[tuple[Sequence[int], Any]]:
-    """Return calls for worker processes. Each call has several trials, whose networks are trained together.
+def calls(study: ClassifiedStudy, train_on: str, trials: Sequence[int]) -> list[Any]:
+    """Return a call for each trial, for worker processes.
 
     Args:
         study: The data and settings that all trials share.
         train_on: The training combination.
         trials: The numbers of the trials.
-        jobs: The number of worker processes.
 
     Raises:
         InputError: The protocol cannot be used with these data, or there are too many components.
     """
     from joblib import delayed
 
-    from tacbench_cad.lab.analysis.classification.network import TOGETHER
-
     _require_possible(study)
-    settings, copies = study.settings, study.settings.augmentation
-    components = settings.components
+    settings, presses, rows = study.settings, study.presses, study.features.rows
+    trained = ProtocolDesign.of(settings.protocol, presses, train_on).trained
+    everything, components = np.arange(len(rows)), settings.components
     assert components is not None  # ClassificationSettings refuses it for this protocol
-    chosen = ProtocolDesign.of(settings.protocol, study.presses, train_on).trained
-    rows, seeds = study.features.rows, [trial_seed(settings.seed, trial) for trial in trials]
     if settings.clip:
-        images = np.asarray(rows, np.uint8)
-        all_scores = [clipped_scores(images, chosen, copies, components, seed) for seed in seeds]
+        scores = [_clipped(rows, trained, settings, trial_seed(settings.seed, trial)) for trial in trials]
     else:
-        noise = copies.noise is not None
-        pool = Pool.of(rows, chosen, components=components, noise=noise, seeds=seeds, jobs=jobs)
-        all_scores = trial_scores(pool, copies, components, seeds, jobs)
-    size = min(TOGETHER, -(-len(trials) // jobs))
-    parts = [slice(first, first + size) for first in range(0, len(trials), size)]
-    train = delayed(paper_trials)
-    return [(trials[part], train(settings, study.presses, train_on, trials[part], all_scores[part])) for part in parts]
+        found = coordinates(Products.of(rows), settings.augmentation, components, trained, everything)
+        scores = [found] * len(trials)
+    train = delayed(paper_trial)
+    return [train(settings, presses, train_on, trial, *of) for trial, of in zip(trials, scores, strict=True)]
+
+
+def _clipped(rows: Rows, trained: Ints, settings: ClassificationSettings, seed: int) -> tuple[Floats, Floats]:
+    """Return the scores of copies that are rounded and clipped as in image files, and of all frames."""
+    copies = np.clip(np.rint(settings.augmentation.rows(rows[trained], seed)), 0, 255).astype(np.uint8)
+    products = Products.of(np.concatenate([copies, rows]))
+    train, test = np.split(np.arange(len(products.gram)), [len(copies)])
+    return coordinates(products, Augmentation(), settings.components or 1, train, test)
 
 
 @one_thread()
-def paper_trials(
+def paper_trial(
     settings: ClassificationSettings,
     presses: PressTable,
     train_on: str,
-    trials: Sequence[int],
-    scores: Sequence[Scores],
-) -> list[list[TestOutcome]]:
-    """Train and test every estimator in some trials.
+    trial: int,
+    trained: Floats,
+    tested: Floats,
+) -> list[TestOutcome]:
+    """Train and test every estimator in a trial, and return the outcomes.
 
-    Returns:
-        The outcomes of each trial.
+    Args:
+        settings: The settings.
+        presses: The presses.
+        train_on: The training combination.
+        trial: The number of the trial.
+        trained: The coordinates of the training set, see :func:`.principal.coordinates`.
+        tested: The coordinates of all frames.
 
     Raises:
         InputError: An estimator raises an error, or predicts an unknown texture.
@@ -157,69 +163,44 @@ def paper_trials(
     design = ProtocolDesign.of(settings.protocol, presses, train_on)
     chosen, columns = design.trained, COLUMNS[settings.protocol]
     labels = np.tile(presses.texture[chosen], settings.augmentation.count)
-    seeds = [trial_seed(settings.seed, trial) for trial in trials]
-    whole, fraction = np.arange(len(labels)), TEST_FRACTIONS[settings.protocol]
-    outcomes: list[list[TestOutcome]] = [[] for _ in trials]
+    copies = Augmentation() if settings.clip else settings.augmentation
+    seed, where = trial_seed(settings.seed, trial), f"trial {trial} on {train_on}"
+    outcomes: list[TestOutcome] = []
     for name in settings.estimators:
-        where = f"trials {trials[0]} to {trials[-1]} on {train_on}"
-        try:
-            splits = [train_test_split(whole, test_size=fraction, random_state=seed) for seed in seeds]
-        except ValueError as error:
-            raise InputError("train-on", train_on, f"has too few presses for a split: {error}") from error
+        rows, plain = noisy(trained, tested, copies, settings.components or 1, seed)
         if settings.protocol == "as-published" and name == ESTIMATORS[1]:
-            splits = [(whole,) for _ in seeds]
-            scores = [_scaled(drawn, design.tested["all copies"]) for drawn in scores]
+            # The notebooks scale the scores to 0 to 1, with one minimum and maximum for all numbers of a set.
+            ends = plain[design.tested["all copies"]]
+            rows, plain = (rows - rows.min()) / np.ptp(rows), (plain - ends.min()) / np.ptp(ends)
+            split = [np.arange(len(labels))]
+        else:
+            try:
+                fraction = TEST_FRACTIONS[settings.protocol]
+                split = train_test_split(np.arange(len(labels)), test_size=fraction, random_state=seed)
+            except ValueError as error:
+                raise InputError("train-on", train_on, f"has too few presses for a split: {error}") from error
         with guarded(name, where):
-            sets = [(drawn.train[train], labels[train]) for drawn, (train, *_) in zip(scores, splits, strict=True)]
-            models = _fitted(settings, name, seeds, sets)
-        for trial, model, split, drawn, results in zip(trials, models, splits, scores, outcomes, strict=True):
-            tested = [
-                (column, train_on, drawn.train[which], chosen[which % len(chosen)], which // len(chosen))
-                for column, which in zip(columns, split, strict=False)
-            ]
-            tested += [
-                (column, design.tested_on, drawn.plain[which], which, 0 * which)
-                for column, which in design.tested.items()
-                if len(which)
-            ]
-            for column, tested_on, rows, press, copied in tested:
-                results.append(
-                    TestOutcome(
-                        estimator=name,
-                        train_on=train_on,
-                        tested_on=tested_on,
-                        hold_out=column,
-                        trial=trial,
-                        press=press,
-                        copied=copied,
-                        predicted=predictions(model, rows, presses.textures, name, where),
-                    )
-                )
+            model = settings.estimator(name, seed).fit(rows[split[0]], labels[split[0]])
+        sets = [
+            (column, train_on, rows[which], chosen[which % len(chosen)], which // len(chosen))
+            for column, which in zip(columns, split, strict=False)
+        ]
+        sets += [
+            (column, design.tested_on, plain[which], which, 0 * which)
+            for column, which in design.tested.items()
+            if len(which)
+        ]
+        outcomes += [
+            TestOutcome(
+                estimator=name,
+                train_on=train_on,
+                tested_on=tested_on,
+                hold_out=column,
+                trial=trial,
+                press=press,
+                copied=copied,
+                predicted=predictions(model, values, presses.textures, name, where),
+            )
+            for column, tested_on, values, press, copied in sets
+        ]
     return outcomes
-
-
-def _fitted(
-    settings: ClassificationSettings, name: str, seeds: Sequence[int], sets: Sequence[tuple[Any, Any]]
-) -> list[Any]:
-    """Return a fitted model for each trial."""
-    models = [settings.estimator(name, seed) for seed in seeds]
-    if name == ESTIMATORS[1] and settings.protocol == "paper":
-        from tacbench_cad.lab.analysis.classification.network import fit_together
-
-        return list(fit_together(models, sets))
-    from sklearn.exceptions import ConvergenceWarning
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # all epochs are run
-        warnings.filterwarnings("ignore", "Got `batch_size`")
-        return [model.fit(rows, labels) for model, (rows, labels) in zip(models, sets, strict=True)]
-
-
-def _scaled(scores: Scores, tested: Ints) -> Scores:
-    """Scale scores as for the notebooks' network: to 0 to 1, with one minimum and maximum for all numbers of a set."""
-
-    def scaled(rows: Floats, ends: Floats) -> Floats:
-        return np.asarray((rows - ends.min()) / np.ptp(ends))
-
-    plain = scaled(scores.plain, scores.plain[tested])
-    return replace(scores, train=scaled(scores.train, scores.train), plain=plain)

@@ -153,17 +153,15 @@ class ClassificationSettings:
             from sklearn.ensemble import RandomForestClassifier
 
             return RandomForestClassifier(max_depth=self.depth, random_state=seed)
-        if name == "network" and self.protocol == "as-published":
+        if name == "network":
             from sklearn.neural_network import MLPClassifier
 
-            # Two hidden layers, all epochs, no weight penalty. The initial weights are scikit-learn's, not PyTorch's.
+            # The notebooks' network has two hidden layers and no weight penalty.
+            published = self.protocol == "as-published"
+            more = {"hidden_layer_sizes": (HIDDEN, HIDDEN), "alpha": 0.0} if published else {}
             epochs = {"max_iter": self.epochs, "n_iter_no_change": self.epochs, "tol": 0.0}
-            layers = (HIDDEN, HIDDEN)
-            return MLPClassifier(layers, batch_size=self.batch_size, alpha=0.0, random_state=seed, **epochs)
-        if name == "network":
-            from tacbench_cad.lab.analysis.classification.network import NetworkClassifier
-
-            return NetworkClassifier((HIDDEN,), max_iter=self.epochs, batch_size=self.batch_size, random_state=seed)
+            how = {"hidden_layer_sizes": (HIDDEN,), "batch_size": self.batch_size, **epochs, **more}
+            return MLPClassifier(**how, random_state=seed)
         return _own(name, {"random_state": seed, "frame_shape": shape})
 
 

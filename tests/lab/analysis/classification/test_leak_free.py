@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,12 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from tacbench_cad.lab.analysis.classification.accuracy import scores
-from tacbench_cad.lab.analysis.classification.augment import BLOCK, PAPER_COPIES, Augmentation, noise_block, trial_seed
+from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation, trial_seed
 from tacbench_cad.lab.analysis.classification.classify import classify
-from tacbench_cad.lab.analysis.classification.features import Features, read_features
+from tacbench_cad.lab.analysis.classification.features import read_features
 from tacbench_cad.lab.analysis.classification.leak_free import leak_free_trial, trial_folds
 from tacbench_cad.lab.analysis.classification.outcomes import ClassifiedStudy
-from tacbench_cad.lab.analysis.classification.pca import Pool
+from tacbench_cad.lab.analysis.classification.principal import Products
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS, PressTable
 from tacbench_cad.lab.analysis.collection import Collection
@@ -46,27 +47,22 @@ class SignedPCA(PCA):  # type: ignore[misc]
         return np.asarray(scores * signs)
 
 
-def plain_rows(features: Features, train: np.ndarray, seed: int) -> np.ndarray:
-    """Return the augmented training set in the plainest way: original, with noise, brighter, darker."""
-    count, numbers = features.rows.shape
-    blocks = [noise_block(seed, first, count, min(BLOCK, numbers - first)) for first in range(0, numbers, BLOCK)]
-    noise = 5.0 * np.concatenate(blocks, axis=1).astype(float)
-    rows = features.rows[train].astype(float)
-    return np.concatenate([rows, rows + noise[train], rows + 10, rows - 10])
+def plain_rows(frames: np.ndarray, seed: int) -> np.ndarray:
+    """Return an augmented training set in the plainest way: original, with noise, brighter, darker."""
+    rows = frames.astype(float)
+    noise = 5.0 * np.random.default_rng(seed).standard_normal(rows.shape)
+    return np.concatenate([rows, rows + noise, rows + 10, rows - 10])
 
 
 def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
     presses = PressTable.of(study)
+    copies = replace(PAPER_COPIES, noise=None)
     settings = ClassificationSettings(
-        estimators=("forest", "network"), augmentation=PAPER_COPIES, resolution=1.0, components=12, epochs=15, seed=4
+        estimators=("forest", "network"), augmentation=copies, resolution=1.0, components=12, epochs=15, seed=4
     )
     features = read_features(study, Pixels(resolution=0.5))
-    task, pool = (
-        ClassifiedStudy(features=features, presses=presses, settings=settings),
-        Pool.of(features.rows, components=12),
-    )
-    assert pool.factor is None  # few pixels: noise is drawn for each pixel
-    outcomes = leak_free_trial(task, pool, 1)[0]
+    task = ClassifiedStudy(features=features, presses=presses, settings=settings)
+    outcomes = leak_free_trial(task, Products.of(features.rows), 1)
     seed = trial_seed(4, 1)
     folds = trial_folds(presses, settings, 1).folds
     assert {fold.hold_out for fold in folds} == set(HOLD_OUT_LEVELS)
@@ -79,7 +75,8 @@ def test_predictions_are_those_of_plain_scikit_learn(study: Collection) -> None:
         )
         pipeline = make_pipeline(SignedPCA(12, svd_solver="full"), StandardScaler(), estimator)
         with pytest.warns() if name == "network" else _nothing():
-            pipeline.fit(plain_rows(features, fold.train, seed), np.tile(presses.texture[fold.train], 4))
+            rows = features.rows[fold.train].astype(float)
+            pipeline.fit(np.concatenate([rows, rows + 10, rows - 10]), np.tile(presses.texture[fold.train], 3))
         expected = pipeline.predict(features.rows[fold.test].astype(float))
         assert np.array_equal(np.array(study.textures)[outcome.predicted], expected), (fold.hold_out, fold.group, name)
         assert np.array_equal(outcome.press, fold.test) and outcome.hold_out == fold.hold_out
@@ -94,12 +91,10 @@ class _nothing:  # noqa: N801
 
 
 def test_augmentation_makes_the_named_copies(study: Collection) -> None:
-    features = read_features(study, Pixels())
-    augmentation = PAPER_COPIES
-    assert augmentation.names == ("none", "noise 5", "+10", "-10")
-    train = np.arange(3, 40)
-    rows = augmentation.rows(features, train, 9)
-    assert np.array_equal(rows, plain_rows(features, train, 9))
+    frames = read_features(study, Pixels()).rows[3:40]
+    assert PAPER_COPIES.names == ("none", "noise 5", "+10", "-10")
+    rows = PAPER_COPIES.rows(frames, 9)
+    assert np.array_equal(rows, plain_rows(frames, 9))
     noise = rows[37:74] - rows[:37]
     assert abs(noise.mean()) < 0.15 and abs(noise.std() - 5) < 0.15
 
