@@ -91,7 +91,7 @@ class Kind:
     """
 
     file: str
-    make: Callable[[Path], None]
+    make: Callable[[Path], object]
     read: Callable[[Path], object]
     harmless: tuple[Callable[[bytes], bytes], ...] = ()
 
