@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from helpers.cases import mostly_long
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
@@ -26,6 +27,16 @@ PATIENCE_S = 300.0
 
 #: The outlines of blocks that are not rectangles.
 OUTLINES = {"disc": "disc:30", "hexagon": "hexagon:30", "ring": "ring:30,12"}
+
+#: The names of the parts that other programs open (:func:`part_named`), and those that they open in the quick run: a
+#: plain and a steep block, an aliased block of the released files, key and label, a height map, a ring, and a fixture.
+PARTS = [
+    *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
+    *("grid-4", "grid-6", "keyed-4", "keyed-2", "net-weave", "net-map", "disc-2", "hexagon-4", "ring-2"),
+    *("holder", "tray", "holder-released", "jig", "jig-all", "coupon"),
+]
+QUICK = ("paper-2", "paper-4", "released-6", "keyed-2", "net-map", "ring-2", "jig")
+each_part = pytest.mark.parametrize("name", mostly_long(PARTS, *QUICK))
 
 Run = Callable[[Sequence[str | Path]], str]
 Written = Callable[[str, str], Path]

@@ -5,15 +5,10 @@ from __future__ import annotations
 import re
 
 import pytest
-from helpers.outsiders import Run, Written, part_named
+from helpers.outsiders import Run, Written, each_part, part_named
 
 pytestmark = pytest.mark.real
 
-PARTS = [
-    *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
-    *("grid-4", "grid-6", "keyed-4", "keyed-2", "net-weave", "net-map", "disc-2", "hexagon-4", "ring-2"),
-    *("holder", "tray", "holder-released", "jig", "jig-all", "coupon"),
-]
 REPAIRS = (
     "Degenerate facets",
     "Edges fixed",
@@ -29,7 +24,7 @@ REPAIRS = (
 )
 
 
-@pytest.mark.parametrize("name", PARTS)
+@each_part
 def test_finds_nothing_to_fix(admesh: Run, written: Written, name: str) -> None:
     part = part_named(name)
     mesh, body = part.mesh

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -119,11 +118,6 @@ def test_a_lost_scheduler_is_reported_in_one_line() -> None:
             process.wait()
 
 
-def test_zero_jobs_are_refused() -> None:
-    with pytest.raises(InputError, match="jobs = 0: must be at least 1"), workers(0):
-        pass
-
-
 def test_the_processes_of_a_cluster_do_the_work(cluster: str, tmp_path: Path) -> None:
     with workers(1, cluster, [tmp_path]) as executor:
         results = list(executor.map(square_and_process, range(8)))
@@ -145,7 +139,7 @@ def test_a_folder_that_a_worker_cannot_see_is_named(cluster: str, tmp_path: Path
         pass
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "nonsense", "nowhere://127.0.0.1:{}", "tcp://127.0.0.1:x"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "nonsense"])
 def test_no_dask_at_the_address(address: str, impatient: None) -> None:
     pytest.importorskip("distributed")
     start = time.monotonic()
@@ -153,28 +147,6 @@ def test_no_dask_at_the_address(address: str, impatient: None) -> None:
     with pytest.raises(InputError, match=message), workers(1, address.format(free_port())):
         pass
     assert time.monotonic() - start < 20.0
-
-
-def test_a_server_that_never_answers(impatient: None) -> None:
-    pytest.importorskip("distributed")
-    with socket.socket() as silent:
-        silent.bind(("127.0.0.1", 0))
-        silent.listen()
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        start = time.monotonic()
-        with pytest.raises(InputError, match="no Dask scheduler answered"), workers(1, address):
-            pass
-        assert time.monotonic() - start < 20.0
-
-
-def test_a_scheduler_without_workers(impatient: None) -> None:
-    distributed = pytest.importorskip("distributed")
-    with (
-        distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as empty,
-        pytest.raises(InputError, match="no worker after 1 s"),
-        workers(1, empty.scheduler_address),
-    ):
-        pass
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
 from tacbench_cad.extensions.simulators.asset import SimulatorAsset
@@ -57,7 +58,7 @@ class World:
         return np.asarray(self.plant.EvalBodyPoseInWorld(self.context, self.ball).translation()) * 1e3
 
 
-@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("number", mostly_long(NUMBERS, "2"))
 def test_heights(number: str, exported: Exported) -> None:
     """The distance between the formula and the triangles must be within the proved error."""
     block = Block.of(number)
@@ -73,7 +74,7 @@ def test_heights(number: str, exported: Exported) -> None:
     assert min(above) > 0.0 > max(below)
 
 
-@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("number", mostly_long(NUMBERS, "2"))
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     block = Block.of(number)
     x, y, z = valley_mm(block)

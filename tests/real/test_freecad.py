@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.checkout import ROOT
 from helpers.millimetres import KNOWN, PLATE_MM, REGION_MM, off_mm
 from helpers.outsiders import PATIENCE_S, Written, part_named
@@ -316,7 +317,7 @@ reply([rough.getStatusString(), rough.Shape.Volume, rough.FormulaVolume.Value, r
     assert kept[5]
 
 
-@pytest.mark.parametrize("name", ["wavelength_mm", "table"])
+@pytest.mark.parametrize("name", mostly_long(["wavelength_mm", "table"], "table"))
 def test_a_texture_file_has_its_millimetres_in_freecad(freecad: Script, name: str, tmp_path: Path) -> None:
     """A face and a block with the default properties and a texture file agree with a formula in mm of the test."""
     known = KNOWN[name]
@@ -442,7 +443,8 @@ def test_the_buttons_make_the_parts_of_the_manuals_pictures(scene: str, tmp_path
 
 
 @pytest.mark.parametrize(
-    "name", ["paper-1", "paper-2", "paper-4", "paper-6", "released-5", "keyed-4", "paper-dunes", "paper-knurl"]
+    "name",
+    mostly_long(["paper-1", "paper-4", "paper-6", "released-5", "keyed-4", "paper-knurl"], "paper-4", "keyed-4"),
 )
 def test_a_step_is_opened_cut_and_measured(freecad: Script, written: Written, name: str) -> None:
     """The volume of the whole and of the lower half in x, from our STEP file, by FreeCAD's kernel."""

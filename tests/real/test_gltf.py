@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
@@ -38,7 +39,7 @@ def mesh_of(number: str, exported: Exported) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([x, -z, y]), triangles.astype(np.int64)
 
 
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_heights(number: str, exported: Exported) -> None:
     block = Block.of(number)
     places = places_mm(block)
@@ -46,7 +47,7 @@ def test_heights(number: str, exported: Exported) -> None:
     assert np.abs(top - block.height_at(*places.T)).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-4
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     block = Block.of(number)
     x, y, z = valley_mm(block)

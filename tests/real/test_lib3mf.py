@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.outsiders import Written, part_named
+from helpers.outsiders import Written, each_part, part_named
 
 from tacbench_cad import __version__
 
 pytestmark = pytest.mark.real
 
-PARTS = ["paper-1", "paper-2", "paper-5", "keyed-4", "released-6", "holder", "jig", "coupon"]
 
-
-@pytest.mark.parametrize("name", PARTS)
+@each_part
 def test_reads_strictly_and_without_warning(written: Written, name: str) -> None:
     lib3mf = pytest.importorskip("lib3mf", reason="lib3mf has no wheel for this machine")
     part = part_named(name)

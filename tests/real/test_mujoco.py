@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
 from tacbench_cad.extensions.simulators.asset import SimulatorAsset
@@ -64,7 +65,7 @@ def sinking_of_dome(path: Path, block: Block) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("kind", FILES)
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_heights(number: str, kind: str, exported: Exported) -> None:
     block = Block.of(number)
     model = mujoco.MjModel.from_xml_path(str(exported(number, "mjcf") / f"texture-{number}{kind}.xml"))
@@ -80,7 +81,7 @@ def test_heights(number: str, kind: str, exported: Exported) -> None:
 
 
 @pytest.mark.parametrize("kind", FILES)
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_contact_of_a_ball(number: str, kind: str, exported: Exported) -> None:
     block = Block.of(number)
     x, y, z = valley_mm(block)
@@ -100,7 +101,7 @@ def test_contact_of_a_ball_on_oblique_waves_at_twice_the_size(tmp_path: Path) ->
         assert position[2] == pytest.approx(z, abs=NEAR_MM)
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_contact_of_a_dome_on_tiles(number: str, exported: Exported) -> None:
     path = exported(number, "mjcf") / f"texture-{number}-tiles.xml"
     sinking, speed = sinking_of_dome(path, Block.of(number))

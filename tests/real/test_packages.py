@@ -139,7 +139,6 @@ class Packages:
     tree: Path
     sdist: Path
     wheel: Path
-    wheel_of_the_tree: Path
 
     def in_sdist(self) -> dict[str, bytes]:
         """Return the files of the source archive by their paths below its top folder."""
@@ -148,9 +147,9 @@ class Packages:
             assert {member.name.partition("/")[0] for member in files} == {f"tacbench_cad-{__version__}"}
             return {member.name.partition("/")[2]: archive.extractfile(member).read() for member in files}  # type: ignore[union-attr]
 
-    def in_wheel(self, wheel: Path | None = None) -> dict[str, bytes]:
+    def in_wheel(self) -> dict[str, bytes]:
         """Return the files of the wheel."""
-        with zipfile.ZipFile(wheel or self.wheel) as archive:
+        with zipfile.ZipFile(self.wheel) as archive:
             return {name: archive.read(name) for name in archive.namelist()}
 
     @property
@@ -178,7 +177,7 @@ def builder(once: Once) -> Environment:
 
 @pytest.fixture(scope="session")
 def packages(builder: Environment, source: Path, once: Once) -> Packages:
-    """Build a source archive and a wheel from a tree with left-over files; build the wheel also without the archive."""
+    """Build a source archive from a tree with left-over files, and a wheel from the archive."""
 
     def fill(folder: Path) -> None:
         tree = shutil.copytree(source, folder / "tree")
@@ -186,14 +185,10 @@ def packages(builder: Environment, source: Path, once: Once) -> Packages:
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             (tree / name).write_text("left over")
         builder.python("-m", "build", "--outdir", folder / "packages", tree)
-        # A wheel that is built without the archive would also contain the files of an earlier build.
-        shutil.rmtree(tree / "build")
-        builder.python("-m", "build", "--wheel", "--outdir", folder / "of-the-tree", tree)
 
     place = once("packages", fill)
     (sdist,), (wheel,) = (place / "packages").glob("*.tar.gz"), (place / "packages").glob("*.whl")
-    (other,) = (place / "of-the-tree").glob("*.whl")
-    return Packages(place / "tree", sdist, wheel, other)
+    return Packages(place / "tree", sdist, wheel)
 
 
 def of_project(names: Iterable[str]) -> set[str]:
@@ -216,10 +211,6 @@ def test_the_wheel_contains_only_the_packages(packages: Packages) -> None:
         f"tacbench_cad-{__version__}.dist-info",
     }
     assert files[f"tacbench_cad-{__version__}.dist-info/licenses/LICENSE"] == (ROOT / "LICENSE").read_bytes()
-
-
-def test_archive_and_tree_give_the_same_wheel(packages: Packages) -> None:
-    assert packages.in_wheel() == packages.in_wheel(packages.wheel_of_the_tree)
 
 
 def test_every_data_file_that_the_code_opens_is_in_the_wheel(packages: Packages) -> None:
@@ -383,22 +374,6 @@ def test_lab(environment: Environment) -> None:
 
 
 @pytest.mark.long
-@extra("plot")
-def test_plot(environment: Environment) -> None:
-    environment.tacbench("show 4 --press -o press.png")
-    environment.tacbench("make --texture 1 --parts blocks --formats stl --out made")
-    for name in ("press.png", "made/preview.png"):
-        assert (environment.folder / name).read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.long
-@extra("view")
-def test_view(environment: Environment) -> None:
-    environment.tacbench("view blocks -o view.html")
-    assert "texture-6" in (environment.folder / "view.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.long
 @extra("analysis")
 def test_analysis(environment: Environment) -> None:
     write_inputs(environment.folder)
@@ -410,8 +385,26 @@ def test_analysis(environment: Environment) -> None:
     assert "cad" in extras_of(set(environment.missing_modules().values()))
 
 
-def use_cad(environment: Environment) -> None:
-    """Make and check the print set of one texture in every format, and import every module."""
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("environment", "line", "file"),
+    [
+        ("plot", "show 4 --press -o press.png", "press.png"),
+        ("view", "view blocks -o view.html", "view.html"),
+        ("cad", "make --texture 1 --formats step --out made", "made/texture-1_paper_x1.step"),
+    ],
+    indirect=["environment"],
+)
+def test_a_single_extra(environment: Environment, line: str, file: str) -> None:
+    environment.tacbench(line)
+    assert (environment.folder / file).is_file()
+
+
+@pytest.mark.long
+@extra("all")
+def test_all(environment: Environment, source: Path) -> None:
+    """Make and check the print set of one texture in every format, import every module, and run the examples."""
+    write_inputs(environment.folder)
     assert "ok: kernel packages" in environment.tacbench("doctor --repair")
     assert "left out" not in environment.tacbench("make --texture 1 --verify full --out made")
     names = {path.name for path in (environment.folder / "made").iterdir()}
@@ -420,25 +413,7 @@ def use_cad(environment: Environment) -> None:
     assert {f"{stem}.{form}" for stem in stems for form in ("stl", "3mf", "step")} <= names
     for form in ("stl", "3mf", "step"):
         assert "all checks passed" in environment.tacbench(f"check-part made/texture-1_paper_x1.{form}")
-    # The pages in the browser need the extra "web", which "cad" does not contain.
-    missing = environment.missing_modules()
-    assert {name for name in missing if not name.startswith("tacbench_cad.extensions.serving")} == set()
-
-
-@pytest.mark.long
-@extra("cad")
-def test_cad(environment: Environment) -> None:
-    use_cad(environment)
-    assert 'pip install "tacbench-cad[view]"' in environment.refusal("view -o no.html")
-
-
-@pytest.mark.long
-@extra("all")
-def test_all(environment: Environment, source: Path) -> None:
-    write_inputs(environment.folder)
-    use_cad(environment)
-    environment.tacbench("view -o view.html")
-    assert (environment.folder / "view.html").stat().st_size > 1_000_000
+    assert environment.missing_modules() == {}
     environment.tacbench("simulate --study study.toml --out simulated")
     assert "2 presses: nothing wrong" in environment.tacbench("check-runs simulated")
     # No extra installs a simulator, and another extra installs PyTorch.

@@ -10,23 +10,18 @@ import re
 from pathlib import Path
 
 import pytest
-from helpers.outsiders import Run, Written, part_named
+from helpers.cases import mostly_long
+from helpers.outsiders import Run, Written, each_part, part_named
 
 pytestmark = pytest.mark.real
-
-BLOCKS = [f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)]
-OTHER_BLOCKS = ["grid-4", "keyed-4", "keyed-2", "net-weave", "net-map", "disc-2", "hexagon-4", "ring-2"]
-FIXTURES = ["holder", "tray", "holder-released", "jig", "jig-all", "coupon"]
-#: A block with key and label, a height map, an aliased block of the released files, and the two fixtures.
-SLICED = ["keyed-2", "net-map", "ring-2", "released-6", "holder", "jig"]
 
 
 def _info(output: str) -> dict[str, str]:
     return dict(line.split(" = ", 1) for line in output.splitlines() if " = " in line)
 
 
-@pytest.mark.parametrize("form", ["stl", "3mf"])
-@pytest.mark.parametrize("name", BLOCKS + OTHER_BLOCKS + FIXTURES)
+@pytest.mark.parametrize("form", mostly_long(["stl", "3mf"], "stl"))
+@each_part
 def test_reads_it_as_manifold(prusa_slicer: Run, written: Written, name: str, form: str) -> None:
     part = part_named(name)
     mesh, body = part.mesh
@@ -64,10 +59,7 @@ def _slice(prusa_slicer: Run, model: Path, target: Path) -> dict[str, str]:
     return summary
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(part, marks=() if part in SLICED else pytest.mark.long) for part in BLOCKS + OTHER_BLOCKS + FIXTURES],
-)
+@each_part
 def test_the_part_is_sliced_completely(prusa_slicer: Run, written: Written, name: str, tmp_path: Path) -> None:
     """The G-code has all layers up to the height of the part, and needs its volume of plastic for a solid print."""
     part = part_named(name)

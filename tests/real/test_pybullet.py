@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, settled_mm, valley_mm
 from helpers.triangles import NO_PYBULLET, STEP_S, drop
 
@@ -31,7 +32,7 @@ def load(number: str, exported: Exported, world: int) -> int:
     return int(pybullet.loadURDF(str(path), physicsClientId=world))
 
 
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_heights(number: str, exported: Exported, world: int) -> None:
     block = Block.of(number)
     body = load(number, exported, world)
@@ -45,7 +46,7 @@ def test_heights(number: str, exported: Exported, world: int) -> None:
     assert error.max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-5
 
 
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_contact_of_a_ball(number: str, exported: Exported, world: int) -> None:
     block = Block.of(number)
     load(number, exported, world)
@@ -55,7 +56,7 @@ def test_contact_of_a_ball(number: str, exported: Exported, world: int) -> None:
     assert position[2] == pytest.approx(centre_height_mm(block, position[0], position[1]), abs=NEAR_MM)
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_contact_of_a_larger_ball(number: str, exported: Exported, world: int) -> None:
     block = Block.of(number)
     load(number, exported, world)

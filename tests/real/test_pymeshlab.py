@@ -3,32 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from helpers.outsiders import Written, part_named
+from helpers.outsiders import Written, each_part, part_named
 
 pytestmark = pytest.mark.real
 
-#: Textures with steep and with curved walls, both presets and both kinds of sampling, and the fixtures.
-QUICK = ["paper-2", "paper-4", "released-6", "keyed-4", "net-weave", "net-map", "holder", "jig"]
-ALL = [
-    *(f"{preset}-{number}" for preset in ("paper", "released") for number in range(1, 7)),
-    *(
-        "grid-4",
-        "grid-6",
-        "keyed-2",
-        "keyed-4",
-        "net-weave",
-        "net-map",
-        "holder",
-        "tray",
-        "holder-released",
-        "jig",
-        "jig-all",
-        "coupon",
-    ),
-]
 
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in ALL])
+@each_part
 def test_is_a_closed_manifold(written: Written, name: str) -> None:
     pymeshlab = pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (extra cad)")
     part = part_named(name)

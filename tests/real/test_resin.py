@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.outsiders import Run, Written, part_named
 
 from tacbench_cad.spec.block import Block
@@ -97,7 +98,7 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-@pytest.mark.parametrize("number", range(1, 7))
+@pytest.mark.parametrize("number", mostly_long(range(1, 7), 2))
 def test_default_files(prusa_slicer: Run, written: Written, tmp_path: Path, number: int) -> None:
     """The tolerance is 0.01 mm. On walls with a slope of 14, a distance of 0.01 mm is 0.14 mm in height."""
     name = f"paper-{number}"
@@ -124,7 +125,7 @@ def test_fine_files_leave_only_the_layers(prusa_slicer: Run, written: Written, t
     assert rms(sliced.deviation_mm(block, block.datum_mm)) == pytest.approx(ROUNDING_MM, rel=0.15)
 
 
-@pytest.mark.parametrize(("number", "expected_mm"), [(6, 0.05), (4, 0.07)])
+@pytest.mark.parametrize(("number", "expected_mm"), mostly_long([(6, 0.05), (4, 0.07)], (6, 0.05)))
 def test_the_grid_of_the_paper_deviates_from_the_formula(
     prusa_slicer: Run, written: Written, tmp_path: Path, number: int, expected_mm: float
 ) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 from tacbench_cad.extensions.scan import reading
 from tacbench_cad.extensions.scan.reading import MIN_POINTS, read_scan
@@ -74,7 +75,7 @@ def test_elevations_that_come_with_matplotlib(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("writer", ["pymeshlab", "trimesh"])
-@pytest.mark.parametrize("ending", ["ply", "obj", "stl", "3mf"])
+@pytest.mark.parametrize("ending", mostly_long(["ply", "obj", "stl", "3mf"], "ply", "3mf"))
 def test_meshes_by_other_programs(writer: str, ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     module = pytest.importorskip(writer, exc_type=ImportError)
     pytest.importorskip("trimesh")
@@ -98,7 +99,7 @@ def test_meshes_by_other_programs(writer: str, ending: str, tmp_path: Path, monk
     np.testing.assert_allclose(scan.cloud.points_mm[order[0]], vertices[order[1]], atol=1e-6)
 
 
-@pytest.mark.parametrize("compression", [None, "tiff_lzw", "tiff_adobe_deflate", "packbits"])
+@pytest.mark.parametrize("compression", mostly_long([None, "tiff_lzw", "tiff_adobe_deflate", "packbits"], None))
 @pytest.mark.parametrize("dtype", ["<f4", "<u2"])
 def test_height_maps_by_pillow(compression: str | None, dtype: str, tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import BALL_MM, NEAR_MM, Exported, valley_mm
 
 from tacbench_cad.spec.block import Block
@@ -39,7 +40,7 @@ def map_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return heights, centre - PIXEL_MM * np.array([COLUMNS // 2, ROWS // 2])
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_heights(number: str, exported: Exported) -> None:
     block = Block.of(number)
     points = points_of(exported(number, "taxim") / f"texture-{number}.ply")
@@ -57,7 +58,7 @@ def test_heights(number: str, exported: Exported) -> None:
     assert np.abs(heights[1:, 1:] - above).mean() < 0.1 * block.relief_mm
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     """A ball in the lowest position near a valley that touches the height map is at the height of the formula."""
     block = Block.of(number)

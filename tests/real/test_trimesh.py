@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
@@ -23,7 +24,7 @@ def body_of(number: str, exported: Exported) -> Any:
     return trimesh.load(exported(number, "obj") / f"texture-{number}.obj", force="mesh", process=False)
 
 
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_heights(number: str, exported: Exported) -> None:
     block, body = Block.of(number), body_of(number, exported)
     assert body.is_watertight and body.is_winding_consistent
@@ -33,7 +34,7 @@ def test_heights(number: str, exported: Exported) -> None:
     assert np.abs(top - block.height_at(*places.T)).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-4
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     block, body = Block.of(number), body_of(number, exported)
     x, y, z = valley_mm(block)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.resting import NEAR_MM, Exported, places_mm, valley_mm
 from helpers.triangles import heights_mm, rest_on_triangles
 
@@ -36,7 +37,7 @@ def mesh_of(number: str, exported: Exported) -> tuple[Any, np.ndarray, np.ndarra
     return (stage, prim), points * to_mm, np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
 
 
-@pytest.mark.parametrize("number", "123456")
+@pytest.mark.parametrize("number", mostly_long("123456", "2", "4"))
 def test_heights(number: str, exported: Exported) -> None:
     block = Block.of(number)
     (_, prim), points, triangles = mesh_of(number, exported)
@@ -50,7 +51,7 @@ def test_heights(number: str, exported: Exported) -> None:
     assert np.abs(top - block.height_at(*places.T)).max() <= SimulatorAsset(block).mesh_certificate.vertical_mm + 1e-4
 
 
-@pytest.mark.parametrize("number", "24")
+@pytest.mark.parametrize("number", mostly_long("24", "2"))
 def test_contact_of_a_ball(number: str, exported: Exported) -> None:
     block = Block.of(number)
     (_, prim), points, triangles = mesh_of(number, exported)
