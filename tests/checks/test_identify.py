@@ -25,7 +25,6 @@ from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec import texture_files
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.errors import InputError
 
 
 @cache
@@ -188,14 +187,6 @@ def test_faults_in_the_mesh_do_not_hide_the_relief(tmp_path: Path) -> None:
     assert _line(report, "relief").ok
 
 
-def test_a_slightly_scaled_file_has_a_wrong_size(tmp_path: Path) -> None:
-    mesh = changed(_part().mesh[0], lambda vertices: vertices * 1.01)
-    report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
-    assert _faults(report) == {"size"}
-    assert "1.01 times" in _line(report, "size").detail
-    assert "texture-2, preset paper, scale 1:" in _line(report, "relief").detail
-
-
 def test_a_file_in_metres_is_a_fault(tmp_path: Path) -> None:
     mesh = changed(_part().mesh[0], lambda vertices: vertices / 1000.0)
     report = examine(_anonymous(mesh, tmp_path / "a.stl"), full=False)
@@ -327,14 +318,6 @@ def test_each_body_of_a_plate_is_checked_under_its_name(tmp_path: Path) -> None:
     assert _faults(examine(tmp_path / "c.3mf", texture="2", full=False)) == {"bodies"}
 
 
-def test_unknown_texture_or_preset_is_refused(tmp_path: Path) -> None:
-    path = _anonymous(box_mesh(), tmp_path / "a.stl")
-    with pytest.raises(InputError, match="texture"):
-        examine(path, texture="9")
-    with pytest.raises(InputError, match="preset"):
-        examine(path, preset="papier")
-
-
 def test_the_expected_texture_can_come_from_a_file(tmp_path: Path) -> None:
     from tacbench_cad.spec.texture_files import read_texture
 
@@ -357,12 +340,6 @@ def test_scale_is_read_from_the_sides() -> None:
     assert scale_of(block, (x * 0.33, y * 0.33)) == 0.33
     assert scale_of(block, (x * 1.01, y * 1.01)) == 1.0
     assert scale_of(block, (x * 1.5, y * 1.4)) == 1.0
-
-
-def test_the_full_check_runs_by_default(tmp_path: Path) -> None:
-    pytest.importorskip("pymeshlab")
-    report = examine(_anonymous(_part(1).mesh[0], tmp_path / "a.stl"))
-    assert "pymeshlab" in _line(report, "self-intersection").detail
 
 
 def test_a_step_file_from_the_kernel_is_identified(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 from helpers.shapes import box_mesh, changed, mesh_part
 
 from tacbench_cad.checks import meshcheck
-from tacbench_cad.checks.report import Check, Report
+from tacbench_cad.checks.report import Report
 from tacbench_cad.checks.verify import verify
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.formats.stl import write_stl
@@ -39,13 +38,6 @@ def _write_as(part: PrintPart, mesh: Mesh, path: Path) -> Path:
 
 def _faults(report: Report) -> set[str]:
     return {check.name for check in report.faults}
-
-
-def test_a_report_is_printed_with_every_check() -> None:
-    checks = (Check(name="file", ok=True, detail="read back"), Check(name="edges", ok=False, detail="3 open"))
-    report = Report(path=Path("folder/block.stl"), checks=checks)
-    assert str(report).splitlines() == ["block.stl: failed", "  file   read back", "  edges  FAULT: 3 open"]
-    assert str(Report(path=Path("block.stl"), checks=checks[:1])).startswith("block.stl: passed\n")
 
 
 @pytest.mark.parametrize("form", ["stl", "3mf"])
@@ -262,18 +254,6 @@ def test_open_flipped_and_crowded_edges_are_distinguished() -> None:
     assert doubled.crowded_at is not None
 
 
-def test_report_is_plain_json_without_the_folder(tmp_path: Path) -> None:
-    part = _part()
-    write_stl(part, tmp_path / "a.stl")
-    report = verify(part, tmp_path / "a.stl")
-    text = json.dumps(report.as_dict(), allow_nan=False)
-    assert str(tmp_path) not in text
-    assert json.loads(text)["ok"] is True
-    assert not Report(path=tmp_path / "a.stl", checks=()).ok
-    failed = Report(path=tmp_path / "a.stl", checks=(Check(name="x", ok=False, detail="y"),))
-    assert failed.faults == failed.checks
-
-
 def test_a_solid_with_another_texture_or_height_is_a_fault(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     part = block_part(Block.of(1))
@@ -343,26 +323,3 @@ def test_through_holes_of_solids_are_counted() -> None:
     dent = gp_Ax2(gp_Pnt(10.0, 5.0, 6.0), gp_Dir(0.0, 0.0, -1.0))
     shape = BRepAlgoAPI_Cut(shape, BRepPrimAPI_MakeCone(dent, 1.5, 0.0, 3.0).Shape()).Shape()
     assert kernel.genus(shape) == 3
-
-
-def test_full_adds_the_kernels_default_volume(tmp_path: Path) -> None:
-    pytest.importorskip("OCP")
-    part = block_part(Block.of(1))
-    FORMATS["step"].write(part, tmp_path / "a.step")
-    report = verify(part, tmp_path / "a.step", full=True)
-    assert report.ok, report.faults
-    assert "kernel volume" in {check.name for check in report.checks}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("preset", ["paper", "released"])
-@pytest.mark.parametrize("number", range(1, 7))
-def test_the_whole_set_passes_the_full_check(number: int, preset: str, tmp_path: Path) -> None:
-    part = _part(number, preset)
-    for form in FORMATS.values():
-        if form.shape == "solid" and part.make_solid is None:
-            continue
-        path = tmp_path / f"a{form.suffix}"
-        form.write(part, path)
-        report = verify(part, path, full=True)
-        assert report.ok, report.faults

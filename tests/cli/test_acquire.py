@@ -134,6 +134,8 @@ def test_ctrl_c_ends_with_130_and_the_run_can_be_resumed(tmp_path: Path) -> None
         (["--virtual", "--out", "o", "--speed", "nan"], "must be a finite number"),
         (["--virtual", "--out", "o", "--driver", "grbl"], "virtual-grbl, virtual-marlin"),
         (["--virtual", "--out", "o", "--texture", "7"], "texture"),
+        (["--virtual", "--out", "o", "--host", "192.168.1.20"], "are only for --page"),
+        (["--virtual", "--out", "o", "--no-browser"], "are only for --page"),
     ],
 )
 def test_bad_input_ends_with_2(
@@ -182,17 +184,3 @@ def test_virtual_gives_150_presses(driver: str, tmp_path: Path, capsys: Capture)
     assert len(rows) == 150
     assert all(row.in_band for row in rows)
     assert main(["check-runs", str(tmp_path)]) == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--host", "192.168.1.20"], "are only for --page"),
-        (["--port", "8080"], "are only for --page"),
-        (["--no-browser"], "are only for --page"),
-    ],
-)
-def test_options_of_the_page_need_the_page(arguments: list[str], message: str, tmp_path: Path, capsys: Capture) -> None:
-    assert main(["acquire", "--virtual", "--out", str(tmp_path / "o"), *arguments]) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "o").exists()

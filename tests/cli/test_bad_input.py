@@ -129,13 +129,33 @@ def test_an_unknown_part_or_format(options: list[str], needles: list[str], out: 
         assert needle in line
 
 
-def test_the_correct_option_is_suggested(capsys: Capture) -> None:
-    assert "Did you mean '--texture'?" in refusal(capsys, "make", "--textur", "1")
-
-
-def test_the_correct_command_is_suggested(capsys: Capture) -> None:
-    assert "'make'" in refusal(capsys, "mak")
-    assert "Did you mean 'probe'?" in refusal(capsys, "rig", "prob")
+@pytest.mark.parametrize(
+    ("words", "needle"),
+    [
+        ("show 7", "texture = '7'"),
+        ("show all -o all.png", "is the name of one picture, but there are 6"),
+        ("show 1 -o picture.stl", "must end in .png, .pdf or .svg"),
+        ("show 1 -o nowhere/picture.png", "nowhere"),
+        ("show 1 --preset papers", 'did you mean "paper"'),
+        ("check-part", "FILE"),
+        ("check-part nothing.stl", "No such file"),
+        ("check-part .", "is a folder"),
+        ("check-part picture.png", "must end in .stl"),
+        ("check-part part.stl --texture 9", "'9'"),
+        ("check-part part.stl --scale big", "scale = 'big'"),
+        ("make --textur 1", "Did you mean '--texture'?"),
+        ("mak", "'make'"),
+        ("rig prob", "Did you mean 'probe'?"),
+    ],
+)
+def test_a_wrong_command_is_one_line_and_writes_nothing(
+    words: str, needle: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("picture.png", "part.stl"):
+        (tmp_path / name).write_bytes(b"a")
+    assert needle in refusal(capsys, *words.split())
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"picture.png": b"a", "part.stl": b"a"}
 
 
 SERIES = '[texture]\nname = "mine"\nfamily = "series"\nlaw = "square"\nN = 5\n'

@@ -99,39 +99,3 @@ def test_files_with_the_wrong_content(kind: str, suffix: str, block: Path, tmp_p
     out, err = capsys.readouterr()
     assert "FAULT" in out and "Traceback" not in out + err
     assert path.read_bytes() == content
-
-
-@pytest.mark.parametrize(
-    ("argv", "needle"),
-    [
-        (["nothing.stl"], "No such file"),
-        (["."], "is a folder"),
-        (["picture.png"], "must end in .stl"),
-    ],
-)
-def test_files_that_cannot_be_checked_end_with_2(
-    argv: list[str], needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "picture.png").write_bytes(b"png")
-    assert main(["check-part", *argv]) == 2
-    err = capsys.readouterr().err
-    assert err.startswith("error: ") and err.count("\n") == 1 and needle in err
-
-
-@pytest.mark.parametrize(
-    ("options", "needle"),
-    [
-        (["--texture", "9"], "'9'"),
-        (["--scale", "big"], "scale = 'big'"),
-    ],
-)
-def test_wrong_options_end_with_2(options: list[str], needle: str, block: Path, capsys: Capture) -> None:
-    assert main(["check-part", str(block), *options]) == 2
-    out, err = capsys.readouterr()
-    assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and needle in err
-
-
-def test_a_command_without_a_file_is_refused(capsys: Capture) -> None:
-    assert main(["check-part"]) == 2
-    assert "FILE" in capsys.readouterr().err

@@ -91,14 +91,6 @@ def test_progress_is_printed_on_the_standard_error(result: Run) -> None:
     assert "Traceback" not in result.messages
 
 
-def test_the_picture_sheet_is_a_picture(result: Run) -> None:
-    from PIL import Image
-
-    with Image.open(result.folder / "preview.png") as picture:
-        assert picture.format == "PNG" and min(picture.size) > 300
-        assert len(set(picture.convert("L").resize((64, 64)).get_flattened_data())) > 20
-
-
 def test_the_table_names_part_size_triangles_deviation_and_checks(tmp_path: Path, capsys: Capture) -> None:
     assert main(["make", *LIGHT, "--texture", "5", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -130,13 +122,6 @@ def test_the_deviation_in_the_table_is_not_below_the_true_distance(tmp_path: Pat
     )
     printed = line.split()[-3]
     assert float(printed) >= distance, f"{printed} mm is printed, but {distance} mm was measured at {at}"
-
-
-@pytest.mark.parametrize(("preset", "use"), [("paper", "for new work"), ("released", "to compare with the authors'")])
-def test_one_line_names_the_preset_and_its_use(preset: str, use: str, tmp_path: Path, capsys: Capture) -> None:
-    assert main(["make", *LIGHT, "--texture", "1", "--preset", preset, "--out", str(tmp_path)]) == 0
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("preset: ")]
-    assert line.startswith(f"preset: {preset}, {use}")
 
 
 def test_brackets_and_colons_are_printed_unchanged(tmp_path: Path, capsys: Capture) -> None:
@@ -224,20 +209,6 @@ def test_an_interruption_ends_with_130_and_leaves_nothing_unfinished(tmp_path: P
 def test_options_reach_the_block(options: list[str], name: str, tmp_path: Path) -> None:
     assert main(["make", *LIGHT, "--texture", "1", "--out", str(tmp_path), *options]) == 0
     assert [path.stem for path in tmp_path.glob("*.stl")] == [name]
-
-
-@pytest.mark.parametrize("command", ["make", "check-part", "textures", "show", "doctor"])
-def test_every_help_has_worked_examples(command: str, capsys: Capture) -> None:
-    assert main([command, "--help"]) == 0
-    out = capsys.readouterr().out
-    assert "Examples:" in out and f"tacbench {command}" in out.split("Examples:")[1]
-
-
-def test_version_and_help(capsys: Capture) -> None:
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"tacbench {__version__}\n"
-    assert main([]) == 0
-    assert "tacbench make" in capsys.readouterr().out
 
 
 @pytest.mark.long

@@ -11,7 +11,6 @@ import rich_click as click
 
 from tacbench_cad import cli
 from tacbench_cad.cli import main
-from tacbench_cad.cli.common import MAX_PATHS, next_block, next_paths, print_next
 from tacbench_cad.cli.make import _next as next_of_make
 
 Capture = pytest.CaptureFixture[str]
@@ -41,53 +40,25 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_commands_that_lead_to_a_print(folder: Path, capsys: Capture) -> None:
+def test_the_next_command_exists_and_repeats_the_users_words(folder: Path, capsys: Capture) -> None:
     assert next_line(capsys, "textures") == "make"
     assert next_line(capsys, "textures", "--texture", "1,4", "--scale", "1.5") == "make --texture 1,4 --scale 1.5"
     assert next_line(capsys, "plate", "--printer", "ender-3", "--texture", "1") == "acquire --init study.toml"
+    assert next_line(capsys, "rig", "probe") == "acquire --init study.toml"
+    assert next_line(capsys, "acquire", "--init", "my study.toml", err=True) == "rig align 'my study.toml'"
+    words = ("publish", "my-runs", "--report", "report.html", "--init", "about.toml")
+    assert next_line(capsys, *words, err=True) == "publish my-runs --about about.toml --report report.html -o data-set"
 
 
 def test_the_next_command_of_make_depends_on_the_parts() -> None:
     request = {"textures": ("1",), "preset": "released", "scale": 1.0, "key_mm": None, "parts": None}
     request |= dict.fromkeys(("size_mm", "height_mm", "mm_per_unit"))
-    plate = ["plate", "--printer", "NAME", "--texture", "1", "--preset", "released"]
-    assert next_of_make(request) == plate
-    assert next_of_make(request | {"parts": ("blocks", "holder")}) == plate
+    assert next_of_make(request) == ["plate", "--printer", "NAME", "--texture", "1", "--preset", "released"]
     assert next_of_make(request | {"parts": ("coupon",)}) == ["make", "--fit", "FIT"]
-    for change in ({"parts": ("holder",)}, {"size_mm": (20.0, 20.0)}):  # plates contain only blocks of the default size
-        assert next_of_make(request | change) == ["acquire", "--init", "study.toml"]
-
-
-def test_the_commands_that_lead_to_a_run(folder: Path, capsys: Capture) -> None:
-    assert next_line(capsys, "rig", "probe") == "acquire --init study.toml"
-    assert next_line(capsys, "acquire", "--init", "my study.toml", err=True) == "rig align 'my study.toml'"
-
-
-def test_the_commands_that_lead_to_a_data_set(folder: Path, capsys: Capture) -> None:
-    words = ("publish", "my-runs", "--report", "report.html", "--init", "about.toml")
-    assert next_line(capsys, *words, err=True) == "publish my-runs --about about.toml --report report.html -o data-set"
-    assert next_line(capsys, "publish", "--init", "b.toml", err=True) == "publish RUNS --about b.toml -o data-set"
+    assert next_of_make(request | {"parts": ("holder",)}) == ["acquire", "--init", "study.toml"]
 
 
 def test_json_output_has_no_next_command(capsys: Capture) -> None:
     assert main(["textures", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["textures"] and err == ""
-
-
-def test_options_with_default_values_are_left_out() -> None:
-    assert next_block(("all",), "paper", 1.0) == []
-    assert next_block(("2", "hex.toml"), "released", 0.5, 3.0) == [
-        *("--texture", "2,hex.toml", "--preset", "released", "--scale", "0.5", "--key", "3"),
-    ]
-
-
-def test_many_paths_become_one_word() -> None:
-    paths = [Path(f"run{i}") for i in range(MAX_PATHS + 1)]
-    assert next_paths(paths[:2]) == ["run0", "run1"]
-    assert next_paths(paths) == ["RUNS"]
-
-
-def test_a_long_line_is_not_broken_and_words_with_spaces_are_quoted(capsys: Capture) -> None:
-    print_next("variance", "my runs", "x" * 300)
-    assert capsys.readouterr().out == f"Next: tacbench variance 'my runs' {'x' * 300}\n"

@@ -18,10 +18,3 @@ def test_a_log_gets_few_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
         "[1,200/2,000] images, 0:00:48 left",
         "[1,500/2,000] images, 0:00:30 left",
     ]
-
-
-def test_a_step_without_a_total_is_only_named(capsys: pytest.CaptureFixture[str]) -> None:
-    with ProgressLine(every_s=0.0) as line:
-        line.show("registering")
-        line.show("texture-1.stl", 1, 2)
-    assert capsys.readouterr().err.splitlines() == ["registering", "[1/2] texture-1.stl"]

@@ -64,24 +64,3 @@ def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
     file.write_text('[texture]\nname = "hex"\nfamily = "series"\nlaw = "square"\nN = 5\naxes = "x"\n')
     assert main(["show", str(file), "-o", str(tmp_path / "hex.png")]) == 0
     assert (tmp_path / "hex.png").is_file()
-
-
-@pytest.mark.parametrize(
-    ("argv", "needle"),
-    [
-        (["show", "7"], "texture = '7'"),
-        (["show", "all", "-o", "all.png"], "is the name of one picture, but there are 6"),
-        (["show", "1", "-o", "picture.stl"], "must end in .png, .pdf or .svg"),
-        (["show", "1", "-o", "nowhere/picture.png"], "nowhere"),
-        (["show", "1", "--preset", "papers"], 'did you mean "paper"'),
-    ],
-)
-def test_wrong_input_is_one_line(
-    argv: list[str], needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(argv) == 2
-    err = capsys.readouterr().err
-    assert err.startswith("error: ") and err.count("\n") == 1
-    assert needle in err
-    assert list(tmp_path.iterdir()) == []

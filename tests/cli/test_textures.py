@@ -51,11 +51,6 @@ def test_the_relief_of_the_released_files(capsys: Capture) -> None:
         assert row["relief_mm"] + row["base_mm"] == pytest.approx(7.0)  # type: ignore[operator]
 
 
-def test_the_extremes_of_the_preset_paper(capsys: Capture) -> None:
-    highest = [row["highest"] for row in catalogue(capsys)]
-    assert highest == pytest.approx([1.0, 2.0, 1.9688396, 2.3589463, 0.9844198, 1.1794732], abs=1e-7)
-
-
 def test_the_finest_ridge_is_half_of_the_shortest_wave(capsys: Capture) -> None:
     rows = catalogue(capsys, "--scale", "2", "--nozzle", "0.4")
     mm_x, mm_y = 2 * 23.3 / (6 * math.pi + 0.5), 2 * 30.0 / (6 * math.pi + 1.2)

@@ -11,7 +11,6 @@ import pytest
 from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad import __version__
-from tacbench_cad.formats import threemf
 from tacbench_cad.formats.threemf import read_3mf, read_parts, write_3mf, write_plate
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
@@ -89,12 +88,6 @@ def test_other_units_and_transforms_are_converted(tmp_path: Path) -> None:
     low, high = mesh.bounds_mm
     np.testing.assert_allclose(low, [25.4 * 3.0, 0.0, 0.0], atol=1e-6)
     np.testing.assert_allclose(high, [25.4 * 5.0, 25.4, 25.4 * 3.0], atol=1e-5)
-
-
-def test_reason_for_a_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert threemf.why_missing() is None
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "Linux on ARM" in (threemf.why_missing() or "")
 
 
 def test_the_positions_on_a_plate_are_exact(tmp_path: Path) -> None:

@@ -32,10 +32,6 @@ def test_a_solid_has_the_volume_and_the_name_of_the_part(fixture: Fixture) -> No
     assert box(printed) == pytest.approx((0.0, 0.0, 0.0, *fixture.size_mm), abs=1e-5)
 
 
-def test_a_jig_is_seated_unless_it_is_printed() -> None:
-    assert box(plugin.solid(JIG))[5] == pytest.approx(JIG.seat.roof_mm[1], abs=1e-5)
-
-
 def test_the_assembly_agrees_with_the_joints_of_build123d() -> None:
     by_plugin, by_joints = plugin.assembled(HOLDER, jig=JIG), joined(HOLDER, jig=JIG)
     assert by_plugin.name == by_joints.label and len(by_plugin.children) == len(by_joints.children) == 4
@@ -68,7 +64,3 @@ def test_the_registered_method_combines() -> None:
     both = cq.Workplane().pushPoints([(0.0, 0.0), (0.0, 60.0)]).fixture(coupon)
     assert both.solids().size() == 2
     assert sum(solid.Volume() for solid in both.solids().vals()) == pytest.approx(2 * coupon.volume_mm3, rel=1e-8)
-
-
-def test_only_the_user_registers_the_methods() -> None:
-    assert not hasattr(cq.Workplane, "fixture")

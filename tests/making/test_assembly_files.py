@@ -98,23 +98,6 @@ def test_check_examines_each_part_by_its_own_specification(folder: Path, ending:
     assert report.deviation_mm is not None and report.deviation_mm <= 0.01 + 1e-5
 
 
-def test_the_check_names_a_body_with_the_name_of_another_part(tmp_path: Path) -> None:
-    placed = [(replace(part, name=NAMES[1]) if part.kind == "block" else part, m) for part, m in SMALL.part().placed]
-    step.write_assembly(placed, "assembly", "A wrong block", tmp_path / "a.step")
-    faults = {check.name for check in examine(tmp_path / "a.step").faults}
-    assert faults == {f"{NAMES[1]}: key", f"{NAMES[1]}: complete"}
-
-
-def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
-    """The kernel continues its numbering in the same process, but the files do not depend on it."""
-    files = []
-    for name in ("first", "second"):
-        (tmp_path / name).mkdir()
-        make_files(SMALL.part(), ("3mf", "step"), tmp_path / name, False)
-        files.append([path.read_bytes() for path in sorted((tmp_path / name).iterdir())])
-    assert len(files[0]) == 2 and files[0] == files[1]
-
-
 def test_a_part_in_the_wrong_place_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def shifted(placed: list[tuple[object, np.ndarray]], *rest: object) -> None:
         transformed = [(part, matrix + np.eye(4, k=3) * 0.01 * (i == 1)) for i, (part, matrix) in enumerate(placed)]

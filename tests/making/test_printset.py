@@ -122,13 +122,6 @@ def test_released_square_waves_have_no_solid(number: int) -> None:
     assert work.left_out[0].reason
 
 
-def test_released_textures_without_a_solid_are_left_out() -> None:
-    pytest.importorskip("OCP")
-    work = plan(Request(preset="released", formats=("step",), parts=("blocks",)))
-    assert [source.part.name.split("_")[0] for source in work.sources] == [f"texture-{i}" for i in (1, 2, 3, 5)]
-    assert len(work.left_out) == 2
-
-
 def test_an_impossible_jig_is_left_out_unless_it_is_requested() -> None:
     needs_cad()
     small = Request(textures=("1",), size_mm=(30.0, 20.0), formats=("stl",))
@@ -139,12 +132,6 @@ def test_an_impossible_jig_is_left_out_unless_it_is_requested() -> None:
     for options in ({"jig": "default"}, {"parts": ("jig",)}):
         with pytest.raises(InputError, match="9 x 23 mm"):
             plan(replace(small, **options))
-
-
-def test_a_small_key_is_refused_even_when_no_holder_is_made() -> None:
-    with pytest.raises(InputError, match="turned by 180 degrees"):
-        plan(replace(LIGHT, key_mm=0.5))
-    assert plan(replace(LIGHT, key_mm=0.5, parts=None, fit="press")).sources
 
 
 def test_without_the_kernel_only_meshes_of_blocks_are_planned(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,28 +197,6 @@ def test_textures_are_numbers_or_objects(tmp_path: Path) -> None:
     ]
 
 
-def test_a_mesh_that_can_take_long_is_announced(tmp_path: Path) -> None:
-    messages: list[str] = []
-    request = Request(
-        textures=("2", "ripple"), parts=("blocks",), formats=("stl",), sampling=Tolerance(mm=0.1), out=tmp_path
-    )
-    build(request, lambda message, done, total: messages.append(f"[{done}/{total}] {message}"))
-    assert messages[:2] == ["[0/2] meshing", "[0/2] meshing ripple_paper_x1_tol0.1"]
-    assert len(messages) == 4
-
-
-def test_a_result_names_what_failed_and_what_was_left_out(tmp_path: Path) -> None:
-    failed = printset.Failure(file="a.stl", faults=("open edges", "volume"))
-    result = printset.PrintSet(
-        out=tmp_path, failures=[failed], left_out=[printset.LeftOut(what="jig", reason="no room")]
-    )
-    assert [line.strip() for line in str(result).splitlines()[1:]] == [
-        "a.stl  not made: open edges; volume",
-        "jig    left out: no room",
-    ]
-    assert str(printset.PrintSet(out=tmp_path)) == f"0 files in {tmp_path}"
-
-
 def test_a_row_describes_its_file(tmp_path: Path) -> None:
     result = build(replace(LIGHT, textures=("3",), out=tmp_path))
     (row,) = read_rows(tmp_path)
@@ -244,14 +209,6 @@ def test_a_row_describes_its_file(tmp_path: Path) -> None:
     assert all(check["ok"] for check in row["checks"]) and len(row["checks"]) > 5
     assert row["spec"]["texture"] == "texture-3"
     assert "grid_to_formula" not in row
-
-
-def test_the_row_of_a_sample_grid_states_its_distance_from_the_formula(tmp_path: Path) -> None:
-    result = build(replace(LIGHT, textures=("4",), sampling="grid", out=tmp_path))
-    distances = result.rows[0]["grid_to_formula"]
-    assert distances["formula_above_height_mm"] == pytest.approx(0.033, abs=5e-4)
-    assert distances["aliases"] is False
-    assert distances["vertical_mm"] >= 0.2
 
 
 def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -324,12 +281,6 @@ def test_an_interruption_leaves_complete_files_and_a_correct_manifest(tmp_path: 
     assert [row["file"] for row in rows] == ["texture-1_paper_x1.stl", "texture-3_paper_x1.stl"]
     assert all(sha256(tmp_path / row["file"]) == row["sha256"] for row in rows)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["manifest.json", *(row["file"] for row in rows)]
-
-
-def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        build(replace(LIGHT, textures=("1",), out=tmp_path / "out"), stop_after(0))
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("two_processors")

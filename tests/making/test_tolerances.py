@@ -55,13 +55,6 @@ def test_the_checks_follow_the_tolerance_of_a_step_file(texture: int, tolerance:
     assert not relief.ok, "the check must fail with a finer tolerance"
 
 
-@pytest.mark.long
-def test_texture_4_passes_its_checks_with_a_tolerance_of_5_micrometres(tmp_path: Path) -> None:
-    pytest.importorskip("OCP")
-    block = Block.of(4, step_tolerance_mm=0.005)
-    assert export(block, tmp_path / "block.step").ok and check(tmp_path / "block.step").ok
-
-
 def test_names_of_files_are_short_and_unique() -> None:
     odd = [Block.of(1, mm_per_unit=(3.7083101740411615 + i * 1e-9, 4.7746482927568605, 0.3)) for i in range(2)]
     stems = [

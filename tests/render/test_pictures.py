@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
 import math
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,16 +14,15 @@ from scipy.ndimage import binary_erosion
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import COLOURS
-from tacbench_cad.render import picture_sheet, pictures
+from tacbench_cad.render import pictures
 from tacbench_cad.render.bodies import body_of, fine_body, relief_of
-from tacbench_cad.render.picture_sheet import Item
 from tacbench_cad.render.raster import BELOW, Body, Camera, extent_mm, render
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.protocol import contact_radius_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Bytes
 
 Image = pytest.importorskip("PIL.Image", reason="reading pictures needs pillow (extra dev)")
@@ -105,11 +101,6 @@ def test_steep_faces_and_hollows_are_darker() -> None:
     assert 0.01 < changed.mean() < 0.2
 
 
-def test_render_is_reproducible() -> None:
-    body = body_of(Block.of(4))
-    assert np.array_equal(render([body], 200, 150), render([body], 200, 150))
-
-
 def test_bodies_have_their_places_and_colours_and_hide_each_other() -> None:
     front = Camera(azimuth_deg=-90.0, elevation_deg=0.0)
     before, behind = np.eye(4), np.eye(4)
@@ -144,15 +135,6 @@ def test_a_texture_with_a_tolerance_is_shaded_like_its_formula(block: Block) -> 
     difference = np.abs(coarse - fine).max(axis=2)[inside]
     assert np.mean(difference > 8) < 0.03, "only single pixels along the edges of ripples and walls may differ"
     assert np.percentile(difference, 90) <= 3
-
-
-def test_the_check_finds_traces_of_triangles() -> None:
-    """Without the formula, the check must find the streaks of long triangles."""
-    block = Block.of(1)
-    body, fine = body_of(block), fine_body(block_part(block))
-    flat = render([replace(body, relief=None)], 300, 240).astype(int)
-    difference = np.abs(flat - render([fine], 300, 240).astype(int)).max(axis=2)
-    assert np.percentile(difference[ink(flat.astype(np.uint8))], 90) > 2
 
 
 def test_a_relief_is_rotated_with_its_body() -> None:
@@ -218,29 +200,6 @@ def test_a_sheet_can_be_a_vector_file_that_contains_the_picture(suffix: str, hea
         pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))], tmp_path / "sheet.jpg")
 
 
-@pytest.mark.parametrize("count", mostly_long([1, 2, 4, 8, 17, 40], 1, 2, 4))
-def test_sheets_of_any_length(tmp_path: Path, count: int) -> None:
-    """Every part is drawn and no part covers another: the drawn area grows with the number of parts."""
-    pictures.preview_sheet([("", box(3.0, 4.0, 2.0))] * count, tmp_path / "bare.png")
-    bare = ink(pixels(tmp_path / "bare.png"))[:-BAR_PX]
-    body = body_of(box(3.0, 4.0, 2.0))
-    (across, down), width = extent_mm([body]), first_width(bare)
-    single = ink(render([body], width + 2, math.ceil(width * down / across) + 2)).sum()
-    assert bare.sum() == pytest.approx(count * single, rel=0.03)
-    assert bare.shape[1] <= 1300 and bare.shape[0] <= max(0.72 * 1300, 0.72 * 1300 * count / 12)
-    pictures.preview_sheet([("box", box(3.0, 4.0, 2.0))] * count, tmp_path / "sheet.png")
-    assert ink(pixels(tmp_path / "sheet.png"))[:-BAR_PX].sum() > bare.sum() / 4
-
-
-def first_width(shown: Bools) -> int:
-    """Return the width in pixels of the leftmost part in the first row of a sheet without captions."""
-    rows = np.flatnonzero(shown.any(axis=1))
-    last = rows[0] + np.argmin(np.append(shown[rows[0] :].any(axis=1), False))
-    columns = shown[rows[0] : last].any(axis=0)
-    first = np.argmax(columns)
-    return int(np.argmin(np.append(columns[first:], False)))
-
-
 def test_all_parts_of_a_sheet_have_the_scale_of_the_bar(tmp_path: Path) -> None:
     """A box of twice the size is drawn twice as wide, and the bar has the stated length."""
     small, large = box(10.0, 10.0, 4.0), box(20.0, 20.0, 8.0)
@@ -254,23 +213,6 @@ def test_all_parts_of_a_sheet_have_the_scale_of_the_bar(tmp_path: Path) -> None:
     bar_px = int(np.argmin(bar[np.argmax(bar.sum(axis=1)), 22:]))
     pixels_per_mm = widths[1] / extent_mm([body_of(large)])[0]
     assert bar_px == pytest.approx(5.0 * pixels_per_mm, abs=3.0), "the bar says 5 mm"
-
-
-def test_blocks_have_separate_rows() -> None:
-    items = [Item(f"block {i}", [body_of(box(3.0, 4.0, 2.0))]) for i in range(6)]
-    items += [Item("holder", [body_of(box(9.0, 9.0, 2.0))]), Item("jig", [body_of(box(10.0, 10.0, 2.0))])]
-    rows = [[cell.item.caption for cell in row] for row in picture_sheet._layout(items).rows]
-    names = [f"block {i}" for i in range(6)]
-    assert rows in ([names, ["holder", "jig"]], [names[:3], names[3:], ["holder", "jig"]])
-
-
-def test_long_names_are_broken_and_stay_on_the_sheet(tmp_path: Path) -> None:
-    name = "texture-4_paper_x1_40x40x12_key3_tol0.005_copy01"
-    pictures.preview_sheet([(f"{name}\n40 x 40 x 12 mm", box(4.0, 4.0, 1.2))] * 9, tmp_path / "sheet.png")
-    shown = ink(pixels(tmp_path / "sheet.png"))
-    assert not shown[:, :4].any() and not shown[:, -4:].any() and not shown[-4:].any()
-    lines = picture_sheet._broken(name, 160)
-    assert "".join(lines) == name and len(lines) == 4
 
 
 def test_an_engraved_underside_is_shown(tmp_path: Path) -> None:
@@ -340,18 +282,6 @@ def test_texture_picture(tmp_path: Path, block: Block, press: bool) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["texture.png"]
 
 
-def test_texture_pictures_are_equal_on_every_run(tmp_path: Path) -> None:
-    paths = [tmp_path / f"{run}.png" for run in "ab"]
-    for path in paths:
-        pictures.texture_picture(Block.of(2, "released"), path, press=True)
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-
-
-def test_contact_radii_agree_with_the_paper() -> None:
-    assert [round(contact_radius_mm(force), 1) for force in (1.9, 3.0)] == [8.2, 9.2]
-    assert contact_radius_mm(1.91295) == pytest.approx(8.25, abs=0.01)
-
-
 def test_contact_circles_are_at_the_positions_of_the_grid(tmp_path: Path) -> None:
     """The circle of the highest force, measured in the picture, has the correct width at the scale of the axes."""
     pictures.texture_picture(Block.of(5), tmp_path / "press.png", press=True)
@@ -379,38 +309,9 @@ def test_picture_of_the_catalogue(tmp_path: Path) -> None:
     assert all(part[: len(part) // 2].mean() > 0.2 and part[len(part) // 2 :].mean() > 0.2 for part in thirds)
 
 
-def test_without_matplotlib_the_message_names_the_install_command(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    real = builtins.__import__
-
-    def blocked(name: str, *rest: object) -> object:
-        if name.partition(".")[0] == "matplotlib":
-            raise ImportError(name)
-        return real(name, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", blocked)
-    for make in (
-        lambda: pictures.preview_sheet([], tmp_path / "a.png"),
-        lambda: pictures.texture_picture(Block.of(1), tmp_path / "a.png"),
-    ):
-        with pytest.raises(MissingToolError, match=r'pip install "tacbench-cad\[plot\]"'):
-            make()
-    assert not list(tmp_path.iterdir())
-
-
 def test_an_output_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="does not exist"):
         pictures.preview_sheet([("box", box(1.0, 1.0, 1.0))], tmp_path / "none" / "sheet.png")
-
-
-def test_importing_it_loads_no_plotting() -> None:
-    code = (
-        "import sys, tacbench_cad.render.pictures;"
-        "print([m for m in ('matplotlib', 'scipy', 'OCP') if m in sys.modules])"
-    )
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert process.stdout.strip() == "[]"
 
 
 def test_the_users_matplotlib_settings_have_no_effect(tmp_path: Path) -> None:

@@ -94,10 +94,3 @@ def test_an_object_that_cannot_be_drawn_is_named(shape: Any, message: str, tmp_p
     with pytest.raises(InputError, match=message):
         snapshot(shape, tmp_path / "picture.png")
     assert not list(tmp_path.iterdir())
-
-
-def test_bad_tolerances_and_folders_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="above 0"):
-        snapshot(bd.Box(1, 1, 1), tmp_path / "picture.png", tolerance_mm=0.0)
-    with pytest.raises(InputError):
-        snapshot(bd.Box(1, 1, 1), tmp_path, size_px=SIZE)
