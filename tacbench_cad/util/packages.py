@@ -53,7 +53,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="surfalize", module="surfalize", extra="instruments", use="height maps of instruments"),
     Package(distribution="trimesh", module="trimesh", extra="scan", use="scans in PLY files"),
     Package(distribution="laspy", module="laspy", extra="scan", use="scans in LAS files"),
-    Package(distribution="k3d", module="k3d", extra="view", use="the 3D page of tacbench view"),
+    Package(distribution="k3d", module="k3d", extra="view", use="the 3D pages of tacbench view and design"),
     Package(distribution="starlette", module="starlette", extra="web", use="the page of tacbench design"),
     Package(distribution="uvicorn", module="uvicorn", extra="web", use="the server of that page"),
     Package(distribution="websockets", module="websockets", extra="web", use="the messages of that page"),

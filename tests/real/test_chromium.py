@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -336,7 +337,7 @@ def test_press_positions_agree_with_the_protocol(coarse_blocks: tuple[Scene, Bro
     assert "25 positions" in view.page.locator("#legend").inner_text()
 
 
-def test_the_view_turns_with_the_mouse_and_automatically(coarse_blocks: tuple[Scene, BrowserPage]) -> None:
+def test_the_view_turns_with_the_mouse_and_the_keyboard(coarse_blocks: tuple[Scene, BrowserPage]) -> None:
     _, view = coarse_blocks
     view.act("tacbench.goTo('block'); tacbench.change({block: 1, colour: 'part', press: false})")
     eye = "tacbench.K3D.getWorld().camera.position.toArray()"
@@ -349,8 +350,12 @@ def test_the_view_turns_with_the_mouse_and_automatically(coarse_blocks: tuple[Sc
     view.settle()
     second = view.page.evaluate(eye)
     assert np.linalg.norm(np.subtract(second, first)) > 5.0
-    view.page.check("#spin")
-    view.page.wait_for_function(f"() => Math.hypot(...{eye}.map((c, i) => c - {second}[i])) > 1")
-    view.page.uncheck("#spin")
+    view.page.keyboard.press("ArrowRight")
+    view.settle()
     third = view.page.evaluate(eye)
+    assert np.linalg.norm(np.subtract(third, second)) > 1.0
     assert third[2] == pytest.approx(second[2], abs=0.01), "turning must keep the height"
+    view.page.keyboard.press("+")
+    view.settle()
+    fourth, middle = view.page.evaluate(eye), view.page.evaluate("tacbench.K3D.getWorld().controls.target.toArray()")
+    assert math.dist(fourth, middle) == pytest.approx(math.dist(third, middle) / 1.15)

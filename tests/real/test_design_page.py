@@ -51,7 +51,7 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     requests: list[str] = []
     messages: list[str] = []
     tab.on("request", lambda request: requests.append(request.url))
-    tab.on("console", lambda message: messages.append(message.text))
+    tab.on("console", lambda message: messages.append(message.text) if message.type in ("error", "warning") else None)
     tab.on("pageerror", lambda error: messages.append(str(error)))
     tab.goto(address)
     tab.wait_for_selector("body[data-ready]", state="attached", timeout=MAX_MS)
@@ -60,7 +60,8 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     context.close()
     assert messages == []
     loaded = {url.removeprefix(address) for url in requests}
-    assert {"", "page.css", "page.js", "block.js"} <= loaded <= {"", "page.css", "page.js", "block.js", "data:,"}
+    files = {"", "page.css", "page.js", "block.html"}
+    assert files <= {name for name in loaded if not name.startswith("blob:")} <= {*files, "data:,"}
 
 
 def settle(tab: Any, status: str = "Relief") -> None:
@@ -212,9 +213,7 @@ def test_controls_have_names_and_texts_have_contrast(page: Any) -> None:
     assert names[:5] == ["Texture", "Wave 1", "Wave 2", "Wave 3", "Scale of the formula"]
     page.get_by_role("button", name="Add a wave").click()
     page.get_by_role("group", name="Wave 4").wait_for(timeout=MAX_MS)
-    assert (
-        page.locator("#block").get_attribute("aria-label").startswith("The block in 3D: size 23.3 x 30 x 7 mm, relief")
-    )
+    assert page.locator("#block").get_attribute("title").startswith("The block in 3D: size 23.3 x 30 x 7 mm, relief")
 
 
 def test_a_phone_shows_everything_without_scrolling_sideways(page: Any) -> None:

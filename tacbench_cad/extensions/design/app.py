@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from starlette.routing import BaseRoute, WebSocketRoute
+import numpy as np
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from tacbench_cad.extensions.design.document import (
@@ -32,9 +33,11 @@ from tacbench_cad.extensions.design.document import (
     toml,
 )
 from tacbench_cad.extensions.design.model import Design, facts, picture
-from tacbench_cad.extensions.serving.server import file_routes
+from tacbench_cad.extensions.serving.server import file_routes, framed
 from tacbench_cad.formats import FORMATS
+from tacbench_cad.geometry import Mesh
 from tacbench_cad.making import build
+from tacbench_cad.render import Scene, SceneFormula, Thing, page_of
 from tacbench_cad.spec import PICTURES, TABLES
 from tacbench_cad.util.convert import Bounds, from_plain, to_plain
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
@@ -47,6 +50,23 @@ MAX_TEXT = 1_000_000
 IMAGES = (*PICTURES, *TABLES, ".npy")
 #: The largest number of slow answers that a page may wait for at the same time.
 MAX_WAITING = 4
+#: The content of the 3D page until the first picture of the block is there: one triangle.
+PLACEHOLDER = Scene(
+    things=(
+        Thing(
+            name="block",
+            kind="block",
+            title="the block",
+            mesh=Mesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32)),
+            to_world=np.eye(4),
+            set_number=None,
+            facts=(),
+            formula=SceneFormula(
+                equation="", datum_mm=0.0, waves=None, range_mm=(0.0, 1.0), bound_mm=1.0, scale_mm=1.0
+            ),
+        ),
+    )
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +143,8 @@ class DesignPage:
     def routes(self) -> list[BaseRoute]:
         """The routes of the page."""
         return [
-            *file_routes("tacbench_cad.extensions.design", "page.html", "page.css", "page.js", "block.js"),
+            *file_routes("tacbench_cad.extensions.design", "page.html", "page.css", "page.js"),
+            Route("/block.html", lambda request: framed(page_of(PLACEHOLDER)), methods=["GET"]),
             WebSocketRoute("/socket", self._talk),
         ]
 

@@ -37,7 +37,7 @@ def command(texture: str | None, out: Path, port: int, no_browser: bool) -> None
     """
     from tacbench_cad.util.packages import require
 
-    require("the design page", "starlette", "uvicorn", "websockets")
+    require("the design page", "starlette", "uvicorn", "websockets", "k3d")
     from tacbench_cad.extensions.design.app import DesignPage
     from tacbench_cad.extensions.design.document import first_state
     from tacbench_cad.extensions.serving.server import serve

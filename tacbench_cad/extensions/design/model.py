@@ -1,6 +1,6 @@
 """The state of the design page, the picture of a state, and the facts about it.
 
-A picture must appear within 100 ms of a change. It therefore uses the heights on a grid and no proved extremes. The
+A picture must appear soon after a change. It therefore uses the heights on a grid and no proved extremes. The
 facts use the proved extremes and the mesh, which can take longer. The page asks for them when its user pauses.
 """
 

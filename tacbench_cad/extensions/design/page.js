@@ -3,7 +3,7 @@
 (() => {
   const byId = (id) => document.getElementById(id);
   const MAX_TEXT = 500000, MAX_IMAGE = 60000000, PAUSE_MS = 300;
-  let socket, design, view = null, shown = 0, last = null, groups = [];
+  let socket, design, shown = 0, last = null, groups = [];
   let number = 0, busy = false, changed = 0, pause = 0, state = 0, sliders = 0;
   const waiting = new Map();
 
@@ -46,7 +46,6 @@
     changed ||= performance.now();
     state += 1;
     clearTimeout(pause);
-    if (view) view.hold();
     if (!busy) next();
   }
 
@@ -57,7 +56,7 @@
     try {
       last = unpack((await ask({ do: "picture", design })).data);
       complain("");
-      draw();
+      await draw();
       requestAnimationFrame(() => {
         document.body.dataset.ready ??= performance.now();
         document.body.dataset.pictures = 1 + Number(document.body.dataset.pictures || 0);
@@ -82,11 +81,43 @@
     return [across === 0 ? 1 : 0, across, design.cut_at * size[across]];
   }
 
-  function draw() {
+  async function draw() {
     if (!last) return;
     byId("equation").textContent = `z = ${last.equation}`;
-    if (view) view.show(last.tops[shown], last.lines, last.size, last.range, last.cut);
     drawCut();
+    const view = byId("block").contentWindow.tacbench;  // the 3D page, when it is ready
+    if (!view) return;
+    const { size, range, cut } = last, [block] = view.things;
+    if (view.state.colour !== "height") view.change({ colour: "height" });
+    await view.replace(block, meshOf(last.tops[shown], last.lines, size), { low: [0, 0, 0], high: [...size, range[1]], range, line: cut });
+  }
+
+  // The triangles of the top between the lines of the grid, of the walls and of the underside. The height is 0 outside
+  // of the outline.
+  function meshOf(heights, [n, m], size) {
+    const { Float32Array, Uint32Array } = byId("block").contentWindow;  // three.js knows only the types of its own window
+    const vertices = new Float32Array(6 * n * m), corners = [], low = n * m;
+    heights.forEach((z, i) => {
+      const [x, y] = [(size[0] * (i % n)) / (n - 1), (size[1] * Math.floor(i / n)) / (m - 1)];
+      vertices.set([x, y, z], 3 * i);
+      vertices.set([x, y, 0], 3 * (low + i));
+    });
+    const quad = (a, b, c, d) => corners.push(a, b, c, a, c, d), whole = heights.every((z) => z > 0);
+    const inside = (...at) => at.some((i) => heights[i] > 0);
+    for (let j = 0; j < m - 1; j += 1) {
+      for (let i = 0; i < n - 1; i += 1) {
+        const a = j * n + i, b = a + 1, c = b + n, d = a + n;
+        if (!inside(a, b, c, d)) continue;
+        quad(a, b, c, d);
+        if (!whole) quad(low + a, low + d, low + c, low + b);
+      }
+      for (const [a, b] of [[(j + 1) * n, j * n], [j * n + n - 1, (j + 2) * n - 1]]) if (inside(a, b)) quad(a, low + a, low + b, b);
+    }
+    for (let i = 0; i < n - 1; i += 1) {
+      for (const [a, b] of [[i, i + 1], [m * n - 1 - i, m * n - 2 - i]]) if (inside(a, b)) quad(a, low + a, low + b, b);
+    }
+    if (whole) quad(low, low + (m - 1) * n, low + m * n - 1, low + n - 1);
+    return { vertices: { data: vertices, shape: [2 * n * m, 3] }, indices: { data: Uint32Array.from(corners), shape: [corners.length / 3, 3] } };
   }
 
   function drawCut() {
@@ -134,7 +165,7 @@
       if (asked !== state) return;
       byId("facts").replaceChildren(...facts.flatMap(([name, value]) => [element("dt", name), element("dd", value)]));
       const known = Object.fromEntries(facts);
-      byId("block").setAttribute("aria-label", `The block in 3D: ${facts.slice(0, 3).map((fact) => fact.join(" ")).join(", ")}`);
+      byId("block").setAttribute("title", `The block in 3D: ${facts.slice(0, 3).map((fact) => fact.join(" ")).join(", ")}`);
       say(`Relief ${known.relief}, ${known.triangles} triangles, ${facts[4][0]}: ${facts[4][1]}.`);
     } catch (error) {
       if (asked !== state) return;
@@ -308,7 +339,9 @@
     take(answer);
   }
 
-  try { view = new BlockView(byId("block")); } catch (error) { byId("keys").textContent = error.message; }
+  const framed = () => { byId("block").contentDocument.addEventListener("shown", draw); draw(); };
+  byId("block").addEventListener("load", framed);
+  if (byId("block").contentDocument.readyState === "complete") framed();
   socket = new WebSocket(Object.assign(new URL("socket", location.href), { protocol: "ws:" }));
   socket.binaryType = "arraybuffer";
   socket.addEventListener("message", (event) => receive(event.data));

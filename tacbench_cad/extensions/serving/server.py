@@ -30,7 +30,7 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
@@ -82,8 +82,8 @@ class Guard:
         self._valid = {self._token: here} | ({watch.encode(): self._hosts} if watch else {})
         policy = (
             f"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' "
-            f"{' '.join(f'ws://{name}' for name in self._hosts)}; base-uri 'none'; form-action 'none'; "
-            "frame-ancestors 'none'"
+            f"{' '.join(f'ws://{name}' for name in self._hosts)}; frame-src 'self'; base-uri 'none'; "
+            "form-action 'none'; frame-ancestors 'none'"
         )
         self._headers = [
             (b"content-security-policy", policy.encode()),
@@ -139,7 +139,9 @@ class Guard:
 
         async def answer(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message = {**message, "headers": [*message["headers"], *self._headers]}
+                own = {name for name, _ in message["headers"]}
+                added = [header for header in self._headers if header[0] not in own]
+                message = {**message, "headers": [*message["headers"], *added]}
             await send(message)
 
         return answer
@@ -184,6 +186,14 @@ def file_routes(package: str, page: str, *others: str) -> list[BaseRoute]:
         return Route(path, answer, methods=["GET"])
 
     return [route("/", page), *(route(f"/{name}", name) for name in others)]
+
+
+def framed(page: str) -> Response:
+    """Return the answer with an HTML page that a page of this server shows in a frame.
+
+    The page has its own policy in its text, which forbids it to load anything.
+    """
+    return HTMLResponse(page, headers={"content-security-policy": "frame-ancestors 'self'"})
 
 
 def in_url(host: str) -> str:

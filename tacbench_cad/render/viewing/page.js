@@ -5,13 +5,11 @@
   const scene = JSON.parse(byId("description").textContent);
   const things = scene.things;
   const blocks = things.filter((thing) => thing.kind === "block");
-  const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0, jig: false, sizes: true, press: false, spin: false, look: "corner" };
-  const DOWN = ["#0b4f8a", "#4f93c4", "#a9cce3"], UP = ["#f6c9a0", "#e2894a", "#a8430b"], ZERO = "#f4f4f2";
-  const DEVIATIONS = [...DOWN, ZERO, ...UP];
-  const HEIGHTS = ["#2b1d5b", "#2f5d8c", "#2f8f86", "#7cc04f", "#f6e65a"];
+  const state = { view: "", block: 0, colour: "part", cut: "", at: 0.5, flip: false, apart: 0, jig: false, sizes: true, press: false, look: "corner" };
+  const { HEIGHTS, DEVIATIONS, uniforms, dress } = colours, MODES = { part: 0, height: 1, deviation: 2 };
   const FORCES = ["#007a5a", "#c04f00", "#0b5a8a"];
   const COMPLAINT = "This browser cannot draw the parts (it needs WebGL 2). The panel lists the sizes.";
-  let K3D = null, world = null, spinning = 0;
+  let K3D = null, world = null;
 
   function bytes(id) {
     const text = atob(byId(id).textContent);
@@ -47,6 +45,18 @@
       await K3D.reload(Object.assign(json, tables), tables);
       start += 12 * (thing.counts[0] + thing.counts[1]);
     }
+  }
+
+  // Shows another mesh of a block; the design page calls it after each change.
+  async function replace(block, tables, { low, high, range, line }) {
+    const resized = String([block.low, block.high]) !== String([low, high]);
+    Object.assign(block, { low, high });
+    block.formula.range = range;
+    uniforms.tbLine.value = line;
+    await K3D.reload(Object.assign(world.ObjectsListJson[block.id], tables), tables);
+    dress(block, K3D.getObjectById(block.id));
+    if (resized) await K3D.rebuildSceneData();  // the camera sees as far as the new size needs
+    change({}, resized ? state.look : "");
   }
 
   async function library() {
@@ -106,65 +116,12 @@
   const pointsOf = (thing) => corners(thing.low, thing.high).map((p) => place(matrixOf(thing), p));
   const boxIn = (m) => boxOf(shown().flatMap(pointsOf).map((p) => back(m, p)));
 
-  // ---- colours by pixel ----
-  const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
-  const real = (value) => { const text = String(Number(value)); return /[.e]/.test(text) ? text : `${text}.0`; };
-  const ramp = (name, colours) => `vec3 ${name}(float t) { t = clamp(t, 0.0, 1.0) * ${real(colours.length - 1)};
-    vec3 c = vec3(${rgb(colours[0]).map(real)});
-    ${colours.slice(1).map((colour, i) => `c = mix(c, vec3(${rgb(colour).map(real)}), clamp(t - ${real(i)}, 0.0, 1.0));`).join("\n")}
-    return c; }`;
-  const shared = { tbMode: { value: 0 }, tbOnly: { value: 0 } };
-  const MODES = { part: 0, height: 1, deviation: 2 };
-
-  function dress(thing) {
-    const formula = thing.formula;
-    const wave = ([a, f, g, p]) => `wave(${[a, f, g, p].map(real)}, q, z, slope);`;
-    const top = formula ? `
-      vec3 up = cross(dFdx(tbPlace), dFdy(tbPlace));
-      if (tbOnly == ${thing.id} && abs(up.z) > 1e-4 * length(up) && tbPlace.z > ${real(formula.range[0] - 0.5)} && gl_FrontFacing && facesUp()) {
-        if (tbMode == 1) gl_FragColor.rgb = heights((tbPlace.z - ${real(formula.range[0])}) / ${real(formula.range[1] - formula.range[0])}) * light;
-        ${formula.waves ? `if (tbMode == 2) { vec2 q = tbPlace.xy; float z = ${real(formula.datum)}; vec2 slope = vec2(0.0);
-          ${formula.waves.map(wave).join("\n")}
-          gl_FragColor.rgb = deviations(0.5 + 0.5 * (tbPlace.z - z) / sqrt(1.0 + dot(slope, slope)) / ${real(formula.scale)}); }` : ""}
-      }` : "";
-    const head = `varying vec3 tbPlace; uniform int tbMode; uniform int tbOnly;
-      ${ramp("heights", HEIGHTS)} ${ramp("deviations", DEVIATIONS)}
-      void wave(float a, float f, float g, float p, vec2 q, inout float z, inout vec2 slope) {
-        float t = f * q.x + g * q.y + p; t = 6.283185307179586 * (t - floor(t + 0.5));
-        z += a * sin(t); slope += 6.283185307179586 * a * cos(t) * vec2(f, g); }
-      // Whether the triangle under the pixel faces upwards: the top of a block is a height field.
-      bool facesUp() { vec3 n = normalize(cross(dFdx(vViewPosition), dFdy(vViewPosition)));
-        vec3 u = normalize((viewMatrix * vec4(0.0, 0.0, 1.0, 0.0)).xyz); if (dot(n, vViewPosition) < 0.0) n = -n; return dot(n, u) > 1e-4; }`;
-    const cut = rgb(thing.colour).map((c) => real(0.78 * c));
-    const tail = `
-      float light = clamp(0.45 + 0.75 * dot(gl_FragColor.rgb, vec3(0.3333)), 0.6, 1.06);
-      if (tbMode > 0) gl_FragColor.rgb = vec3(0.80, 0.81, 0.82) * light;
-      ${top}
-      // The inside of a closed part is visible only through a cut. Painted flat, it looks like the face of the cut.
-      if (!gl_FrontFacing) { float stripe = mod(gl_FragCoord.x + gl_FragCoord.y, 9.0);
-        gl_FragColor.rgb = vec3(${cut}) * (stripe < 1.6 ? 0.62 : 1.0);
-        #ifdef USE_LOGARITHMIC_DEPTH_BUFFER
-        gl_FragDepth = max(0.0, gl_FragDepth - 2e-4);  // parts that touch do not flicker
-        #endif
-      }`;
-    K3D.getObjectById(thing.id).traverse((part) => {
-      if (!part.isMesh) return;
-      const material = part.material;
-      material.onBeforeCompile = (shader) => {
-        Object.assign(shader.uniforms, shared);
-        shader.vertexShader = "varying vec3 tbPlace;\n" + shader.vertexShader.replace("#include <begin_vertex>", "#include <begin_vertex>\n tbPlace = position;");
-        shader.fragmentShader = shader.fragmentShader.replace("void main() {", `${head}\nvoid main() {`).replace("#include <dithering_fragment>", `${tail}\n#include <dithering_fragment>`);
-      };
-      material.customProgramCacheKey = () => `tacbench-${thing.id}`;
-      material.needsUpdate = true;
-    });
-  }
-
   // ---- what the state means for the picture ----
   function apply() {
     const seen = new Set(shown());
-    shared.tbMode.value = MODES[state.colour];
-    shared.tbOnly.value = theBlock() ? theBlock().id : 0;  // the scale is this block's own
+    uniforms.tbMode.value = MODES[state.colour];
+    uniforms.tbOnly.value = theBlock() ? theBlock().id : 0;
+    if (theBlock()) uniforms.tbRange.value = theBlock().formula.range;  // the scale is this block's own
     for (const thing of things) {
       for (const [id, visible] of [[thing.id, seen.has(thing)], [thing.press && thing.press.id, seen.has(thing) && state.press]]) {
         const object = id ? K3D.getObjectById(id) : null;
@@ -222,13 +179,18 @@
     K3D.setCamera([middle[0] + dx * far, middle[1] + dy * far, middle[2] + dz * far, ...middle, 0, 0, 1]);
     paint();
   }
-  function spin() {
-    cancelAnimationFrame(spinning);
-    if (!state.spin) return;
-    const [ex, ey, ez, tx, ty, tz] = world.camera.position.toArray().concat(world.controls.target.toArray());
-    const a = 0.012, dx = ex - tx, dy = ey - ty;
-    K3D.setCamera([tx + dx * Math.cos(a) - dy * Math.sin(a), ty + dx * Math.sin(a) + dy * Math.cos(a), ez, tx, ty, tz, 0, 0, 1]);
-    spinning = requestAnimationFrame(spin);
+  // Turns the camera about the middle of the picture, by angles in radians, and moves it nearer by a factor.
+  function orbit(around, up, nearer) {
+    const [x, y, z] = world.camera.position.toArray(), [tx, ty, tz] = world.controls.target.toArray(), far = Math.hypot(x - tx, y - ty, z - tz);
+    const a = Math.atan2(y - ty, x - tx) + around, e = Math.min(1.57, Math.max(-1.57, Math.asin((z - tz) / far) + up)), flat = (far / nearer) * Math.cos(e);
+    K3D.setCamera([tx + flat * Math.cos(a), ty + flat * Math.sin(a), tz + (far / nearer) * Math.sin(e), tx, ty, tz, 0, 0, 1]);
+    paint();
+  }
+  const KEYS = { ArrowLeft: [-0.1, 0, 1], ArrowRight: [0.1, 0, 1], ArrowUp: [0, 0.1, 1], ArrowDown: [0, -0.1, 1], "+": [0, 0, 1.15], "=": [0, 0, 1.15], "-": [0, 0, 1 / 1.15] };
+  function turned(event) {
+    if (!KEYS[event.key] || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select")) return;
+    event.preventDefault();
+    orbit(...KEYS[event.key]);
   }
 
   // ---- sizes and contacts, drawn over the picture ----
@@ -322,7 +284,7 @@
     byId("jig-label").hidden = state.view !== "assembly" || !block || !things.some((thing) => thing.kind === "jig" && thing.set === block.set);
     byId("press-label").hidden = !(block && block.press);
     for (const id of ["colour", "cut", "apart"]) byId(id).value = state[id];
-    for (const id of ["sizes", "jig", "press", "spin"]) byId(id).checked = state[id];
+    for (const id of ["sizes", "jig", "press"]) byId(id).checked = state[id];
     byId("texture").value = state.block;
     byId("cut-at").value = state.at;
     byId("flip").hidden = !state.cut;
@@ -393,13 +355,14 @@
       change({ jig, apart: jig ? Math.max(state.apart, 0.55) : 0 }, state.look);
     };
     byId("flip").onclick = () => change({ flip: !state.flip });
-    byId("spin").onchange = (event) => { state.spin = event.target.checked; spin(); };
+    document.onkeydown = turned;
     byId("version").textContent = scene.version;
     byId("left-out").textContent = scene.left_out.map((item) => `left out: ${item.what}: ${item.reason}`).join("; ");
     state.view = views.includes("assembly") ? "assembly" : views.includes("block") ? "block" : views[0];
   }
 
   async function start() {
+    document.body.classList.toggle("framed", window.parent !== window);
     fillPanel();
     drawPanel();
     try {
@@ -413,7 +376,7 @@
       document.body.dataset.failed = String(error);
       throw error;
     }
-    things.forEach(dress);
+    for (const thing of things) dress(thing, K3D.getObjectById(thing.id));
     K3D.on(K3D.events.RENDERED, draw);
     change({}, "corner");
     new ResizeObserver(() => { K3D.resizeHelper(); look(state.look); }).observe(byId("stage"));
@@ -422,7 +385,8 @@
       document.body.dataset.ready = Math.round(performance.now());
     }));
     // For scripts and tests: the same switches as the panel's, and where a point of the world is on the page.
-    window.tacbench = { state, things, change, goTo, look, project, matrixOf, K3D };
+    window.tacbench = { state, things, change, goTo, look, project, matrixOf, replace, K3D };
+    document.dispatchEvent(new Event("shown"));
   }
   start();
 })();

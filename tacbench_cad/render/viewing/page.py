@@ -83,7 +83,7 @@ def page_of(scene: Scene) -> str:
         "LIBRARY": _packed(_FONTS.sub("", (library / "standalone.js").read_text(encoding="utf-8")).encode()),
         "OBJECTS": base64.b64encode(_objects(scene)).decode("ascii"),
         "MESHES": _packed(b"".join(_differences(thing.mesh) for thing in scene.things)),
-        "CODE": (ours / "page.js").read_text(encoding="utf-8"),
+        "CODE": "".join((ours / name).read_text(encoding="utf-8") for name in ("colours.js", "page.js")),
     }
     page = (ours / "page.html").read_text(encoding="utf-8")
     before, *rest = page.split("[[")
