@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from tacbench_cad.lab import Closing, DeviceLostError, Force, GaugeError, NoAnswerError
+from tacbench_cad.lab import Closing, DeviceLostError, Force, NoAnswerError, RigError
 
 #: The commands of the protocol, and its packets: header, command, number of samples; three counters and six values.
 STOP, START = 0, 2
@@ -54,7 +54,7 @@ class AtiNetFt(Closing):
             while time.monotonic() < until or not values:
                 _, _, status, *counts = SAMPLE.unpack(self.socket.recv(SAMPLE.size))
                 if status:
-                    raise GaugeError(f"{self.identity}: status {status:#010x}; look at the web page of the box")
+                    raise RigError(f"{self.identity}: status {status:#010x}; look at the web page of the box")
                 values.append(self.newtons_per_count * counts[self.column])
         except (TimeoutError, ConnectionError):
             raise NoAnswerError(f"{self.identity}: sends no samples; check its cable and address") from None

@@ -8,7 +8,7 @@ its z axis along the sensor and away from the robot. This example was tried with
 import contextlib
 import math
 
-from tacbench_cad.lab import Closing, DeviceLostError, NotThereError, PositionLostError
+from tacbench_cad.lab import Closing, DeviceLostError, PositionLostError, RigError
 
 #: The longest piece of a move, in s. A stop may take this long, because cri cannot interrupt a move.
 PIECE_S = 0.2
@@ -54,10 +54,10 @@ class CriRobot(Closing):
             place = [a + i / count * (b - a) for a, b in zip(start, target_mm, strict=True)]
             self._call(lambda place=place: self.robot.move_linear((*place, *self.orientation)))
             if self.stopped:
-                raise NotThereError(f"{self.name}: the move was stopped on request")
+                raise RigError(f"{self.name}: the move was stopped on request")
         at = self.position()
         if math.dist(at, target_mm) > self.tolerance_mm:
-            raise NotThereError(f"{self.name}: stands at {at} instead of {tuple(target_mm)}")
+            raise RigError(f"{self.name}: stands at {at} instead of {tuple(target_mm)}")
         return at
 
     def position(self):

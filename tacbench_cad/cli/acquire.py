@@ -19,8 +19,8 @@ from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.acquire.events import ProgressFile
-    from tacbench_cad.lab.acquire.interruption import RunInterruptedError
     from tacbench_cad.lab.acquire.person import Person
+    from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.study.file import StudyFile
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
@@ -93,7 +93,7 @@ def command(
       tacbench acquire --virtual --texture 4 --driver virtual-marlin --out runs
     """
     if init is not None:
-        from tacbench_cad.lab.acquire.template import write_template
+        from tacbench_cad.lab.study.editing import write_template
 
         if virtual or study is not None:
             raise InputError("init", str(init), "cannot be combined with other options; it only writes a file")
@@ -141,8 +141,7 @@ class _Page:
 
 def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     """Press the blocks of a study, check the runs, and report the outcome."""
-    from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
-    from tacbench_cad.lab.acquire.finish import Outcome, finishing
+    from tacbench_cad.lab.acquire.events import ProgressFile
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
     from tacbench_cad.lab.acquire.session import acquire_study
@@ -156,12 +155,9 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     person: Person = Typing(partial(ask_line, err=True), note)
     receivers: list[PressProgress] = [ProgressLines(folder), file]
 
-    def end(outcome: Outcome) -> None:
-        file.write("over", outcome=outcome.word, message=outcome.message)
-
     def give_up(error: RunInterruptedError) -> None:
         say_interrupted(error, sys.argv[1:])
-        end(Outcome.of(error))
+        file.ended(error)
 
     with ExitStack() as stack:
         stack.callback(file.close)
@@ -169,12 +165,12 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
             link = stack.enter_context(_opened_page(page, folder, file, person))
             person = link
             receivers.append(link)
-        stack.enter_context(finishing(end, f"{counted(len(chosen.study.blocks), 'run')} complete"))
+        stack.enter_context(file.finishing(f"{counted(len(chosen.study.blocks), 'run')} complete"))
         results = acquire_study(
             chosen.study,
             rig,
             folder,
-            person=RecordedPerson(person, file),
+            person=person,
             progress=Several(*receivers),
             give_up=give_up,
         )

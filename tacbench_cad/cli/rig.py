@@ -13,12 +13,9 @@ from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
     from tacbench_cad.lab.rig.driver_list import ListedDriver
     from tacbench_cad.lab.rig.loadcell import LoadCell
-    from tacbench_cad.lab.study.spec import Point
 
 
 @options.group("rig", "Press")
@@ -283,8 +280,7 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     The command writes the origin and the number of quarter turns into the study file. It changes nothing else in the
     file.
 
-    After an error, Ctrl-C or a lost terminal, the command lifts the stage and ends. It keeps the markers that you have
-    taught in a file beside the study file, and the next call offers to use them.
+    After an error, Ctrl-C or a lost terminal, the command lifts the stage and ends.
 
     Examples:
       tacbench rig align study.toml
@@ -292,12 +288,12 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     """
     from dataclasses import replace
 
-    from tacbench_cad.lab.acquire.interruption import RunInterruptedError
+    from tacbench_cad.lab.acquire.safety import RunInterruptedError
+    from tacbench_cad.lab.acquire.session import require_reach
     from tacbench_cad.lab.acquire.signals import Signals
-    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, TaughtMarkers, Teaching, corner_markers, store_frame
+    from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, corner_markers, store_frame
     from tacbench_cad.lab.rig.devices import open_rig
     from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
-    from tacbench_cad.lab.rig.reach import require_reach
     from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.lab.study.presses import block_order
     from tacbench_cad.lab.study.spec import SensorSettings
@@ -309,21 +305,10 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
     stage, protocol = settings.stage, study.study.protocol
     printed = block_order(study.study)[0].printed
-    markers = corner_markers(protocol.grid)
-    kept = study_file.with_suffix(".align.json")
-    # Without homing, the positions of an earlier session may mean other places.
-    taught = TaughtMarkers.read(kept, markers) if stage.home else ()
-    if taught:
-        shown = counted(len(taught), "marker")
-        question = f"{kept} has {shown} of an interrupted call. Type ok to use them, or Enter to teach all again: "
-        taught = taught if ask_line(question) == "ok" else ()
+    corner_markers(protocol.grid)  # a grid that shows no rotation is refused before a device is opened
 
     def give_up(error: RunInterruptedError) -> None:
         note(f"error: interrupted; gave up {error.gave_up}, which did not return; look whether the sensor is lifted")
-
-    def keep(points: Sequence[Point]) -> None:
-        if stage.home:
-            TaughtMarkers(markers=markers, taught_mm=tuple(points)).write(kept)
 
     with (
         located(f"{study_file}: ", fields="["),
@@ -343,16 +328,12 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
             approach_mm_s=stage.approach_mm_s,
             force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
             may_home=stage.home,
-            taught=taught,
-            keep=keep,
             uninterrupted=signals.ignored,
         )
         try:
             fit = teaching.frame(protocol, printed.block, TOLERANCE_MM if tolerance_mm is None else tolerance_mm)
         except RunInterruptedError:
-            state = teaching.not_lifted or "the sensor is lifted"
-            hint = f"; the taught markers are in {kept}" if kept.exists() else ""
-            raise KeyboardInterrupt(f"{state}{hint}") from None
+            raise KeyboardInterrupt(teaching.not_lifted or "the sensor is lifted") from None
         except RigError as error:
             if teaching.not_lifted:
                 error.args = (f"{error}; {teaching.not_lifted}",)
@@ -364,7 +345,6 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     except InputError as error:
         raise OutOfRangeError(f"{error}; nothing is stored") from None
     store_frame(study_file, fit.frame)
-    keep(())
     x, y, z = fit.frame.origin_mm
     click.echo(
         f"stored in {study_file}: origin {x:z.4f}, {y:z.4f}, {z:z.4f} mm, {fit.frame.quarter_turns} quarter turns\n"

@@ -1,11 +1,10 @@
 """The names of :mod:`tacbench_cad.lab`, for type checkers and for its lazy loading alike."""
 
-from .acquire.interruption import RunInterruptedError as RunInterruptedError
 from .acquire.person import Person as Person
 from .acquire.person import Typing as Typing
 from .acquire.progress import Silent as Silent
+from .acquire.safety import RunInterruptedError as RunInterruptedError
 from .acquire.session import acquire_study as acquire_study
-from .acquire.template import write_template as write_template
 from .analysis.classification.classify import classify as classify
 from .analysis.classification.score import score as score
 from .analysis.classification.settings import ClassificationSettings as ClassificationSettings
@@ -47,20 +46,12 @@ from .rig.drivers import open_sensor as open_sensor
 from .rig.drivers import open_stage as open_stage
 from .rig.errors import AlarmError as AlarmError
 from .rig.errors import ContactError as ContactError
-from .rig.errors import DepthLimitError as DepthLimitError
 from .rig.errors import DeviceLostError as DeviceLostError
-from .rig.errors import DriverError as DriverError
 from .rig.errors import ForceLimitError as ForceLimitError
-from .rig.errors import GaugeError as GaugeError
 from .rig.errors import NoAnswerError as NoAnswerError
-from .rig.errors import NotReachedError as NotReachedError
-from .rig.errors import NotThereError as NotThereError
 from .rig.errors import OutOfRangeError as OutOfRangeError
 from .rig.errors import PositionLostError as PositionLostError
-from .rig.errors import ProtocolError as ProtocolError
 from .rig.errors import RigError as RigError
-from .rig.errors import SensorError as SensorError
-from .rig.errors import SlipError as SlipError
 from .rig.gauge import Force as Force
 from .rig.gauge import Gauge as Gauge
 from .rig.grbl import GrblStage as GrblStage
@@ -89,7 +80,6 @@ from .simulate.contact import DomeContact as DomeContact
 from .simulate.contact import contact_for as contact_for
 from .simulate.heights import HeightMap as HeightMap
 from .simulate.heights import flat_plate as flat_plate
-from .simulate.preview_figures import simulated_images as simulated_images
 from .simulate.prints import VIRTUAL_PRINTERS as VIRTUAL_PRINTERS
 from .simulate.prints import VirtualPrinter as VirtualPrinter
 from .simulate.prints import stimulus as stimulus
@@ -99,6 +89,7 @@ from .simulate.study import paper_study as paper_study
 from .simulate.study import quick_study as quick_study
 from .simulate.study import simulate_study as simulate_study
 from .simulate.tactip import TacTip as TacTip
+from .study.editing import write_template as write_template
 from .study.file import StudyFile as StudyFile
 from .study.file import read_study as read_study
 from .study.file import virtual_study as virtual_study

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacbench_cad.lab.rig.errors import NotThereError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing, no_report
@@ -177,7 +177,7 @@ class SlidingStage(FakeStage):
                     while self._allowed and self.stopped == stopped:
                         self._turn.wait(0.01)
                 if self.stopped > stopped:
-                    raise NotThereError("the move was stopped on request")
+                    raise RigError("the move was stopped on request")
         finally:
             with self._turn:
                 self._allowed = None

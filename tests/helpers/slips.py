@@ -13,7 +13,7 @@ from helpers.rigs import FakeRig, info_of, printed, small_protocol
 from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, RigError, SlipError
+from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, PositionLostError, RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
@@ -112,7 +112,7 @@ class Trial(Silent):
                         durable=False,
                     )
                 break
-            except (SlipError, ContactError, ForceLimitError) as error:
+            except (PositionLostError, ContactError, ForceLimitError) as error:
                 self.errors.append(error)
         run = Run.open(self.folder)
         assert sorted(row.number for row in run.rows) == list(range(1, 13)), self.errors

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError
+from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
 
@@ -60,11 +60,11 @@ class GoodStage(Closing):
         while self.clock.now_s() < self.ends_s:
             self.clock.sleep(0.01)
             if self.stopped:
-                raise NotThereError("good stage: was stopped on request")
+                raise RigError("good stage: was stopped on request")
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         if self.stopped:
-            raise NotThereError("good stage: was stopped; home it first")
+            raise RigError("good stage: was stopped; home it first")
         self.begin(target_mm, speed_mm_s)
         self.wait()
         return self.position()

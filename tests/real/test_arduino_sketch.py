@@ -12,7 +12,7 @@ from helpers.outsiders import program
 
 from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, weight_n
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import GaugeError, NoAnswerError
+from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions, open_load_cell
 
 pytestmark = pytest.mark.real
@@ -118,7 +118,7 @@ def test_three_known_masses_calibrate_the_cell(board: Board, tmp_path: Path) -> 
 def test_a_saturated_amplifier_is_reported(board: Board, counts: int) -> None:
     with board.cell() as cell:
         board.measure(counts)
-        with pytest.raises(GaugeError, match=r"saturated at -?83886"):
+        with pytest.raises(RigError, match=r"saturated at -?83886"):
             for _ in range(20):
                 cell.mean(0.1)
 

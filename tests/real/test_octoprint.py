@@ -15,7 +15,7 @@ import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
-from tacbench_cad.lab.rig.errors import OutOfRangeError, ProtocolError
+from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
 from tacbench_cad.lab.study.spec import StageSettings
 
 ROOT = Path(__file__).parent.parent.parent
@@ -68,5 +68,5 @@ def test_the_marlin_driver_moves_octoprints_printer() -> None:
 
 def test_marlin_1_is_refused() -> None:
     # The printer of OctoPrint has the name "Virtual Marlin 1.0" by default.
-    with _printer() as port, pytest.raises(ProtocolError, match="'Virtual Marlin' is not Marlin 2"):
+    with _printer() as port, pytest.raises(RigError, match="'Virtual Marlin' is not Marlin 2"):
         open_stage(StageSettings(driver="marlin", port=port, limits_mm=LIMITS, timeout_s=5.0), Clock())

@@ -18,7 +18,8 @@ from helpers.served_pages import address_of, command, served
 pytest.importorskip("starlette", reason="the watch page needs the extra web")
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
 
-from tacbench_cad.lab.acquire.events import PROGRESS_FILE, ProgressReader
+from tacbench_cad.extensions.watch.events import ProgressReader
+from tacbench_cad.lab.acquire.events import PROGRESS_FILE
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run, find_runs
 

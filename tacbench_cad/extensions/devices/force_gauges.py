@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from tacbench_cad.lab.rig import Clock, Closing, Context, Driver, Force, GaugeError, Line, NoAnswerError, ports
+from tacbench_cad.lab.rig import Clock, Closing, Context, Driver, Force, Line, NoAnswerError, RigError, ports
 from tacbench_cad.lab.study import GaugeSettings
 from tacbench_cad.util.convert import Bounds, from_plain
 from tacbench_cad.util.errors import InputError
@@ -164,7 +164,7 @@ class AskedGauge(Closing):
 
         Raises:
             NoAnswerError: The gauge does not answer as its make does.
-            GaugeError: The gauge shows the peak, or the force or its unit is impossible.
+            RigError: The gauge shows the peak, or the force or its unit is impossible.
             DeviceLostError: The port is gone.
         """
         for _ in range(DAMAGED):
@@ -181,17 +181,17 @@ class AskedGauge(Closing):
     def _value_n(self, answer: str) -> float:
         match = self._make.answer.fullmatch(answer.encode("ascii", errors="replace"))
         if match is None:
-            raise GaugeError(f"{self.name}: sends {answer[:40]!r} instead of a force; check the baud rate")
+            raise RigError(f"{self.name}: sends {answer[:40]!r} instead of a force; check the baud rate")
         parts = {name: (value or b"").decode("ascii") for name, value in match.groupdict().items()}
         if parts.get("mode") == "P":
-            raise GaugeError(f"{self.name}: shows the peak; switch it to the present value")
+            raise RigError(f"{self.name}: shows the peak; switch it to the present value")
         word = parts.get("unit", "")
         unit = self._make.units.get(word.lower()) if word else self._options.unit
         if unit is None:
-            raise GaugeError(f"{self.name}: shows {word}, which is no unit of force; switch it to N")
+            raise RigError(f"{self.name}: shows {word}, which is no unit of force; switch it to N")
         value_n = self._make.signs[parts["sign"]] * float(parts["value"]) * UNITS_N[unit]
         if abs(value_n) > MAX_N:
-            raise GaugeError(f"{self.name}: {value_n:g} N is not possible; set options.unit to the displayed unit")
+            raise RigError(f"{self.name}: {value_n:g} N is not possible; set options.unit to the displayed unit")
         return value_n if self._options.compression == "positive" else -value_n
 
 

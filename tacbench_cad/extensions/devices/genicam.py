@@ -22,7 +22,7 @@ from tacbench_cad.lab.rig import (
     Driver,
     Frame,
     FrameLimits,
-    SensorError,
+    RigError,
     require_good_frame,
 )
 from tacbench_cad.lab.study import SensorSettings
@@ -94,7 +94,7 @@ class GenicamSensor(Closing):
             self._nodes = self._camera.remote_device.node_map
             actual = self._configure()
             self._camera.start()
-        except (InputError, SensorError):
+        except (InputError, RigError):
             self.close()
             raise
         except Exception as error:
@@ -117,7 +117,7 @@ class GenicamSensor(Closing):
 
         Raises:
             DeviceLostError: The camera no longer delivers pictures.
-            SensorError: The picture is dark, blurred or stuck, or a value has changed.
+            RigError: The picture is dark, blurred or stuck, or a value has changed.
         """
         if self._camera is None:
             raise DeviceLostError(f"{self.name}: is closed")
@@ -129,13 +129,13 @@ class GenicamSensor(Closing):
             with self._camera.fetch(timeout=TIMEOUT_S + 1e-6 * self._options.exposure_us) as buffer:
                 picture = buffer.payload.components[0]
                 image = np.array(picture.data, dtype=np.uint8).reshape(picture.height, picture.width, -1)
-        except SensorError:
+        except RigError:
             raise
         except Exception as error:
             raise DeviceLostError(f"{self.name}: no picture: {one_line(error, 200)}; check the cable") from None
         image = image[..., 0] if image.shape[2] == 1 else image
         if image.shape != self.shape:
-            raise SensorError(f"{self.name}: a picture has shape {image.shape}; expected was {self.shape}")
+            raise RigError(f"{self.name}: a picture has shape {image.shape}; expected was {self.shape}")
         if self._options.pixel_format == "RGB8":
             image = np.ascontiguousarray(image[..., ::-1])
         previous, self._previous = self._previous, image
@@ -178,7 +178,7 @@ class GenicamSensor(Closing):
         """Return the values that the camera has.
 
         Raises:
-            SensorError: One of them differs from the requested value, or an automatic control is on.
+            RigError: One of them differs from the requested value, or an automatic control is on.
         """
         requested = {"ExposureTime": self._options.exposure_us}
         if self._options.gain is not None:
@@ -186,10 +186,10 @@ class GenicamSensor(Closing):
         actual = {name: float(getattr(self._nodes, name).value) for name in requested}
         for name, value in requested.items():
             if abs(actual[name] - value) > CLOSE * max(abs(value), 1.0):
-                raise SensorError(f"{self.name}: {name} is {actual[name]:g} instead of {value:g}")
+                raise RigError(f"{self.name}: {name} is {actual[name]:g} instead of {value:g}")
         for name in AUTOMATISMS:
             if self._state(name) not in ("", "Off"):
-                raise SensorError(f"{self.name}: {name} is on; switch it off")
+                raise RigError(f"{self.name}: {name} is on; switch it off")
         return actual
 
 

@@ -44,10 +44,8 @@ from tacbench_cad.lab.rig import (
     DeviceLostError,
     Driver,
     NoAnswerError,
-    NotThereError,
     OutOfRangeError,
     PositionLostError,
-    ProtocolError,
     RigError,
     no_report,
 )
@@ -187,7 +185,7 @@ class KlipperStage(Closing):
 
         Raises:
             OutOfRangeError: The target is beyond Klipper's limits.
-            NotThereError: The move was stopped, or ended at another position.
+            RigError: The move was stopped, or ended at another position.
             PositionLostError: Not every axis is homed.
             AlarmError: Klipper is halted.
             RigError: Moonraker is gone or silent.
@@ -205,7 +203,7 @@ class KlipperStage(Closing):
             at = self.position()
         if not self._near(at, target_mm):
             stands = "stands at x {:.3f}, y {:.3f}, z {:.3f} mm instead of x {:.3f}, y {:.3f}, z {:.3f} mm"
-            raise NotThereError(
+            raise RigError(
                 f"{self._name}: {stands.format(*at, *target_mm)}; clear the bed mesh (BED_MESH_CLEAR), the G-code "
                 "offset (SET_GCODE_OFFSET Z=0) and G92"
             )
@@ -271,7 +269,7 @@ class KlipperStage(Closing):
             self._ask("printer/gcode/script", {"script": script}, timeout_s=timeout_s)
         except BaseException as error:
             if self._stopped and isinstance(error, RigError):
-                raise NotThereError(f"{self._name}: {self._lost}; home the stage first") from None
+                raise RigError(f"{self._name}: {self._lost}; home the stage first") from None
             if isinstance(error, NoAnswerError) or not isinstance(error, RigError):
                 # Silence or Ctrl-C: no carriage may move unattended.
                 self.stop()
@@ -279,7 +277,7 @@ class KlipperStage(Closing):
         finally:
             self._moving = False
         if self._stopped:
-            raise NotThereError(f"{self._name}: {self._lost}; home the stage first")
+            raise RigError(f"{self._name}: {self._lost}; home the stage first")
 
     def _restart(self) -> None:
         self._ask("printer/firmware_restart", {})
@@ -300,7 +298,7 @@ class KlipperStage(Closing):
     def _status(self) -> Any:
         status = self._ask("printer/objects/query?toolhead&motion_report")["status"]
         if {"toolhead", "motion_report"} - status.keys():
-            raise ProtocolError(f"{self._name}: reports no toolhead or no motion_report; update Klipper")
+            raise RigError(f"{self._name}: reports no toolhead or no motion_report; update Klipper")
         return status
 
     def _ask(self, path: str, body: dict[str, Any] | None = None, *, timeout_s: float | None = None) -> Any:
@@ -331,16 +329,16 @@ class KlipperStage(Closing):
                 raise NoAnswerError(f"{self._name}: does not answer; look at the printer and its network") from None
             raise DeviceLostError(f"{self._name}: cannot be reached: {one_line(error, 120)}") from None
         except (ValueError, KeyError, TypeError):
-            raise ProtocolError(f"{self._name}: the answer to {path} is not Moonraker's") from None
+            raise RigError(f"{self._name}: the answer to {path} is not Moonraker's") from None
 
     def _refusal(self, error: urllib.error.HTTPError) -> Exception:
         """Return the error for Moonraker's refusal."""
         if error.code in (401, 403):
-            return ProtocolError(f"{self._name}: Moonraker refuses this computer; set options.api_key")
+            return RigError(f"{self._name}: Moonraker refuses this computer; set options.api_key")
         try:
             text = one_line(json.loads(error.read())["error"]["message"], 300)
         except (OSError, ValueError, KeyError, TypeError):
-            return ProtocolError(f"{self._name}: HTTP error {error.code}; is this the address of Moonraker?")
+            return RigError(f"{self._name}: HTTP error {error.code}; is this the address of Moonraker?")
         if "out of range" in text.lower():
             return OutOfRangeError(f"{self._name}: {text}; nothing moved")
         if "must home" in text.lower():

@@ -21,7 +21,7 @@ from tacbench_cad.lab.rig import (
     Driver,
     Frame,
     FrameLimits,
-    SensorError,
+    RigError,
     require_good_frame,
 )
 from tacbench_cad.lab.study import SensorSettings
@@ -123,12 +123,12 @@ class PiCameraSensor(Closing):
 
         Raises:
             DeviceLostError: The camera no longer delivers frames.
-            SensorError: The frame is dark, blurred or stuck, or was taken with other values.
+            RigError: The frame is dark, blurred or stuck, or was taken with other values.
         """
         image, actual = self._take()
         wrong = self._wrong(actual)
         if wrong:
-            raise SensorError(f"{self.name}: {wrong}; another program may use the camera")
+            raise RigError(f"{self.name}: {wrong}; another program may use the camera")
         previous, self._previous = self._previous, image
         require_good_frame(self.name, image, previous, self._limits)
         return image
@@ -149,7 +149,7 @@ class PiCameraSensor(Closing):
             wrong = self._wrong(actual)
             if not wrong:
                 return {name: list(np.atleast_1d(actual[name]).astype(float)) for name in self._fixed}
-        raise SensorError(f"{self.name}: {wrong}; choose values that the camera supports")
+        raise RigError(f"{self.name}: {wrong}; choose values that the camera supports")
 
     def _take(self) -> tuple[NDArray[np.uint8], dict[str, Any]]:
         if self._camera is None:
@@ -164,7 +164,7 @@ class PiCameraSensor(Closing):
         finally:
             request.release()
         if image.shape != self.shape:
-            raise SensorError(f"{self.name}: a frame has shape {image.shape}; requested was {self.shape}")
+            raise RigError(f"{self.name}: a frame has shape {image.shape}; requested was {self.shape}")
         return image, actual
 
     def _wrong(self, actual: dict[str, Any]) -> str:

@@ -28,9 +28,9 @@ from tacbench_cad.lab.rig import (
     DeviceLostError,
     Driver,
     NoAnswerError,
-    NotThereError,
     OutOfRangeError,
     PositionLostError,
+    RigError,
     no_report,
 )
 from tacbench_cad.lab.study import Point, StageSettings
@@ -118,7 +118,7 @@ class UniversalRobot(Closing):
 
         Raises:
             OutOfRangeError: The target is beyond the reach or the safety limits of the arm.
-            NotThereError: The move was stopped, or ended at another position.
+            RigError: The move was stopped, or ended at another position.
             AlarmError: The robot has stopped itself.
             NoAnswerError: The arm does not come to rest.
         """
@@ -172,12 +172,12 @@ class UniversalRobot(Closing):
             self._report(at)
             off_mm = max(abs(a - b) for a, b in zip(at, target_mm, strict=True))
             if self._stopped:
-                raise NotThereError(f"{self._name}: the move was stopped on request; home the stage first")
+                raise RigError(f"{self._name}: the move was stopped on request; home the stage first")
             if at_rest and off_mm <= self._options.tolerance_mm:
                 return
             if self._clock.now_s() > give_up_s:
                 if at_rest:
-                    raise NotThereError(f"{self._name}: is at rest {off_mm:.3f} mm away from its target")
+                    raise RigError(f"{self._name}: is at rest {off_mm:.3f} mm away from its target")
                 raise NoAnswerError(f"{self._name}: does not come to rest; look at its panel")
 
     def _reachable(self, target_mm: Point) -> list[float]:

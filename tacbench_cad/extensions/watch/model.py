@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.lab.acquire import KEPT_PRESSES, PROGRESS_FILE, Progress, ProgressReader
+from tacbench_cad.extensions.watch.events import KEPT_PRESSES, Progress, ProgressReader
+from tacbench_cad.lab.acquire import PROGRESS_FILE
 from tacbench_cad.lab.rig import is_image
 from tacbench_cad.lab.runs import (
     IMAGE_SUFFIXES,

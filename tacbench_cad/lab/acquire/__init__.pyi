@@ -1,10 +1,7 @@
 """The names of :mod:`tacbench_cad.lab.acquire`, for type checkers and for its lazy loading alike."""
 
-from .events import KEPT_PRESSES as KEPT_PRESSES
 from .events import PROGRESS_FILE as PROGRESS_FILE
-from .events import Progress as Progress
 from .events import ProgressFile as ProgressFile
-from .events import ProgressReader as ProgressReader
 from .force_search import ContactForce as ContactForce
 from .person import Person as Person
 from .person import is_label as is_label

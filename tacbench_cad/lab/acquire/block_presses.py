@@ -12,11 +12,10 @@ from typing import Literal
 import numpy as np
 
 from tacbench_cad.lab.acquire.force_search import ContactForce
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.position_checks import PositionChecks
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
@@ -24,9 +23,7 @@ from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import (
     ContactError,
     ForceLimitError,
-    HeightError,
-    NotReachedError,
-    SensorError,
+    RigError,
 )
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.info import RunInfo
@@ -104,6 +101,7 @@ def press_block(
         )
 
         def confirmed(question: str) -> bool:
+            progress.say(f"{question}; answer in the terminal")
             with signals.raised():
                 return confirm(question)
 
@@ -217,7 +215,7 @@ class _BlockSession:
             if not isinstance(moving, str):
                 break
             if attempt == MOTION_ATTEMPTS:
-                raise SensorError(moving)
+                raise RigError(moving)
             self.progress.say(f"press {press.number} is made again: {moving}")
             attempt += 1
         pose, read = contact.pose_mm, contact.measured
@@ -230,7 +228,7 @@ class _BlockSession:
         """Say that the block has another height than taught, and ask the person if the difference is large.
 
         Raises:
-            HeightError: Nobody has confirmed that the block is pressed.
+            RigError: Nobody has confirmed that the block is pressed.
         """
         if abs(above_mm) <= SAY_MM:
             return
@@ -240,7 +238,7 @@ class _BlockSession:
             return
         self._lift()
         if not self.confirm(text):
-            raise HeightError(
+            raise RigError(
                 f"{text}, so it was not pressed; check that the right block lies flat in its holder, or align the rig "
                 "again; to press it as it is, answer yes when the command asks"
             )
@@ -256,7 +254,7 @@ class _BlockSession:
         self.missed += contact.in_band is False
         if self._in_a_row >= self.protocol.misses_allowed:
             assert contact.measured is not None
-            raise NotReachedError(
+            raise RigError(
                 f"{self._in_a_row} presses in a row were outside the force band, the last with "
                 f"{contact.measured.mean_n:.4f} N for {press.target_n:g} +- {press.band_n:g} N; widen bands_n, "
                 "increase search_steps, or check the gauge's noise and the stage's resolution"
@@ -305,7 +303,7 @@ class _BlockSession:
         self.carriage.check()
         previous, self._previous = self._previous, frame
         if previous is not None and is_image(frame) and np.array_equal(previous, frame):
-            raise SensorError(
+            raise RigError(
                 "the sensor sent the same image twice, so it is stuck; open it again or unplug it and plug it in again"
             )
         return frame

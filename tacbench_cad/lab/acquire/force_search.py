@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, GaugeError
+from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, RigError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.study.spec import Point, Protocol
 
@@ -77,7 +77,7 @@ class ContactForce:
 
         Raises:
             ContactError: The force has changed too much for drift since the last press.
-            GaugeError: The value is too large for a free sensor.
+            RigError: The value is too large for a free sensor.
         """
         free = self._raw(self.protocol.force_window_s)
         if TOUCH_DEVIATIONS * free.spread_n > self.touch_n or self._has_drifted(free):
@@ -87,7 +87,7 @@ class ContactForce:
         self._require_free(free.mean_n - self.zero_n)
         max_free_n = FREE_FRACTION * self.protocol.hard_limit_n
         if abs(free.mean_n) > max_free_n:
-            raise GaugeError(
+            raise RigError(
                 f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
                 f"{max_free_n:g} N counts as drift); tare or repair it"
             )
@@ -115,7 +115,7 @@ class ContactForce:
 
         Raises:
             ForceLimitError: The force is above the hard limit.
-            GaugeError: The force is not a number.
+            RigError: The force is not a number.
         """
         return self._net(0.0)
 
@@ -124,7 +124,7 @@ class ContactForce:
 
         Raises:
             ForceLimitError: The force is above the hard limit.
-            GaugeError: The force is not a number.
+            RigError: The force is not a number.
         """
         if self._newest is None or self._newest[0] != self.carriage.at:
             return self.glance().mean_n
@@ -135,7 +135,7 @@ class ContactForce:
 
         Raises:
             ForceLimitError: The force is above the hard limit.
-            GaugeError: The force is not a number.
+            RigError: The force is not a number.
         """
         return self._raw(0.0).mean_n - self.zero_n
 
@@ -144,7 +144,7 @@ class ContactForce:
 
         Raises:
             ForceLimitError: The force is above the hard limit.
-            GaugeError: The force is not a number.
+            RigError: The force is not a number.
         """
         self.clock.sleep(self.protocol.settle_s)
         return self._net(self.protocol.force_window_s)
@@ -154,7 +154,7 @@ class ContactForce:
 
         Raises:
             ForceLimitError: The force is above the hard limit.
-            GaugeError: The force is not a number.
+            RigError: The force is not a number.
         """
         return self._net(self.protocol.force_window_s)
 
@@ -179,7 +179,7 @@ class ContactForce:
         self.carriage.check()
         read = self.gauge.read(window_s)
         if not math.isfinite(read.mean_n):
-            raise GaugeError(f"the gauge reads {read.mean_n} N")
+            raise RigError(f"the gauge reads {read.mean_n} N")
         # Pulling is as harmful as pushing. The larger of the raw force and the force minus its zero counts.
         worst = max(abs(read.mean_n), abs(read.mean_n - self.zero_n))
         if worst > self.protocol.hard_limit_n:

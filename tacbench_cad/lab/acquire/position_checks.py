@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.progress import PressProgress
-from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionError, height_change, position_error
-from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, SlipError
+from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, PositionLostError
 from tacbench_cad.lab.rig.stage import Stage, measures_offset
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason
@@ -58,7 +57,7 @@ class PositionChecks:
             presses: The number of presses of this session.
 
         Raises:
-            SlipError: The position was wrong.
+            PositionLostError: The position was wrong.
         """
         if not self.protocol.home_every:
             return
@@ -82,7 +81,7 @@ class PositionChecks:
             presses: The number of presses of this session.
 
         Raises:
-            SlipError: The position was wrong. These presses were set aside.
+            PositionLostError: The position was wrong. These presses were set aside.
         """
         unchecked = self.run.unchecked
         if not unchecked or not self.protocol.home_every:
@@ -98,7 +97,7 @@ class PositionChecks:
         if wrong and reason == "resumed":
             self.progress.say(self._aside_text(error, aside))
         elif wrong:
-            raise SlipError(
+            raise PositionLostError(
                 f"a motor has slipped, or homing is not repeatable: {self._aside_text(error, aside)}; find the cause, "
                 "then run the command again to make these presses again"
             )
@@ -151,7 +150,7 @@ class PositionChecks:
         After a force above the hard limit, which can have other causes, the presses stay unchecked.
 
         Raises:
-            SlipError: The position was wrong.
+            PositionLostError: The position was wrong.
         """
         if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
             return
@@ -163,7 +162,7 @@ class PositionChecks:
         wrong = error.offset_mm is None or error.exceeds(self.protocol.slip_mm)
         aside = self._store_check("contact", error.offset_mm, None, not wrong, time_utc)
         if wrong:
-            raise SlipError(f"{contact}; {self._aside_text(error, aside)}") from contact
+            raise PositionLostError(f"{contact}; {self._aside_text(error, aside)}") from contact
 
     def _store_check(
         self, reason: Reason, offset_mm: Point | None, height_mm: float | None, ok: bool, time_utc: datetime

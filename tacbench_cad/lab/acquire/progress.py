@@ -8,11 +8,11 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import Study
+from tacbench_cad.lab.study.spec import PrintedBlock, Study
 from tacbench_cad.util.files import TEMPORARY_PREFIX
 from tacbench_cad.util.output import droppable
 from tacbench_cad.util.text import counted
@@ -32,6 +32,18 @@ class PressProgress:
             saved: The number of presses of the study that are already saved.
         """
 
+    def ask(self, printed: PrintedBlock, label: str, slot: int | None) -> None:
+        """Report that the person is asked to put a block in.
+
+        Args:
+            printed: The block.
+            label: The text on its underside.
+            slot: The slot of the tray, from 1; None if there is only one.
+        """
+
+    def answered(self) -> None:
+        """Report that the block is in."""
+
     def begin(self, name: str, done: int, total: int) -> None:
         """Report that a block's run begins or is resumed.
 
@@ -46,7 +58,7 @@ class PressProgress:
 
         Args:
             press: The press.
-            check: Raises :class:`~tacbench_cad.lab.acquire.interruption.RunInterruptedError` if a signal came. A method
+            check: Raises :class:`~tacbench_cad.lab.acquire.safety.RunInterruptedError` if a signal came. A method
                 that waits calls it again and again.
         """
 
@@ -89,40 +101,15 @@ class Several(PressProgress):
     def __init__(self, *receivers: PressProgress) -> None:
         self.receivers = receivers
 
-    def start(self, study: Study, saved: int) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.start(study, saved)
+    def __getattribute__(self, name: str) -> Any:
+        if name.startswith("_") or name not in vars(PressProgress):
+            return super().__getattribute__(name)
 
-    def begin(self, name: str, done: int, total: int) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.begin(name, done, total)
+        def call(*values: Any) -> None:
+            for receiver in self.receivers:
+                getattr(receiver, name)(*values)
 
-    def before(self, press: Press, check: Callable[[], None]) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.before(press, check)
-
-    def felt(self, z_mm: float, force_n: float) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.felt(z_mm, force_n)
-
-    def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.pressed(done, force, in_band, image)
-
-    def end(self) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.end()
-
-    def say(self, message: str) -> None:
-        """See :class:`PressProgress`."""
-        for each in self.receivers:
-            each.say(message)
+        return call
 
 
 class ProgressLines(PressProgress):

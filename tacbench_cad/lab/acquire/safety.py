@@ -12,11 +12,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError, undisturbed
-from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, NoAnswerError, PositionLostError, RigError
-from tacbench_cad.lab.rig.reach import travel_height_mm
+from tacbench_cad.lab.rig.errors import ContactError, NoAnswerError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.rig.stage import LimitedStage, Stage, home_again
 from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol, WorkFrame, plus
+from tacbench_cad.util.text import counted
 
 #: The allowed distance of a reported height below the depth limit, in mm, for firmware that rounds to micrometres.
 ROUNDING_MM = 0.002
@@ -26,6 +25,51 @@ RETRY_S = 60.0
 RETRY_PAUSE_S = 1.0
 #: The longest wait for a device after a signal, in s.
 DEVICE_S = 10.0
+
+
+def travel_height_mm(protocol: Protocol, holder: HolderRim) -> float:
+    """Return the height of travel in the work frame: the clearance above the block and the rim, in mm."""
+    return protocol.clearance_mm + max(0.0, -holder.rim_mm)
+
+
+class RunInterruptedError(KeyboardInterrupt):
+    """A signal ended a run, which can be resumed.
+
+    Attributes:
+        signal: ``SIGINT``, ``SIGTERM`` or ``SIGHUP``.
+        lifted: Whether the sensor is lifted off the block; None if this is unknown, because no block was pressed yet.
+        gave_up: The call of a device that did not return and was given up; empty if there is none.
+        saved: The number of saved presses of the study.
+        planned: The number of presses of the study.
+    """
+
+    def __init__(self, signal: str) -> None:
+        super().__init__(signal)
+        self.signal, self.gave_up = signal, ""
+        self.lifted: bool | None = True
+        self.saved = self.planned = 0
+
+    def __str__(self) -> str:
+        saved = f"{self.saved} of {counted(self.planned, 'press')} are saved"
+        if self.gave_up:
+            saved += f"; gave up {self.gave_up}, which did not return"
+        if getattr(self, "__notes__", ()):
+            # The note says what became of the stage, whose homing was interrupted.
+            return saved
+        if self.lifted is None:
+            return f"{saved}; look whether the sensor is lifted" if self.gave_up else saved
+        sensor = "the sensor is lifted" if self.lifted else "the sensor was NOT lifted: lift it by hand"
+        return f"{sensor}; {saved}"
+
+
+def undisturbed(say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a function that passes a message on. An error of the receiver must not prevent the lift."""
+
+    def tell(message: str) -> None:
+        with contextlib.suppress(Exception):
+            say(message)
+
+    return tell
 
 
 @dataclass(eq=False)
@@ -146,18 +190,18 @@ class Carriage:
             The height that the stage reports.
 
         Raises:
-            DepthLimitError: The height is below the depth limit, or the stage reports a height below it.
+            OutOfRangeError: The height is below the depth limit, or the stage reports a height below it.
             RigError: The stage failed.
         """
         if not z_mm >= self.lowest_mm:
-            raise DepthLimitError(
+            raise OutOfRangeError(
                 f"z = {z_mm:.3f} mm is below the depth limit, {self.lowest_mm:g} mm; check the height of the origin "
                 "and that the gauge measures the sensor's force"
             )
         x, y, _ = self.at
         self._go((x, y, z_mm), self.travel_mm_s if fast else self.approach_mm_s)
         if self.at[2] < self.lowest_mm - ROUNDING_MM:
-            raise DepthLimitError(
+            raise OutOfRangeError(
                 f"the stage reports z = {self.at[2]:.3f} mm, below the depth limit {self.lowest_mm:g} mm"
             )
         return self.at[2]

@@ -11,21 +11,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import PressProgress
+from tacbench_cad.lab.acquire.safety import RunInterruptedError, travel_height_mm
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.errors import RigError
-from tacbench_cad.lab.rig.reach import require_reach
+from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run, since_good_check
 from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
-from tacbench_cad.lab.study.spec import PlannedBlock, PrintedBlock, RigSettings, Study, WorkFrame
+from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
 from tacbench_cad.util.convert import Length, read_toml
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 from tacbench_cad.util.text import counted
 
@@ -85,6 +86,33 @@ def places(study: Study, rig: RigSettings, out: Path) -> tuple[Place, ...]:
     )
 
 
+def require_reach(protocol: Protocol, holder: HolderRim, frames: Sequence[WorkFrame], limits_mm: Limits) -> None:
+    """Check before any motion that a protocol stays within the stage's limits.
+
+    Args:
+        protocol: The protocol with grid, clearance and depth limit.
+        holder: The rim of the holder, over which the sensor travels.
+        frames: The work frame of each used slot.
+        limits_mm: The stage's lowest and highest x, y, z.
+
+    Raises:
+        InputError: A position is beyond a limit. The message has slot, axis and numbers.
+    """
+    heights = (-protocol.depth_limit_mm, travel_height_mm(protocol, holder))
+    for slot, frame in enumerate(frames, start=1):
+        points = protocol.path_mm().reshape(-1, 2)
+        places = [frame.to_stage((float(x), float(y), z)) for x, y in points for z in heights]
+        for axis, (low, high) in enumerate(limits_mm):
+            lowest, highest = min(place[axis] for place in places), max(place[axis] for place in places)
+            if not (low <= lowest and highest <= high):
+                raise InputError(
+                    f"[stage] limits_mm {'xyz'[axis]}",
+                    [low, high],
+                    f"slot {slot} needs {lowest:.3f} to {highest:.3f} mm "
+                    "(positions, motions, clearance and depth limit)",
+                )
+
+
 def acquire_study(
     study: Study,
     rig: RigSettings,
@@ -138,7 +166,7 @@ def acquire_study(
         progress.start(study, _saved(blocks))
         opened: Rig | None = None
         for tray in _trays(left):
-            taught = {place.slot: _prepare(rig, place, person, len(slots), len(blocks)) for place in tray}
+            taught = {place.slot: _prepare(rig, place, person, progress, len(slots), len(blocks)) for place in tray}
             for place in tray:
                 if opened is None:
                     opened = devices.enter_context(opener(rig, place.printed, place.frame))
@@ -213,17 +241,23 @@ def _finished(rig: RigSettings, place: Place) -> bool:
     return has_frames and is_checked and all(press.number in done for press in run.info.presses)
 
 
-def _prepare(rig: RigSettings, place: Place, person: Person, slots: int, blocks: int) -> tuple[float, ...]:
+def _prepare(
+    rig: RigSettings, place: Place, person: Person, progress: PressProgress, slots: int, blocks: int
+) -> tuple[float, ...]:
     """Have the block put in, and get its heights of first touch if a person teaches them."""
     # A single block is assumed to be in the holder already.
     if blocks > 1 and (person.is_asked_always or not _is_simulated(rig)):
-        person.put_in(place.printed, place.label, place.slot + 1 if slots > 1 else None)
+        question = place.printed, place.label, place.slot + 1 if slots > 1 else None
+        progress.ask(*question)
+        person.put_in(*question)
+        progress.answered()
     protocol = place.study.protocol
     if protocol.contact == "force" or protocol.touch != "taught":
         return ()
     path = place.folder / TAUGHT_FILE
     if path.exists():
         return read_toml(path, _Taught, "first touch", within=place.folder).z_mm
+    progress.say(f"type the height of first touch on {place.printed.name} in the terminal")
     heights = person.first_touch(place.printed, len(protocol.grid.positions_mm))
     place.folder.mkdir(parents=True, exist_ok=True)
     head = "# Heights of first touch, taught by hand, in mm of the work frame."

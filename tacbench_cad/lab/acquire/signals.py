@@ -1,18 +1,26 @@
-"""Signals: SIGINT, SIGTERM and SIGHUP end a run in an orderly way, also if a device does not return."""
+"""Signals: SIGINT, SIGTERM and SIGHUP end a run in an orderly way, also if a device does not return.
+
+Python runs a signal handler in the main thread, and not before a call into the system or into a library has returned.
+Signals are therefore also received in a thread of their own, which lifts the sensor and can end the process.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
+import os
 import signal
+import socket
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError, undisturbed
-from tacbench_cad.lab.acquire.rescue import Listener, leave, waiting_place
-from tacbench_cad.lab.acquire.safety import DEVICE_S, RETRY_S, Carriage
+import tacbench_cad
+from tacbench_cad.lab.acquire.safety import DEVICE_S, RETRY_S, Carriage, RunInterruptedError, undisturbed
 
 #: The time in s that the main thread has to handle a signal before another thread stops the stage.
 HANDLER_S = 0.02
@@ -20,6 +28,10 @@ HANDLER_S = 0.02
 GRACE_S = 0.5
 #: The longest wait for the end of a lift after a second signal, in s.
 LIFT_S = 20.0
+#: The exit code of a process that a signal has ended.
+EXIT_CODE = 130
+#: The folder of this project's own code.
+_PACKAGE = str(Path(tacbench_cad.__file__).parent)
 
 
 class Signals:
@@ -53,7 +65,7 @@ class Signals:
             names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
             for number in (getattr(signal, name) for name in names):
                 self._previous[number] = signal.signal(number, self._caught)
-            self._listening.enter_context(Listener(self._previous, self._heard))
+            self._listening.enter_context(_heard(self._previous, self._heard))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -110,7 +122,7 @@ class Signals:
         carriage.interrupt(name)
         if self._handled > self._first + 1 and not carriage.noticed.is_set() and not carriage.is_in_use:
             error = RunInterruptedError(name)
-            error.gave_up = waiting_place(frame)
+            error.gave_up = _waiting_place(frame)
             raise error
 
     def _heard(self, name: str, before: int) -> None:
@@ -140,7 +152,7 @@ class Signals:
                 return
             lifted = carriage.rescue() or "the sensor is lifted"
             if not carriage.noticed.is_set():
-                self._say(f"{lifted}; waiting {DEVICE_S:g} s for {waiting_place()}; another Ctrl-C gives it up")
+                self._say(f"{lifted}; waiting {DEVICE_S:g} s for {_waiting_place()}; another Ctrl-C gives it up")
             if carriage.noticed.wait(DEVICE_S):
                 return
         elif carriage.noticed.wait(GRACE_S):
@@ -152,8 +164,61 @@ class Signals:
         if self._leaving.acquire(blocking=False):
             error = RunInterruptedError(name)
             error.lifted = self._lifted if carriage is None else carriage.lifted
-            error.gave_up = waiting_place()
+            error.gave_up = _waiting_place()
             try:
                 self._give_up(error)
             finally:
-                leave()
+                _leave()
+
+
+@contextlib.contextmanager
+def _heard(numbers: Collection[int], caught: Callable[[str, int], None]) -> Iterator[None]:
+    """Receive signals in a thread during the body, also while the main thread does not return from a call.
+
+    Args:
+        numbers: The numbers of the signals, whose handlers must be installed.
+        caught: Called with the name of each signal and the number of signals before it, each time in a new thread.
+    """
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+    count = itertools.count()
+
+    def listen() -> None:
+        with receiver, contextlib.suppress(OSError):
+            while data := receiver.recv(64):
+                for number in filter(numbers.__contains__, data):
+                    arguments = (signal.Signals(number).name, next(count))
+                    threading.Thread(target=caught, args=arguments, daemon=True).start()
+
+    previous = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=listen, daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(previous)
+        sender.close()
+
+
+def _waiting_place(frame: FrameType | None = None) -> str:
+    """Return where the main thread waits: ``read() in my_sensor.py, line 12``.
+
+    Args:
+        frame: The innermost frame of the main thread; None to look it up.
+    """
+    main = threading.main_thread().ident
+    frame = frame or (sys._current_frames().get(main) if main is not None else None)
+    place = frame
+    # The call from our code into a driver tells more than what the driver calls.
+    while frame is not None and not frame.f_code.co_filename.startswith(_PACKAGE):
+        place, frame = frame, frame.f_back
+    if place is None:
+        return "a device"
+    return f"{place.f_code.co_name}() in {place.f_code.co_filename}, line {place.f_lineno}"
+
+
+def _leave() -> None:
+    """End the process at once. A call that does not return would prevent every other end."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):
+            stream.flush()
+    os._exit(EXIT_CODE)

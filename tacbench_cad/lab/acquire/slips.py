@@ -23,7 +23,7 @@ import numpy as np
 
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
-from tacbench_cad.lab.rig.errors import ContactError, SlipError
+from tacbench_cad.lab.rig.errors import ContactError, PositionLostError
 from tacbench_cad.lab.rig.stage import Stage, home_again, measures_offset
 from tacbench_cad.lab.rig.switches import offset_text
 from tacbench_cad.lab.runs.info import RunInfo
@@ -157,13 +157,13 @@ def require_repeatable_homing(stage: Stage, allowed_mm: float) -> None:
         allowed_mm: The largest allowed difference on each axis.
 
     Raises:
-        SlipError: The two homings differ.
+        PositionLostError: The two homings differ.
         RigError: The stage failed.
     """
     offset = home_again(stage) if measures_offset(stage) else None
     if offset is not None and any(abs(error) > allowed_mm for error in offset):
         x, y, z = map(offset_text, offset)
-        raise SlipError(
+        raise PositionLostError(
             f"two homings differ by {x}, {y} and {z} mm in x, y and z: an end stop has closed too early "
             "or a motor has slipped; check the end stops and their cables, then run the command again"
         )

@@ -20,14 +20,10 @@ from .drivers import find_driver as find_driver
 from .drivers import open_device as open_device
 from .errors import AlarmError as AlarmError
 from .errors import DeviceLostError as DeviceLostError
-from .errors import GaugeError as GaugeError
 from .errors import NoAnswerError as NoAnswerError
-from .errors import NotThereError as NotThereError
 from .errors import OutOfRangeError as OutOfRangeError
 from .errors import PositionLostError as PositionLostError
-from .errors import ProtocolError as ProtocolError
 from .errors import RigError as RigError
-from .errors import SensorError as SensorError
 from .frames import FrameLimits as FrameLimits
 from .frames import require_good_frame as require_good_frame
 from .gauge import Force as Force

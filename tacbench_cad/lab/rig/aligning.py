@@ -18,9 +18,7 @@ from tacbench_cad.lab.study.editing import store_keys
 from tacbench_cad.lab.study.spec import Point, Protocol, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util.convert import read_json, to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import write_json
 from tacbench_cad.util.types import Floats
 
 #: The allowed distance between a taught marker and its place in the fitted frame, in mm. A person centres a pointer in
@@ -160,38 +158,6 @@ def highest_point_mm(block: Block) -> tuple[float, float]:
     return float(x[columns[best]]), float(y[rows[best]])
 
 
-@dataclass(frozen=True, kw_only=True)
-class TaughtMarkers:
-    """The markers that a person has taught so far, as they are kept in a file until the frame is stored.
-
-    Args:
-        markers: The number, x and y of each marker of the jig.
-        taught_mm: The stage's positions at the first of them.
-    """
-
-    markers: tuple[tuple[int, float, float], ...]
-    taught_mm: tuple[Point, ...]
-
-    @classmethod
-    def read(cls, path: Path, markers: Sequence[tuple[int, float, float]]) -> tuple[Point, ...]:
-        """Return the positions in a file if it belongs to these markers, otherwise none.
-
-        Raises:
-            InputError: The file is damaged.
-        """
-        if not path.exists():
-            return ()
-        kept = read_json(path, cls, "taught markers")
-        return kept.taught_mm if kept.markers == tuple(markers) else ()
-
-    def write(self, path: Path) -> None:
-        """Write the positions into a file, or remove the file if there are none."""
-        if self.taught_mm:
-            write_json(path, to_plain(self))
-        else:
-            path.unlink(missing_ok=True)
-
-
 @dataclass(kw_only=True)
 class Teaching:
     """A dialogue in which a person moves the stage with typed lines and confirms positions.
@@ -206,8 +172,6 @@ class Teaching:
         force_n: Reads the contact force if there is a gauge. A step down that presses too hard is then undone.
         may_home: Whether a stage that lost its position may be homed to lift the sensor, since homing moves upwards
             first.
-        taught: The positions of the first markers, if they were taught before.
-        keep: Receives the positions of the markers that have been taught so far; none if they are of no use.
         uninterrupted: Creates a context in which no signal interrupts the lift after an error.
     """
 
@@ -219,8 +183,6 @@ class Teaching:
     approach_mm_s: float
     force_n: Callable[[], float] | None = None
     may_home: bool = False
-    taught: Sequence[Point] = ()
-    keep: Callable[[Sequence[Point]], None] = lambda taught: None
     uninterrupted: Callable[[], AbstractContextManager[None]] = contextlib.nullcontext
     #: The reason why the sensor could not be lifted at the end; empty if it is lifted.
     not_lifted: str = field(default="", init=False)
@@ -251,23 +213,18 @@ class Teaching:
     def _teach(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
         self.say("Put the jig on. Replace the sensor by a pointer on the same axis. Commands:\n" + HELP)
         markers = corner_markers(protocol.grid)
-        taught = list(self.taught)
-        for number, x, y in markers[len(taught) :]:
+        taught: list[Point] = []
+        for number, x, y in markers:
             if len(taught) >= 2:
                 known = [(mx, my) for _, mx, my in markers[: len(taught)]]
                 ahead = fit_frame(known, taught).frame.to_stage((x, y, 0.0))
                 self._across(ahead[0], ahead[1])
             taught.append(self._jog(f"marker {number} (x {x:g}, y {y:g} mm on the block): centre the pointer on it"))
-            self.keep(taught)
             self._lift(LIFT_MM)
         fit = fit_frame([(x, y) for _, x, y in markers], taught)
         for (number, _, _), distance in zip(markers, fit.distances_mm, strict=True):
             self.say(f"marker {number}: {distance:.3f} mm away from its fitted position")
-        try:
-            fit.require_within(tolerance_mm)
-        except CheckFailedError:
-            self.keep(())
-            raise
+        fit.require_within(tolerance_mm)
         self.lift_off()
         self._wait_for_ok("Remove the jig and the pointer, and mount the sensor. Then type ok.")
         x, y = highest_point_mm(block)
@@ -312,7 +269,7 @@ class Teaching:
             if words == ["ok"]:
                 return here
             if words == ["quit"]:
-                raise self._quit()
+                raise InputError("align", "quit", "stopped; nothing is stored")
             if words == ["up"]:
                 self._lift(LIFT_MM)
                 continue
@@ -337,11 +294,7 @@ class Teaching:
     def _wait_for_ok(self, prompt: str) -> None:
         while (word := self.ask(prompt + " ").strip()) != "ok":
             if word == "quit":
-                raise self._quit()
-
-    def _quit(self) -> InputError:
-        self.keep(())
-        return InputError("align", "quit", "stopped; nothing is stored")
+                raise InputError("align", "quit", "stopped; nothing is stored")
 
 
 def parse_step(words: Sequence[str]) -> Point:

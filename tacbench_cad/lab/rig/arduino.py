@@ -31,7 +31,7 @@ import math
 import re
 from typing import Unpack
 
-from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.rig.serial_stage import Link, SerialOptions, SerialStage, confirmed
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
@@ -75,7 +75,7 @@ class ArduinoStage(SerialStage[Link]):
     Raises:
         InputError: ``steps_per_mm`` is missing or wrong, or the port cannot be opened.
         NoAnswerError: The device does not answer.
-        ProtocolError: The device answers, but it is not the paper's firmware.
+        RigError: The device answers, but it is not the paper's firmware.
     """
 
     def __init__(self, port: str, *, steps_per_mm: object = None, **options: Unpack[SerialOptions]) -> None:
@@ -115,7 +115,7 @@ class ArduinoStage(SerialStage[Link]):
 
         Raises:
             PositionLostError: The board was reset or never homed; home it first.
-            NotThereError: The move was stopped on request, or the counters differ from the target.
+            RigError: The move was stopped on request, or the counters differ from the target.
             NoAnswerError: The device is silent. The position is then unknown.
             DeviceLostError: The device is unplugged.
         """
@@ -127,7 +127,7 @@ class ArduinoStage(SerialStage[Link]):
             x, y, z = (a + fraction * (b - a) for a, b in zip(start, target_mm, strict=True))
             self._step_to(self._steps((x, y, z)), math.dist(start, target_mm) / speed_mm_s / pieces)
             if self._stopping:
-                raise NotThereError(f"{self._link.name}: the move was stopped on request")
+                raise RigError(f"{self._link.name}: the move was stopped on request")
             self._report(self._mm(self._counters))
         return self._mm(self._counters)
 
@@ -185,7 +185,7 @@ class ArduinoStage(SerialStage[Link]):
                 self._link.lost = (
                     "" if at == self._counters else "a move went to a wrong position (garbled line or reset)"
                 )
-                kind = NotThereError if any(at) else PositionLostError
+                kind = RigError if any(at) else PositionLostError
                 raise kind(f"{self._link.name}: reports {at} steps instead of {steps}")
         self._counters = steps
 
@@ -193,12 +193,12 @@ class ArduinoStage(SerialStage[Link]):
         """Return the counters. Unexpected values must arrive twice, since a single answer may be damaged.
 
         Raises:
-            ProtocolError: Each answer has other values.
+            RigError: Each answer has other values.
             RigError: The device is gone or silent.
         """
         at = confirmed(self._read_counters, lambda at: at == expected)
         if at is None:
-            raise ProtocolError(f"{self._link.name}: reports other steps each time although it does not move")
+            raise RigError(f"{self._link.name}: reports other steps each time although it does not move")
         return at
 
     def _read_counters(self) -> Steps:
@@ -213,7 +213,7 @@ class ArduinoStage(SerialStage[Link]):
                 steps = counters(line)
                 if steps is not None:
                     return steps
-        raise silent or ProtocolError(f"{self._link.name}: SHOW no longer reports a position")
+        raise silent or RigError(f"{self._link.name}: SHOW no longer reports a position")
 
     def _reset(self) -> None:
         """Send ``RESET`` until the firmware understands it.
@@ -260,7 +260,7 @@ class ArduinoStage(SerialStage[Link]):
                 pass
             reply = " ".join(lines)
             if "echo:" in reply or "error:" in reply.lower():
-                raise ProtocolError(f"{self._link.name}: is not the paper's firmware; it sent {reply[:60]!r}")
+                raise RigError(f"{self._link.name}: is not the paper's firmware; it sent {reply[:60]!r}")
             return next((steps for line in lines if (steps := counters(line))), None)
         raise NoAnswerError(
             f"{self._link.name}: does not answer SHOW with done. Check power, cable, baud rate and driver"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.camera_devices import Capture, Opener, chosen_camera, open_capture
 from tacbench_cad.lab.rig.colours import INSIDE
-from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
+from tacbench_cad.lab.rig.errors import DeviceLostError, RigError
 from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
@@ -163,7 +163,7 @@ class CameraSensor(Closing):
 
         Raises:
             DeviceLostError: The camera no longer delivers frames.
-            SensorError: The frames are dark, blurred or stuck, or have another size, or the camera has changed one of
+            RigError: The frames are dark, blurred or stuck, or have another size, or the camera has changed one of
                 its settings by itself.
         """
         return self._good(self._fresh)
@@ -189,7 +189,7 @@ class CameraSensor(Closing):
             if not faults:
                 self._require_unchanged()
                 return image
-        raise SensorError(f"{self.name}: {_GLITCHES + 1} frames in a row are {' and '.join(faults)}; {_help(faults)}")
+        raise RigError(f"{self.name}: {_GLITCHES + 1} frames in a row are {' and '.join(faults)}; {_help(faults)}")
 
     def close(self) -> None:
         """Close the camera. Never raises; a second call has no effect."""
@@ -218,7 +218,7 @@ class CameraSensor(Closing):
             ):
                 return self._retrieve()
             if now > requested_s + _TIMEOUT_S:
-                raise SensorError(
+                raise RigError(
                     f"{self.name}: no new frame within {_TIMEOUT_S:g} s ({grabbed} old ones); unplug it and plug it "
                     "in again"
                 )
@@ -241,10 +241,10 @@ class CameraSensor(Closing):
     def _retrieve(self) -> NDArray[Any]:
         ok, image = self._open.retrieve()
         if not ok or image is None:
-            raise SensorError(f"{self.name}: a frame could not be decoded; check the cable and the USB hub")
+            raise RigError(f"{self.name}: a frame could not be decoded; check the cable and the USB hub")
         size = (self._options.height, self._options.width)
         if image.dtype != np.uint8 or image.shape[:2] != size or image.shape[2:] not in ((), (3,)):
-            raise SensorError(
+            raise RigError(
                 f"{self.name}: a frame has shape {image.shape}, {image.dtype}; requested was {self.shape}, uint8"
             )
         if self._options.colour:
@@ -261,13 +261,13 @@ class CameraSensor(Closing):
         """Check the settings that were locked when the camera was opened.
 
         Raises:
-            SensorError: The camera has changed a setting by itself.
+            RigError: The camera has changed a setting by itself.
         """
         for setting, value in self._locked.items():
             now = self._open.get(_PROPERTIES[setting])
             if not abs(now - value) <= _CLOSE * abs(value):
                 shown = setting.replace("_", " ")
-                raise SensorError(
+                raise RigError(
                     f"{self.name}: the {shown} was {value:g} and is now {now:g}; the camera or another program changed "
                     f"it. Set [sensor] {setting} to a fixed value, and close other programs that use the camera"
                 )
@@ -283,7 +283,7 @@ class CameraSensor(Closing):
             The settings that the device reports. ``automatic`` lists the controls that it does not switch off.
 
         Raises:
-            SensorError: The device reports another value.
+            RigError: The device reports another value.
         """
         requested = self._requested
         properties = {**_PROPERTIES, **{name: prop for name, (prop, _) in self._extra.items()}}
@@ -296,7 +296,7 @@ class CameraSensor(Closing):
         actual: dict[str, Any] = {setting: float(capture.get(properties[setting])) for setting in requested}
         for setting, value in requested.items():
             if not abs(actual[setting] - value) <= _CLOSE * abs(value):
-                raise SensorError(
+                raise RigError(
                     f"{self.name}: {setting} = {value:g} was requested, but the device has {actual[setting]:g}; choose "
                     "a value that the device supports, or omit the setting if the device does not have it"
                 )
@@ -307,12 +307,10 @@ class CameraSensor(Closing):
             if state in (off, 0.0, -1.0):
                 continue
             if setting in requested:
-                raise SensorError(
-                    f"{self.name}: automatic {setting.replace('_', ' ')} cannot be switched off ({state:g})"
-                )
+                raise RigError(f"{self.name}: automatic {setting.replace('_', ' ')} cannot be switched off ({state:g})")
             automatic.append(setting)
         if "focus" not in requested and float(capture.get(_AUTOFOCUS)) == 1.0:
-            raise SensorError(f"{self.name}: the focus is automatic; set [sensor] focus to a fixed value")
+            raise RigError(f"{self.name}: the focus is automatic; set [sensor] focus to a fixed value")
         for setting in _LOCKED:
             if setting not in actual and (present := float(capture.get(_PROPERTIES[setting]))) not in (0.0, -1.0):
                 actual[setting] = present

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import find_driver, open_gauge, open_sensor, open_stage
@@ -18,19 +18,11 @@ from tacbench_cad.lab.rig.stage import Stage, inner
 from tacbench_cad.lab.study.spec import (
     NO_GAUGE,
     GaugeSettings,
-    HolderRim,
     PrintedBlock,
     RigSettings,
     StageSettings,
     WorkFrame,
 )
-
-
-class Following(Protocol):
-    """A simulated device, which must know the block below the sensor."""
-
-    def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
-        """Replace the block below the sensor."""
 
 
 @dataclass(kw_only=True)
@@ -51,7 +43,7 @@ class Rig:
     sensor: Sensor
     clock: Clock
     settings: RigSettings
-    following: tuple[Following, ...] = ()
+    following: tuple[Any, ...] = ()
 
     def put(self, printed: PrintedBlock, frame: WorkFrame) -> None:
         """Pass the next block to the simulated devices."""
@@ -125,7 +117,7 @@ def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> 
             gauge = devices.enter_context(open_gauge(settings.gauge, clock, taken=taken, stage=stage))
         taken += [settings.gauge.port] if settings.gauge.port else []
         sensor = devices.enter_context(open_sensor(settings.sensor, clock, taken=taken, stage=stage))
-        following: Any = tuple(device for device in (inner(stage), gauge, sensor) if hasattr(device, "put"))
+        following = tuple(device for device in (inner(stage), gauge, sensor) if hasattr(device, "put"))
         rig = Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
         rig.put(printed, frame)
         yield rig

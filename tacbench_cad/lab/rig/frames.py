@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.errors import SensorError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.util.convert import Bounds, Checked
 from tacbench_cad.util.types import Bools, Ints
 
@@ -102,11 +102,11 @@ def require_good_frame(name: str, image: NDArray[Any], previous: NDArray[Any] | 
         limits: The limits.
 
     Raises:
-        SensorError: The frame is dark, blurred or stuck.
+        RigError: The frame is dark, blurred or stuck.
     """
     faults = frame_faults(image, previous, limits)
     if faults:
-        raise SensorError(f"{name}: a frame is {' and '.join(faults)}; check the light, the exposure, the lens")
+        raise RigError(f"{name}: a frame is {' and '.join(faults)}; check the light, the exposure, the lens")
 
 
 def frame_quality(image: NDArray[Any], mask: Bools | None = None, *, edges: bool = True) -> FrameQuality:

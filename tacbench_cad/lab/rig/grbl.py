@@ -32,9 +32,7 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
     NoAnswerError,
-    NotThereError,
     PositionLostError,
-    ProtocolError,
     RigError,
 )
 from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, grbl_settings
@@ -88,7 +86,7 @@ class GrblStage(SerialStage[GrblLink]):
     Raises:
         InputError: The port cannot be opened.
         NoAnswerError: The device does not answer.
-        ProtocolError: The device is not GRBL 1.1, reports inches, or switches its motors off at rest.
+        RigError: The device is not GRBL 1.1, reports inches, or switches its motors off at rest.
     """
 
     def __init__(
@@ -121,7 +119,7 @@ class GrblStage(SerialStage[GrblLink]):
 
         Raises:
             AlarmError: An end stop was not found or stays closed, or homing was stopped.
-            ProtocolError: Homing is not enabled in the firmware (``$22=0``).
+            RigError: Homing is not enabled in the firmware (``$22=0``).
             RigError: The device is gone or silent, or was reset.
         """
         self._stopping = False
@@ -140,7 +138,7 @@ class GrblStage(SerialStage[GrblLink]):
         if self._stopping:
             raise AlarmError(f"{self._link.name}: homing was stopped on request")
         if home_reported is None:
-            raise ProtocolError(f"{self._link.name}: does not understand the homing command; check the cable")
+            raise RigError(f"{self._link.name}: does not understand the homing command; check the cable")
         self._link.answer_s = usual_answer_s
         # A late answer to the last question must not count as the answer to the next one.
         for _ in range(20):
@@ -206,7 +204,7 @@ class GrblStage(SerialStage[GrblLink]):
             AlarmError: The firmware is locked, or an alarm locked it during the move.
             PositionLostError: The firmware was reset, during the move or before; home it first.
             OutOfRangeError: The target is beyond the firmware's own limits.
-            NotThereError: The move was stopped on request, put on hold, stuck, or ended at another position.
+            RigError: The move was stopped on request, put on hold, stuck, or ended at another position.
             NoAnswerError: The device is silent.
             DeviceLostError: The device is unplugged.
         """
@@ -227,7 +225,7 @@ class GrblStage(SerialStage[GrblLink]):
             self._leave_hold()
         at = confirmed(self._reported, lambda at: self._last is None or self._there(at, self._last))
         if at is None:
-            raise ProtocolError(f"{self._link.name}: reports another position each time")
+            raise RigError(f"{self._link.name}: reports another position each time")
         # A reset leaves this position. Its banner may have been lost.
         if at == (0.0, 0.0, 0.0) and self._last is not None and math.dist(at, self._last) > ASIDE_MM:
             raise self._link.reset_noticed("reports 0, 0, 0 although it should be elsewhere")
@@ -316,7 +314,7 @@ class GrblStage(SerialStage[GrblLink]):
             answer = link.next(max(ask_at - now, 0.0))
             now = line.now_s()
             if self._stopping:
-                raise NotThereError(f"{name}: the move to {place_text(target)} was stopped on request")
+                raise RigError(f"{name}: the move to {place_text(target)} was stopped on request")
             if now - reported_s > self._timeout_s:
                 raise self._link.silence()
             if isinstance(answer, str):
@@ -338,12 +336,12 @@ class GrblStage(SerialStage[GrblLink]):
             link.not_locked(answer)
             if answer.state == "Hold":
                 self._stopping = True
-                raise NotThereError(f"{name}: was put on hold at {place_text(at)}, perhaps by its button")
+                raise RigError(f"{name}: was put on hold at {place_text(at)}, perhaps by its button")
             # A single report may be damaged, so two consecutive reports are needed.
             aside = aside + 1 if is_aside(at, start, target) else 0
             if aside >= 2:
                 self.stop()
-                raise NotThereError(
+                raise RigError(
                     f"{name}: moved to {place_text(at)}, off the line to {place_text(target)}, and was stopped"
                 )
             if not aside:
@@ -354,7 +352,7 @@ class GrblStage(SerialStage[GrblLink]):
                     closest, progress = math.dist(at, target), now
                 if now - progress > self._timeout_s or now > give_up:
                     self.stop()
-                    raise NotThereError(
+                    raise RigError(
                         f"{name}: stays at {place_text(at)} on its way to {place_text(target)} and was stopped"
                     )
                 continue
@@ -368,7 +366,7 @@ class GrblStage(SerialStage[GrblLink]):
                 synchronising, foreign = True, 2
             if stood_s >= (STANDING_S if accepted and not foreign else self._timeout_s):
                 why = "the move ended" if accepted else "the firmware did not accept the move and stands"
-                raise NotThereError(f"{name}: {why} at {place_text(at)} instead of {place_text(target)}")
+                raise RigError(f"{name}: {why} at {place_text(at)} instead of {place_text(target)}")
 
     def _next_poll_s(self, now_s: float, end_s: float) -> float:
         """Return the time of the next status request: at intervals, at the expected end of a move, and often after it.
@@ -439,7 +437,7 @@ class GrblStage(SerialStage[GrblLink]):
                 return self._place(report)
             now = self._line.now_s()
             if now >= until:
-                raise NotThereError(f"{self._link.name}: {failed}; its state is {report.state}")
+                raise RigError(f"{self._link.name}: {failed}; its state is {report.state}")
             if "Hold" in states and now >= again:
                 self._line.write_now(HOLD)
                 again = now + ANSWER_S

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 
 from tacbench_cad.lab.rig import grbl_replies as replies
-from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, ProtocolError, RigError
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, RigError
 from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
@@ -72,7 +72,7 @@ class GrblLink(Link):
 
         Raises:
             NoAnswerError: The device does not answer.
-            ProtocolError: The device is not GRBL 1.1.
+            RigError: The device is not GRBL 1.1.
         """
         greeting = Greeting(
             self.line, self.name, "GRBL 1.1", limit_s=max(GREETING_S, self.timeout_s), attempt_s=ATTEMPT_S
@@ -101,9 +101,9 @@ class GrblLink(Link):
             if line != "ok":
                 greeting.unexpected = greeting.unexpected or line[:60]
             if "Marlin" in line or "Unknown command" in line:
-                raise ProtocolError(f"{self.name}: is Marlin, not GRBL; it sent {line[:60]!r}")
+                raise RigError(f"{self.name}: is Marlin, not GRBL; it sent {line[:60]!r}")
         if not version.startswith("1.1"):
-            raise ProtocolError(f"{self.name}: GRBL {version!r} is not supported; version 1.1 is needed")
+            raise RigError(f"{self.name}: GRBL {version!r} is not supported; version 1.1 is needed")
         version, _, marked = version.partition(MARK)
         self.marked = tuple(int(number) for number in re.findall(r"\b\d+\b", marked))
         self._text = version.partition(":")[2]
@@ -176,7 +176,7 @@ class GrblLink(Link):
                         return settings
                     if replies.error(answer) is not None:
                         break
-        raise ProtocolError(f"{self.name}: does not list its settings; it sent {lines[-1]!r} after $$")
+        raise RigError(f"{self.name}: does not list its settings; it sent {lines[-1]!r} after $$")
 
     def set(self, number: int, value: float) -> None:
         """Change a numbered setting, while the stage is at rest.
@@ -185,9 +185,7 @@ class GrblLink(Link):
             RigError: The firmware refuses the setting, is silent or gone, or was reset.
         """
         if self._store(f"${number}={value:g}") and self.settings().get(number) != value:
-            raise ProtocolError(
-                f"{self.name}: did not store ${number}={value:g}; {self.disturbance or 'set it by hand'}"
-            )
+            raise RigError(f"{self.name}: did not store ${number}={value:g}; {self.disturbance or 'set it by hand'}")
 
     def mark(self, numbers: Iterable[int]) -> None:
         """Store in the firmware which settings have to be switched on again, after the text of its user (``$I=``).
@@ -201,7 +199,7 @@ class GrblLink(Link):
             RigError: The firmware is silent or gone, or was reset.
         """
         mark = ",".join(str(number) for number in numbers)
-        with suppress(ProtocolError):
+        with suppress(RigError):
             self._store(f"$I={self._text}{MARK if mark else ''}{mark}")
 
     def _store(self, command: str) -> bool:
@@ -227,7 +225,7 @@ class GrblLink(Link):
                     refusal = answer
                     break
         why = self.disturbance or (f"it sent {refusal!r}" if refusal else "it did not confirm it")
-        raise ProtocolError(f"{self.name}: did not accept {command}; {why}")
+        raise RigError(f"{self.name}: did not accept {command}; {why}")
 
     @property
     def disturbance(self) -> str:
@@ -271,7 +269,7 @@ class GrblLink(Link):
                     answered = True
                     again = min(again, self.line.now_s() + OFFSET_S)
         if answered:
-            raise ProtocolError(f"{self.name}: reports work coordinates without their offset; send it $10=1")
+            raise RigError(f"{self.name}: reports work coordinates without their offset; send it $10=1")
         raise self.silence()
 
     def machine(self, report: Status) -> Point | None:
@@ -324,7 +322,7 @@ class GrblLink(Link):
         Raises:
             OutOfRangeError: The target is beyond the machine's travel.
             AlarmError: The firmware is locked.
-            ProtocolError: The line is another error.
+            RigError: The line is another error.
         """
         number = replies.error(answer)
         if number is None:
@@ -335,7 +333,7 @@ class GrblLink(Link):
         if number == 9:
             self.lost = "an alarm has locked the firmware"
             raise AlarmError(message)
-        raise ProtocolError(message)
+        raise RigError(message)
 
     def not_locked(self, report: Status) -> None:
         """Raise an error if a report's state does not allow motion.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from tacbench_cad.lab.rig import switches
-from tacbench_cad.lab.rig.errors import ProtocolError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.serial_stage import duration_s
 from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.study.spec import Point
@@ -51,17 +51,17 @@ class GrblMachine:
         """Refuse settings with which the sensor must not press.
 
         Raises:
-            ProtocolError: The firmware reports inches, switches its motors off at rest, or has homing without soft
+            RigError: The firmware reports inches, switches its motors off at rest, or has homing without soft
                 limits.
         """
         if int(self.settings.get(22, 0.0)) & 1 and self.settings.get(20) == 0.0:
-            raise ProtocolError(
+            raise RigError(
                 f"{self.name}: has no soft limits ($20=0); send it $20=1, and $21=1 so that the end stops stop moves"
             )
         if self.settings.get(13, 0.0) != 0.0:
-            raise ProtocolError(f"{self.name}: reports inches; send it $13=0")
+            raise RigError(f"{self.name}: reports inches; send it $13=0")
         if (delay_ms := self.settings.get(1, ALWAYS_ON)) != ALWAYS_ON:
-            raise ProtocolError(
+            raise RigError(
                 f"{self.name}: switches its motors off {delay_ms:g} ms after each move ($1={delay_ms:g}), so "
                 f"the sensor would press without power; send it $1={ALWAYS_ON} once with a serial terminal"
             )

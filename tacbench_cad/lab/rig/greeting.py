@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from tacbench_cad.lab.rig.errors import NoAnswerError, ProtocolError
+from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.rig.line import Line
 
 #: The silence after the answer, in s, after which no more lines are expected.
@@ -47,7 +47,7 @@ class Greeting:
 
         Raises:
             NoAnswerError: The board sends no line, or only one that is not an answer.
-            ProtocolError: Another board sends lines.
+            RigError: Another board sends lines.
         """
         attempt = 0
         while not self.answered:
@@ -62,7 +62,7 @@ class Greeting:
                     break
                 yield line
 
-    def _unanswered(self, hint: str) -> NoAnswerError | ProtocolError:
+    def _unanswered(self, hint: str) -> NoAnswerError | RigError:
         """Return the error for a board that did not answer in time."""
         if self.heard:
             return NoAnswerError(
@@ -75,7 +75,7 @@ class Greeting:
                 f"it sent {self.unexpected!r}"
             )
         if self.unexpected:
-            return ProtocolError(
+            return RigError(
                 f"{self._name}: is not {self._expected}, the baud rate is wrong, or the line is disturbed; "
                 f"it sent {self.unexpected!r}"
             )

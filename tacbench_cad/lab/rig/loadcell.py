@@ -10,7 +10,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.calibration import Calibration
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import GaugeError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
@@ -159,7 +159,6 @@ class LoadCell(SampleStream):
             name=name,
             columns=options.columns,
             timeout_s=timeout_s,
-            error=GaugeError,
             stuck_samples=options.stuck_samples,
             watched=options.column,
         )
@@ -175,7 +174,7 @@ class LoadCell(SampleStream):
             window_s: The duration in s of rig time.
 
         Raises:
-            GaugeError: The cell is stuck or saturated, or too many lines are garbled.
+            RigError: The cell is stuck or saturated, or too many lines are garbled.
             RigError: The device is gone or silent.
         """
         self.start_fresh(self.options.latency_s / self._clock.speed)
@@ -222,11 +221,11 @@ class LoadCell(SampleStream):
         """Return whether a sample is plausible.
 
         Raises:
-            GaugeError: The sample is at the end of the converter's range, or several in a row are implausible.
+            RigError: The sample is at the end of the converter's range, or several in a row are implausible.
         """
         counts = self.options.unit == "counts"
         if counts and value in (self.options.low_counts, self.options.high_counts):
-            raise GaugeError(
+            raise RigError(
                 f"{self.name}: saturated at {value:.0f} counts; the cell is overloaded or one of its wires is broken"
             )
         beyond = counts and not self.options.low_counts < value < self.options.high_counts
@@ -235,7 +234,7 @@ class LoadCell(SampleStream):
             return True
         self._beyond += 1
         if self._beyond >= _SEVERAL:
-            raise GaugeError(
+            raise RigError(
                 f"{self.name}: saturated, {self._beyond} samples in a row like {value:.10g} {self.options.unit}; the "
                 "cell is overloaded, one of its wires is broken, or the unit is not " + self.options.unit
             )

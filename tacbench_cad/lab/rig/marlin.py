@@ -47,8 +47,6 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
     NoAnswerError,
-    NotThereError,
-    ProtocolError,
     RigError,
 )
 from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, marlin_settings
@@ -92,7 +90,7 @@ class MarlinStage(SerialStage[MarlinLink]):
     Raises:
         InputError: The port cannot be opened.
         NoAnswerError: The device does not answer.
-        ProtocolError: The device is not Marlin 2.
+        RigError: The device is not Marlin 2.
     """
 
     def __init__(self, port: str, *, home_lift_mm: float = 5.0, **options: Unpack[SerialOptions]) -> None:
@@ -162,9 +160,9 @@ class MarlinStage(SerialStage[MarlinLink]):
         Raises:
             AlarmError: The firmware halted.
             PositionLostError: The firmware was reset, during the move or before; home it first.
-            NotThereError: The move was stopped on request, limited by a soft end stop, or interrupted.
+            RigError: The move was stopped on request, limited by a soft end stop, or interrupted.
             NoAnswerError: The device is silent.
-            ProtocolError: Lines were garbled too often.
+            RigError: Lines were garbled too often.
             DeviceLostError: The device is unplugged.
         """
         start = self._start()
@@ -179,7 +177,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         if not is_near(at, target_mm, self._tolerance_mm()):
             # The carriage may now stand at an end stop, which homing must not take for a stuck switch.
             self._last = at
-            raise NotThereError(
+            raise RigError(
                 f"{self._link.name}: stands at {place_text(at)} instead of {place_text(target_mm)}; "
                 "the firmware's soft end stops limited the move, it was interrupted, or the build withholds moves of "
                 f"{PART_STEPS} motor steps (MIN_STEPS_PER_SEGMENT)"
@@ -256,15 +254,15 @@ class MarlinStage(SerialStage[MarlinLink]):
         """Stop homing if the body is interrupted. Marlin would go on even after this program has ended."""
         try:
             yield
-        except NotThereError:
-            raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
         except (DeviceLostError, NoAnswerError) as error:
             self.stop()
             # A command that could not be sent does not move the carriage.
             if self._line.torn:
                 raise
             raise type(error)(f"{error}; {STILL_HOMING}") from None
-        except RigError:
+        except RigError as error:
+            if type(error) is RigError and self._link.stopping:
+                raise AlarmError(f"{self._link.name}: homing was stopped on request") from None
             raise
         except BaseException as error:
             error.add_note(self._link.stop_homing())
@@ -359,7 +357,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         """Send a command that the firmware must know, and return the lines of its answer."""
         lines = self._link.command(command, limit_s=limit_s)
         if any(replies.unknown(line) is not None for line in lines):
-            raise ProtocolError(f"{self._link.name}: does not know {command}; it sent {lines[-1]!r}")
+            raise RigError(f"{self._link.name}: does not know {command}; it sent {lines[-1]!r}")
         return lines
 
     def _place(self) -> MarlinPosition:
@@ -376,10 +374,10 @@ class MarlinStage(SerialStage[MarlinLink]):
             lambda place: expected is not None and math.dist(place.planned_mm, expected) <= 2.0 * ROUNDING_MM,
         )
         if place is None:
-            raise ProtocolError(f"{self._link.name}: reports another position each time although it does not move")
+            raise RigError(f"{self._link.name}: reports another position each time although it does not move")
         counted = self._counted(place)
         if self._counts and counted is None:
-            raise NotThereError(
+            raise RigError(
                 f"{self._link.name}: its motors are not at its planned position, {place_text(place.planned_mm)}; "
                 "the motion was interrupted"
             )

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from tacbench_cad.lab.rig import marlin_replies as replies
-from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, NotThereError, ProtocolError, RigError
+from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, RigError
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.serial_stage import STILL_HOMING, Link
@@ -78,7 +78,7 @@ class MarlinLink(Link):
 
         Raises:
             NoAnswerError: The device does not answer.
-            ProtocolError: The device is not Marlin 2.
+            RigError: The device is not Marlin 2.
         """
         patience_s = max(GREETING_S, self.timeout_s) * max(1, len(bauds))
         greeting = Greeting(self.line, self.name, "Marlin 2", limit_s=patience_s, attempt_s=ATTEMPT_S)
@@ -105,7 +105,7 @@ class MarlinLink(Link):
             greeting.unexpected = greeting.unexpected or line[:60]
         self.firmware = next((name for name in names if name.startswith("Marlin")), names[-1])
         if not self.firmware.startswith("Marlin"):
-            raise ProtocolError(f"{self.name}: {self.firmware!r} is not Marlin 2")
+            raise RigError(f"{self.name}: {self.firmware!r} is not Marlin 2")
         self.renumber()
 
     @property
@@ -137,7 +137,7 @@ class MarlinLink(Link):
                     self._take(line)
             else:
                 return
-        raise ProtocolError(f"{self.name}: does not accept new line numbers; check the cable")
+        raise RigError(f"{self.name}: does not accept new line numbers; check the cable")
 
     def stop(self) -> None:
         """Send ``M410``. Signal handlers may call this method. Never raises."""
@@ -206,7 +206,7 @@ class MarlinLink(Link):
             The lines before the ``ok``.
 
         Raises:
-            NotThereError: The motion was stopped on request.
+            RigError: The motion was stopped on request.
             RigError: The device is silent, gone or halted, was reset, or lines were garbled too often.
         """
         try:
@@ -224,7 +224,7 @@ class MarlinLink(Link):
         """
         self._old_lines()
         if self.stopping:
-            raise NotThereError(f"{self.name}: the motion was stopped on request")
+            raise RigError(f"{self.name}: the motion was stopped on request")
         self._number += 1
         # The command counts as given up until it is acknowledged.
         self._given_up += 1
@@ -242,7 +242,7 @@ class MarlinLink(Link):
         while (now := self.line.now_s()) < min(until, last):
             line = self._take(self.line.read_line(0.05))
             if self.stopping:
-                raise NotThereError(f"{self.name}: the motion was stopped on request")
+                raise RigError(f"{self.name}: the motion was stopped on request")
             if line is None:
                 if now >= quiet_until:
                     if tried == 2:
@@ -256,7 +256,7 @@ class MarlinLink(Link):
                 # If the firmware requests the previous line, that line will not be acknowledged either.
                 resends, foreign = resends + 1, 1 if number is not None and number < self._number else foreign + 1
                 if resends > RESENDS:
-                    raise ProtocolError(f"{self.name}: {text} was garbled {resends} times; check the cable")
+                    raise RigError(f"{self.name}: {text} was garbled {resends} times; check the cable")
                 again = [framed]
                 if number == self._number + 1 and not text.startswith("M110"):
                     # The firmware has accepted this line, and has refused what a disturbance made of another one.

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import tacbench_cad
-from tacbench_cad.lab.rig.errors import DriverError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest
 from tacbench_cad.util.packages import why_not_imported
@@ -54,7 +54,7 @@ class OwnDevice(Closing):
                 raise
             except (Exception, SystemExit) as error:
                 place = _place(error, type(self._device).__module__)
-                raise DriverError(f"{self._name}: {attribute}() failed: {_text(error)} ({place})") from error
+                raise RigError(f"{self._name}: {attribute}() failed: {_text(error)} ({place})") from error
 
         return call
 

@@ -71,7 +71,6 @@ class SampleStream(Closing):
         name: The device, for error messages.
         columns: The number of values in a sample.
         timeout_s: The longest wait for a sample, in s of real time.
-        error: The kind of error for too many garbled lines or a stuck device.
         stuck_samples: The number of identical samples in a row that mean a stuck device; 0 switches the check off.
         watched: The only column that is checked for this, counted from 1; None for all.
 
@@ -83,7 +82,6 @@ class SampleStream(Closing):
     name: str
     columns: int
     timeout_s: float
-    error: type[RigError]
     stuck_samples: int = 0
     watched: int | None = None
     garbled: int = field(default=0, init=False)
@@ -140,7 +138,7 @@ class SampleStream(Closing):
                 self._look_for_stuck(numbers if self.watched is None else (numbers[self.watched - 1],))
                 return numbers
         if self._recent and not self._recent[-1]:
-            raise self.error(f"{self.name}: no valid line in time; the last line was {self._example!r}")
+            raise RigError(f"{self.name}: no valid line in time; the last line was {self._example!r}")
         raise self._silent()
 
     def count(self, sound: bool, example: str) -> None:
@@ -156,7 +154,7 @@ class SampleStream(Closing):
         self._example = example[:_MAX_SHOWN]
         bad = self._recent.count(False)
         if len(self._recent) >= _MIN_COUNTED and bad > _TOO_MANY * len(self._recent):
-            raise self.error(
+            raise RigError(
                 f"{self.name}: {bad} of the last {len(self._recent)} lines are garbled, for example "
                 f"{self._example!r}; check the baud rate and the number of values per line ({self.columns})"
             )
@@ -175,7 +173,7 @@ class SampleStream(Closing):
         self._last = sample
         if 0 < self.stuck_samples <= self._same:
             shown = ", ".join(f"{number:.10g}" for number in sample)[:_MAX_SHOWN]
-            raise self.error(
+            raise RigError(
                 f"{self.name}: {self._same} samples in a row are {shown}, so the device is stuck; if its rounding "
                 "hides its noise, set its stuck_samples = 0"
             )

@@ -10,7 +10,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig import ports
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import SensorError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.sensor import Frame
@@ -78,7 +78,6 @@ class TaxelSensor(SampleStream):
             name=name,
             columns=options.columns,
             timeout_s=options.timeout_s,
-            error=SensorError,
             stuck_samples=options.stuck_samples,
         )
         self.wait_for_start()
@@ -90,7 +89,7 @@ class TaxelSensor(SampleStream):
             float64, shape (columns,) or (samples, columns).
 
         Raises:
-            SensorError: Too many lines are garbled, or the array is stuck.
+            RigError: Too many lines are garbled, or the array is stuck.
             RigError: The device is gone or silent.
         """
         self.start_fresh(self._latency_s)
@@ -101,7 +100,7 @@ class TaxelSensor(SampleStream):
                 rows.append(self.next())
             if self.garbled == damaged or self._samples == 1:
                 return np.array(rows, dtype=np.float64).reshape(self.shape)
-        raise SensorError(
+        raise RigError(
             f"{self.name}: {_ATTEMPTS} series in a row contained a damaged line; try a lower rate or a shorter cable"
         )
 

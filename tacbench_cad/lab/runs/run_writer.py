@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad import __version__
-from tacbench_cad.lab.rig.errors import SensorError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
@@ -148,7 +148,7 @@ class RunWriter:
             time_utc: The time of the frame; None if it is unknown.
 
         Raises:
-            SensorError: The frame has another shape than the sensor's.
+            RigError: The frame has another shape than the sensor's.
             InputError: The disk is full, or the folder cannot be written.
         """
         file = self._encoded(frame)
@@ -169,7 +169,7 @@ class RunWriter:
             frame: The frame.
 
         Raises:
-            SensorError: The frame has another shape than the sensor's.
+            RigError: The frame has another shape than the sensor's.
             InputError: The run already has this frame, the disk is full, or the folder cannot be written.
         """
         if (when, in_contact, index) in self._still:
@@ -210,7 +210,7 @@ class RunWriter:
             The path of the frame's file, relative to the run folder.
 
         Raises:
-            SensorError: The frame has another shape than the sensor's.
+            RigError: The frame has another shape than the sensor's.
             InputError: The run already has this press, the disk is full, or the folder cannot be written.
         """
         age_s = reference_age_s
@@ -359,12 +359,12 @@ class RunWriter:
         """Encode a frame.
 
         Raises:
-            SensorError: The frame has another shape than the sensor's.
+            RigError: The frame has another shape than the sensor's.
         """
         shape = self.info.frame_shape
         if shape is not None and frame.shape != shape:
             stated = f"but the shape of its driver is {shape} (height, width, and channels of colour)"
-            raise SensorError(f"the sensor returned a frame of shape {frame.shape}, {stated}")
+            raise RigError(f"the sensor returned a frame of shape {frame.shape}, {stated}")
         with timed(self.seconds, "encode"):
             return FrameFile.of(*encoded(frame, self.info.simulated))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError, PositionLostError
+from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.rig.registry import Driver
 from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.spec import Point, StageSettings
@@ -102,7 +102,7 @@ class SimulatedStage(Closing):
         """Begin a motion and wait for its end.
 
         Raises:
-            NotThereError: The stage was stopped.
+            RigError: The stage was stopped.
         """
         start, began_s = self.position(), self.clock.now_s()
         ends_s = began_s + math.dist(start, target_mm) / speed_mm_s
@@ -112,7 +112,7 @@ class SimulatedStage(Closing):
             self._report(self.position())
         if self._stopped:
             self._stand()
-            raise NotThereError("simulated stage: the motion was stopped on request; home the stage first")
+            raise RigError("simulated stage: the motion was stopped on request; home the stage first")
 
     def _require_open(self) -> None:
         if self._closed:

@@ -218,29 +218,24 @@ def simulate_study(
     """
     options = options or SimulationOptions()
     infos = run_infos(study, options)
-    folders = [out / info.printed.name for info in infos]
-    counts = [images_there(folder) for folder in folders]
+
+    def show() -> None:
+        progress(sum(images_there(out / info.printed.name) for info in infos))
+
     if cluster is not None:
         blocks = []
-        for i, block in enumerate(cluster.map(partial(simulate_block, out.absolute(), options=options), infos)):
+        for block in cluster.map(partial(simulate_block, out.absolute(), options=options), infos):
             blocks.append(block)
-            counts[i] = images_there(folders[i])
-            progress(sum(counts))
+            show()
         return blocks
     with Workers(jobs) as workers:
         futures = [workers.submit(simulate_block, out, info, options) for info in infos]
-        counted: set[int] = set()
         pending = set(futures)
         while pending:
             done, pending = wait(pending, timeout=PROGRESS_S, return_when=FIRST_EXCEPTION)
             for future in done:
                 future.result()
-            for i, future in enumerate(futures):
-                if i not in counted:
-                    counts[i] = images_there(folders[i])
-                    if future.done():
-                        counted.add(i)
-            progress(sum(counts))
+            show()
         return [future.result() for future in futures]
 
 

@@ -1,4 +1,4 @@
-"""Editing of a study's TOML file: keys get new values, and the rest of the text, also its comments, stays as it is."""
+"""A new study file, and editing of one: keys get new values, and the rest of the text, also its comments, stays."""
 
 from __future__ import annotations
 
@@ -13,6 +13,22 @@ from tacbench_cad.util.text import toml_item
 
 if TYPE_CHECKING:
     from tomlkit import TOMLDocument
+
+
+#: The file that ``tacbench acquire --init`` writes: every key with its meaning and default.
+TEMPLATE_FILE = Path(__file__).with_name("template.toml")
+
+
+def write_template(path: Path) -> None:
+    """Write :data:`TEMPLATE_FILE` to a new file.
+
+    Raises:
+        InputError: The path already exists or cannot be written.
+    """
+    if path.exists() or path.is_symlink():
+        raise InputError("init", str(path), "already exists; name a new file")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, TEMPLATE_FILE.read_text("utf-8"))
 
 
 def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:

@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver, simulated_stages
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.plate import block_in_file, block_of_word, read_layout
 from tacbench_cad.lab.study.spec import (
+    NO_GAUGE,
     Copy,
     GaugeSettings,
     HolderRim,
@@ -310,9 +312,18 @@ def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
 
 
 def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:
-    for table, values in (("stage", document.stage), ("sensor", document.sensor)):
-        if values is None:
-            raise InputError(f"[{table}]", None, "this table is missing")
+    tables: tuple[tuple[registry.Kind, Mapping[str, Any] | None, tuple[str, ...]], ...] = (
+        ("stage", document.stage, ()),
+        ("gauge", document.gauge or {}, (NO_GAUGE,)),
+        ("sensor", document.sensor, ()),
+    )
+    for kind, table, words in tables:
+        if table is None:
+            raise InputError(f"[{kind}]", None, "this table is missing")
+        driver = table.get("driver")
+        # An unknown driver is reported before keys that are missing because of it.
+        if isinstance(driver, str) and ":" not in driver and driver not in words:
+            one_of(f"[{kind}] driver", driver, (*registry.drivers(kind), *words, "module:name"))
     stage = _stage(document.stage or {}, teaching)
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")
     if gauge.calibration is not None:
@@ -328,8 +339,6 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
 
 def _stage(plain: Mapping[str, Any], teaching: bool) -> StageSettings:
     driver = plain.get("driver")
-    if isinstance(driver, str):  # an unknown driver is reported before keys that are missing because of it
-        StageSettings.require_driver("[stage] driver", driver)
     values = dict(plain)
     if isinstance(driver, str) and ":" not in driver and not {"origin_mm", "limits_mm"} <= values.keys():
         values = {**find_driver("stage", driver).defaults, **plain}

@@ -9,11 +9,10 @@ import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.study.motion import MotionSettings, motion_of
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
@@ -21,7 +20,7 @@ from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, Press
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
 from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, to_plain
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import file_name
 from tacbench_cad.util.types import Floats
 
@@ -402,27 +401,8 @@ class WorkFrame(Checked):
         return ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarter_turns]
 
 
-class _Device(Checked):
-    """A device. Its driver has a name, or is a ``module:name``."""
-
-    KIND: ClassVar[registry.Kind]
-    #: The words that are allowed in place of a driver.
-    WORDS: ClassVar[tuple[str, ...]] = ()
-    driver: str
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require_driver("driver", self.driver)
-
-    @classmethod
-    def require_driver(cls, field: str, word: str) -> None:
-        """Check that a driver is a driver of this program or of an installed package, or a ``module:name``."""
-        if ":" not in word and word not in cls.WORDS:
-            one_of(field, word, (*registry.drivers(cls.KIND), *cls.WORDS, "module:name"))
-
-
 @dataclass(frozen=True, kw_only=True)
-class StageSettings(_Device):
+class StageSettings(Checked):
     """The settings of the stage, in the table ``[stage]``.
 
     Args:
@@ -441,7 +421,6 @@ class StageSettings(_Device):
             keyword arguments of a ``module:name``.
     """
 
-    KIND = "stage"
     driver: str
     port: str | None = None
     baud: Baud | None = None
@@ -473,7 +452,7 @@ class StageSettings(_Device):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GaugeSettings(_Device):
+class GaugeSettings(Checked):
     """The settings of the force gauge, in the table ``[gauge]``.
 
     Args:
@@ -485,8 +464,6 @@ class GaugeSettings(_Device):
         options: The driver's own settings.
     """
 
-    KIND = "gauge"
-    WORDS = (NO_GAUGE,)
     driver: str = NO_GAUGE
     port: str | None = None
     baud: Baud | None = None
@@ -496,7 +473,7 @@ class GaugeSettings(_Device):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorSettings(_Device):
+class SensorSettings(Checked):
     """The settings of the tactile sensor, in the table ``[sensor]``.
 
     Args:
@@ -508,7 +485,6 @@ class SensorSettings(_Device):
             taxels; keyword arguments of a ``module:name``.
     """
 
-    KIND = "sensor"
     driver: str
     device: str | None = None
     channels: Literal["rgb", "bgr"] | None = None

@@ -15,7 +15,7 @@ from tacbench_cad.extensions.conformance.checks import check_gauge
 from tacbench_cad.extensions.devices.force_gauges import MARK_10, AskedGauge, GaugeOptions
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_gauge
-from tacbench_cad.lab.rig.errors import GaugeError, NoAnswerError
+from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
 
@@ -86,7 +86,7 @@ def test_impossible_values_are_refused(
 ) -> None:
     emulated = started(make)
     emulated.answer = lambda force: answer
-    with pytest.raises(GaugeError, match=message):
+    with pytest.raises(RigError, match=message):
         opened(make, emulated)
 
 

@@ -17,10 +17,9 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
     NoAnswerError,
-    NotThereError,
     OutOfRangeError,
     PositionLostError,
-    ProtocolError,
+    RigError,
 )
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
@@ -99,14 +98,14 @@ def test_a_restart_loses_the_position(stage: KlipperStage, moonraker: EmulatedMo
 
 def test_a_bed_mesh_is_noticed(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
     moonraker.mesh_mm = 0.12
-    with pytest.raises(NotThereError, match=r"z 20\.120 mm instead of .* z 20\.000 mm; clear the bed mesh"):
+    with pytest.raises(RigError, match=r"z 20\.120 mm instead of .* z 20\.000 mm; clear the bed mesh"):
         stage.move((1.0, 1.0, 20.0), 20.0)
 
 
 def test_a_stop_halts_klipper_and_homing_restarts_it(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
     timer = threading.Timer(0.1, stage.stop)
     timer.start()
-    with pytest.raises(NotThereError, match="stopped by an emergency stop; home the stage first"):
+    with pytest.raises(RigError, match="stopped by an emergency stop; home the stage first"):
         stage.move((100.0, 100.0, 100.0), 10.0)
     assert moonraker.state == "shutdown" and moonraker.live()[0] < 90.0
     with pytest.raises(PositionLostError):
@@ -139,7 +138,7 @@ def test_a_halted_klipper_is_opened_and_restarted_by_homing(moonraker: EmulatedM
 def test_the_key_of_moonraker_is_sent() -> None:
     server = EmulatedMoonraker(api_key="abc")
     try:
-        with pytest.raises(ProtocolError, match=r"set options\.api_key"):
+        with pytest.raises(RigError, match=r"set options\.api_key"):
             KlipperStage(server.url)
         with KlipperStage(server.url, KlipperOptions(api_key="abc")) as stage:
             assert "emulated" in stage.identity

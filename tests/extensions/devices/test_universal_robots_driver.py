@@ -16,9 +16,9 @@ from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
-    NotThereError,
     OutOfRangeError,
     PositionLostError,
+    RigError,
 )
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError, MissingToolError
@@ -52,7 +52,7 @@ def test_a_move_can_be_stopped(arm: EmulatedArm) -> None:
     stage = UniversalRobot("ur5e", clock=Clock(), timeout_s=0.1)
     timer = threading.Timer(0.2, stage.stop)
     timer.start()
-    with pytest.raises(NotThereError, match="stopped on request"):
+    with pytest.raises(RigError, match="stopped on request"):
         stage.move((320.0, 100.0, 200.0), 1.0)
     timer.join()
     assert 300.0 < stage.position()[0] < 319.0
@@ -67,7 +67,7 @@ def test_faults_of_the_robot_are_named(arm: EmulatedArm) -> None:
     with pytest.raises(OutOfRangeError, match="beyond its reach"):
         stage.move((900.0, 0.0, 0.0), 10.0)
     arm.stuck = True
-    with pytest.raises(NotThereError, match=r"is at rest 2\.500 mm away"):
+    with pytest.raises(RigError, match=r"is at rest 2\.500 mm away"):
         stage.move((305.0, 100.0, 200.0), 50.0)
     arm.stuck, arm.protective = False, True
     with pytest.raises(AlarmError, match="protective stop"):

@@ -18,13 +18,13 @@ from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol, study_of
 from tacbench_cad.extensions.motions.slide import Recorder, nearest_frames
 from tacbench_cad.extensions.motions.track import StageTrack
 from tacbench_cad.lab.acquire.block_presses import press_block
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress
+from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, RigError, SensorError, SlipError
+from tacbench_cad.lab.rig.errors import DeviceLostError, ForceLimitError, PositionLostError, RigError
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.motion import MotionSettings
@@ -203,7 +203,7 @@ def test_a_motor_that_slips_during_a_slide_sets_the_series_aside_and_they_are_ma
             rig.stage.true = (x + 0.5, y, z)
 
     stage_of(rig).on_part = slip
-    with pytest.raises(SlipError, match=r"1 press since the last good check was set aside"):
+    with pytest.raises(PositionLostError, match=r"1 press since the last good check was set aside"):
         pressed(rig, tmp_path / "run", protocol)
     assert series_names(tmp_path / "run") == {"press_1", "press_2", "press_3"}
     (aside,) = (tmp_path / "run" / "set_aside").iterdir()
@@ -215,7 +215,7 @@ def test_a_motor_that_slips_during_a_slide_sets_the_series_aside_and_they_are_ma
 
 def test_a_press_is_made_again_if_the_sensor_was_too_slow_and_then_given_up(tmp_path: Path) -> None:
     rig = FakeRig(slides=True, parts=2, frames_each=1)
-    with pytest.raises(SensorError, match=r"delivered \d+ frames during a slide of 4 mm, too few"):
+    with pytest.raises(RigError, match=r"delivered \d+ frames during a slide of 4 mm, too few"):
         pressed(rig, tmp_path / "run", slide_protocol(motion=slide(frames=40)))
     assert stage_of(rig).slides == 3
     assert rig.stage.at[2] == TRAVEL_MM

@@ -34,10 +34,10 @@ from tacbench_cad.extensions.serving.server import Guard
 from tacbench_cad.extensions.watch.app import Order, WatchPage
 from tacbench_cad.extensions.watch.link import PageLink, opened_page
 from tacbench_cad.extensions.watch.model import Watched
-from tacbench_cad.lab.acquire.events import ProgressFile, RecordedPerson
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
+from tacbench_cad.lab.acquire.events import ProgressFile
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Several
+from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force
@@ -79,7 +79,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Watched, di
     watched = Watched(out)
     assert watched.state()["run"] is None
     file = Stopping(out, watched, 3)
-    person = RecordedPerson(Typing(lambda prompt: prompt.split("(")[1].split(")")[0], lambda _: None), file)
+    person = Typing(lambda prompt: prompt.split("(")[1].split(")")[0], lambda _: None)
     with pytest.raises(NoAnswerError):
         acquire_study(
             study_of(PROTOCOL, 1, 4),

@@ -18,7 +18,7 @@ from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.errors import ContactError, RigError, SlipError
+from tacbench_cad.lab.rig.errors import ContactError, PositionLostError, RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import StudyFile
@@ -179,7 +179,7 @@ def test_a_slip_on_grbl_is_found_and_its_presses_are_made_again(
 ) -> None:
     file = short_file("virtual-grbl")
     file = replace(file, study=replace(file.study, protocol=replace(file.study.protocol, home_every=4)))
-    with pytest.raises((SlipError, ContactError)):
+    with pytest.raises((PositionLostError, ContactError)):
         Trial(file, Fault(kind="slip", axis=axis, mm=-0.3), 0.0).run(tmp_path, monkeypatch)
     folder = tmp_path / file.study.blocks[0].printed.name
     assert [row.number for row in Run.open(folder).rows] in ([1], [1, 2])

@@ -18,21 +18,17 @@ from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, small_protocol
 
 from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     ContactError,
     DeviceLostError,
     ForceLimitError,
-    GaugeError,
-    HeightError,
     NoAnswerError,
-    NotReachedError,
     PositionLostError,
     RigError,
-    SensorError,
 )
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.presses import Press
@@ -141,7 +137,7 @@ def test_a_rig_without_a_gauge(tmp_path: Path, touch: str) -> None:
 
 def test_five_misses_in_a_row_stop_the_run_and_keep_their_rows(tmp_path: Path) -> None:
     rig, protocol = FakeRig(step_mm=0.05), small_protocol(search_steps=6, bands_n=(0.0005, 0.0005))
-    with pytest.raises(NotReachedError, match="5 presses in a row were outside the force band"):
+    with pytest.raises(RigError, match="5 presses in a row were outside the force band"):
         pressed(rig, tmp_path / "run", protocol)
     assert [row.in_band for row in Run.open(tmp_path / "run").rows] == [False] * 5
     assert rig.stage.at[2] == pytest.approx(TRAVEL_MM, abs=0.05)
@@ -151,9 +147,9 @@ FAULTS = [
     NoAnswerError("the stage is silent"),
     AlarmError("ALARM:1"),
     PositionLostError("the stage was reset"),
-    GaugeError("the gauge is stuck"),
+    RigError("the gauge is stuck"),
     DeviceLostError("the gauge was unplugged"),
-    SensorError("the image is dark"),
+    RigError("the image is dark"),
 ]
 
 
@@ -217,7 +213,7 @@ def test_a_block_at_another_height_than_taught_is_pressed_only_after_a_yes(
     word = "higher" if above_mm > 0.0 else "lower"
     said = re.compile(rf"the block is {int(abs(above_mm))}\.\d mm {word} than taught")
     if abs(above_mm) > 1.0:
-        with pytest.raises(HeightError, match=said):
+        with pytest.raises(RigError, match=said):
             session(False)
         assert rig.gauge is not None
         assert max(map(abs, rig.gauge.readings)) < 0.08, "it was only touched"
@@ -266,7 +262,7 @@ def test_a_repeated_image_means_a_stuck_sensor(tmp_path: Path) -> None:
     rig = FakeRig()
     frozen = rig.sensor.read()
     rig.sensor.read = lambda: frozen  # type: ignore[method-assign]
-    with pytest.raises(SensorError, match="the same image twice"):
+    with pytest.raises(RigError, match="the same image twice"):
         pressed(rig, tmp_path / "run", small_protocol())
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
 

@@ -11,11 +11,10 @@ from helpers.rigs import LIMITS, small_protocol
 
 from tacbench_cad.lab.acquire import safety
 from tacbench_cad.lab.acquire import signals as orderly
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
-from tacbench_cad.lab.acquire.safety import Carriage
+from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
+from tacbench_cad.lab.acquire.session import require_reach, travel_height_mm
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.rig.errors import AlarmError, DepthLimitError, DeviceLostError, NoAnswerError
-from tacbench_cad.lab.rig.reach import require_reach, travel_height_mm
+from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.study.spec import HolderRim, Protocol, WorkFrame
 from tacbench_cad.util.errors import InputError
 
@@ -44,14 +43,14 @@ def test_the_stage_moves_sideways_before_down_to_a_lower_slot() -> None:
 @pytest.mark.parametrize("z_mm", [-7.001, -100.0, float("nan")])
 def test_nothing_is_sent_below_the_depth_limit(z_mm: float) -> None:
     stage = FakeStage()
-    with pytest.raises(DepthLimitError, match=r"below the depth limit, -7 mm"):
+    with pytest.raises(OutOfRangeError, match=r"below the depth limit, -7 mm"):
         carriage(stage).to_height(z_mm)
     assert len(stage.path) == 1
 
 
 def test_a_stage_that_goes_deeper_than_its_target_is_stopped() -> None:
     stage = FakeStage(step_mm=4.0)
-    with pytest.raises(DepthLimitError, match=r"the stage reports z = -8\.000 mm"):
+    with pytest.raises(OutOfRangeError, match=r"the stage reports z = -8\.000 mm"):
         carriage(stage).to_height(-6.5)
 
 
@@ -133,7 +132,7 @@ def test_an_interruption_before_the_first_block_does_not_claim_that_the_sensor_i
 def test_a_signal_during_a_lift_that_never_ends_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     left, given = threading.Event(), []
     monkeypatch.setattr(orderly, "RETRY_S", 0.1)
-    monkeypatch.setattr(orderly, "leave", left.set)
+    monkeypatch.setattr(orderly, "_leave", left.set)
     with Signals(given.append) as signals:
         with signals.ignored():
             signal.raise_signal(signal.SIGINT)

@@ -13,7 +13,7 @@ from helpers.rigs import FakeRig, small_protocol
 from tacbench_cad.lab.acquire.stiffness import KnownGrowth, Slope
 from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import ContactError, DepthLimitError, GaugeError
+from tacbench_cad.lab.rig.errors import ContactError, OutOfRangeError, RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.lab.study.spec import Protocol
@@ -103,7 +103,7 @@ def test_a_gauge_that_gets_stuck_in_contact_allows_one_longer_step() -> None:
         return replace(force, mean_n=min(force.mean_n, 0.05))
 
     gauge.read = stuck  # type: ignore[method-assign]
-    with pytest.raises(DepthLimitError):
+    with pytest.raises(OutOfRangeError):
         presser.press(press)
     heights = [z for _, _, z in rig.stage.path[before:]]
     lengths = [a - b for a, b in itertools.pairwise(heights) if b < -0.01]
@@ -190,7 +190,7 @@ def test_a_target_out_of_reach_ends_at_the_depth_limit() -> None:
     rig = FakeRig(plate=Plate(top=lambda x, y: -40.0))
     protocol = small_protocol()
     presser = rig.presser(protocol)
-    with pytest.raises(DepthLimitError, match=r"below the depth limit, -7 mm"):
+    with pytest.raises(OutOfRangeError, match=r"below the depth limit, -7 mm"):
         presser.press(plan_presses(protocol, (1,), "block")[0])
     assert min(z for _, _, z in rig.stage.path) >= -protocol.depth_limit_mm
 
@@ -228,7 +228,7 @@ def test_a_slow_drift_to_a_large_force_is_refused() -> None:
     rig.gauge.drift_n = lambda _: 0.02 * presses
     presser = rig.presser(small_protocol())
     press = plan_presses(small_protocol(), (1,), "block")[0]
-    with pytest.raises(GaugeError, match=r"at the travel height, where the sensor is free \(at most 0\.5 N"):
+    with pytest.raises(RigError, match=r"at the travel height, where the sensor is free \(at most 0\.5 N"):
         for _ in range(30):
             presses += 1
             presser.press(press)
@@ -288,7 +288,7 @@ def test_a_force_that_is_not_a_number_is_refused() -> None:
     assert rig.gauge is not None
     presser = rig.presser(small_protocol())
     rig.gauge.faults[30] = math.nan
-    with pytest.raises(GaugeError, match="reads nan N"):
+    with pytest.raises(RigError, match="reads nan N"):
         presser.press(plan_presses(small_protocol(), (1,), "block")[0])
 
 

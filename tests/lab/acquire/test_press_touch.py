@@ -9,7 +9,7 @@ from helpers.rigs import AT_ONCE, FakeRig, small_protocol
 
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.touch import SensorChange, by_gauge, by_sensor, taught
-from tacbench_cad.lab.rig.errors import DepthLimitError
+from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.util.errors import InputError
 
@@ -66,7 +66,7 @@ def test_a_depth_below_the_limit_is_refused() -> None:
     protocol = small_protocol(contact="depth", touch="taught")
     presser = rig.presser(protocol)
     presser.touch = taught([-6.9], 4)
-    with pytest.raises(DepthLimitError):
+    with pytest.raises(OutOfRangeError):
         presser.press(plan_presses(protocol, (1,), "block")[0])
     assert min(z for _, _, z in rig.stage.path) >= -7.0
 
@@ -76,7 +76,7 @@ def test_the_search_ends_at_the_depth_limit_if_the_sensor_never_changes() -> Non
     protocol = small_protocol(contact="depth", touch="sensor")
     presser = rig.presser(protocol)
     presser.touch = by_sensor(presser.carriage, protocol, rig.sensor, AT_ONCE)
-    with pytest.raises(DepthLimitError):
+    with pytest.raises(OutOfRangeError):
         presser.press(plan_presses(protocol, (1,), "block")[0])
 
 

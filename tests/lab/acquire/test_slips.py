@@ -15,7 +15,7 @@ from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch
-from tacbench_cad.lab.rig.errors import SlipError
+from tacbench_cad.lab.rig.errors import PositionLostError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
@@ -29,7 +29,7 @@ def test_a_slip_of_y_is_found_by_the_next_check_at_the_end_stops(tmp_path: Path)
     assert trial.saved_wrong == 3
     assert trial.unmarked == []
     (error,) = trial.errors
-    assert isinstance(error, SlipError)
+    assert isinstance(error, PositionLostError)
     assert "at the end stops, x, y and z are off by 0.00, 0.25 and 0.00 mm" in str(error)
     bad = next(check for check in run.position_checks if not check.ok)
     assert bad.offset_y_mm == pytest.approx(0.25)
@@ -128,7 +128,7 @@ def test_a_slip_of_z_in_depth_mode_is_found_by_the_next_check(
         assert Run.open(tmp_path).position_checks == ()
         assert rig.stage.homed <= 7, "once for each check"
         return
-    with pytest.raises(SlipError, match="since the last good check were set aside"):
+    with pytest.raises(PositionLostError, match="since the last good check were set aside"):
         session()
     session()
     run = Run.open(tmp_path)
@@ -146,7 +146,7 @@ def test_a_wrong_first_homing_is_found_after_the_first_press(tmp_path: Path) -> 
             press_block(opened, info_of(opened, protocol), tmp_path, signals=signals, progress=Silent(), durable=False)
 
     with pytest.raises(
-        SlipError, match=r"homing is not repeatable: .* 1 press since the last good check was set aside"
+        PositionLostError, match=r"homing is not repeatable: .* 1 press since the last good check was set aside"
     ):
         session()
     assert Run.open(tmp_path).rows == ()
@@ -168,7 +168,7 @@ def test_an_end_stop_that_closes_too_early_is_found_before_the_first_move(tmp_pa
             study, rig_settings(), tmp_path, person=person, progress=Silent(), durable=False, opener=rig.opener
         )
 
-    with pytest.raises(SlipError, match=r"two homings differ by 0\.00, 0\.00 and -0\.85 mm"):
+    with pytest.raises(PositionLostError, match=r"two homings differ by 0\.00, 0\.00 and -0\.85 mm"):
         session()
     assert len(rig.stage.path) == 2, "it was only homed"
     session()
@@ -219,7 +219,7 @@ def test_a_slip_upwards_in_contact_is_found_at_the_same_press(tmp_path: Path) ->
     stage.on_move = slip
     trial.run()
     (error,) = trial.errors
-    assert isinstance(error, SlipError) and "off by 0.00, 0.00 and 1.25 mm" in str(error)
+    assert isinstance(error, PositionLostError) and "off by 0.00, 0.00 and 1.25 mm" in str(error)
     assert trial.unmarked == []
     assert max(trial.rig.gauge.readings if trial.rig.gauge else []) < 3.5
 

@@ -18,11 +18,11 @@ from helpers.rigs import small_protocol
 
 from tacbench_cad.extensions.virtual_rig import VirtualRig, drivers
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.lab.acquire.interruption import RunInterruptedError
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.errors import RigError, SensorError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import LimitedStage
 from tacbench_cad.lab.runs.checking import check_run
@@ -84,7 +84,7 @@ class Trial(Silent):
             if "ctrl-c" in self.stop:
                 signal.raise_signal(signal.SIGINT)
             elif self.stop == "sensor":
-                raise SensorError("the image is dark")
+                raise RigError("the image is dark")
             else:
                 raise KilledError
 

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from tacbench_cad.lab.rig.aligning import (
     FittedFrame,
-    TaughtMarkers,
     Teaching,
     corner_markers,
     fit_frame,
@@ -299,41 +298,6 @@ def test_the_stage_is_homed_if_it_cannot_be_lifted_otherwise() -> None:
             dialogue.frame(Protocol(), Block.of("1", "paper"), 0.3)
         assert stage.homed == may_home
         assert bool(dialogue.not_lifted) != may_home
-
-
-def test_taught_markers_are_kept_and_used_after_an_interruption(tmp_path: Path) -> None:
-    frame, block, path = WorkFrame(origin_mm=(80.5, 79.25, -61.125)), Block.of("1", "paper"), tmp_path / "kept.json"
-    markers = corner_markers(PressGrid.paper())
-
-    def dialogue() -> tuple[Teaching, Person]:
-        stage = FakeStage()
-        person = Person(stage, frame, block)
-        session = teaching(stage, person)
-        session.taught = TaughtMarkers.read(path, markers)
-        session.keep = lambda points: TaughtMarkers(markers=markers, taught_mm=tuple(points)).write(path)
-        return session, person
-
-    session, person = dialogue()
-
-    def interrupt(prompt: str) -> str:
-        if len(TaughtMarkers.read(path, markers)) == 2:
-            raise KeyboardInterrupt
-        return next(person.lines)
-
-    session.ask = interrupt
-    with pytest.raises(KeyboardInterrupt):
-        session.frame(Protocol(), block, 0.3)
-    assert TaughtMarkers.read(path, markers[:3]) == (), "the markers of another jig are not used"
-    session, person = dialogue()
-    assert len(session.taught) == 2
-    person.goals[:2] = []
-    fit = session.frame(Protocol(), block, 0.3)
-    assert fit.frame.origin_mm[:2] == pytest.approx(frame.origin_mm[:2], abs=1e-4)
-    session, person = dialogue()
-    person.lines = iter(["quit"])
-    with pytest.raises(InputError, match="nothing is stored"):
-        session.frame(Protocol(), block, 0.3)
-    assert not path.exists()
 
 
 def test_a_step_beyond_the_limits_is_refused_and_the_dialogue_continues() -> None:

@@ -10,7 +10,7 @@ from helpers.scripted_peer import Peer
 
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, NotThereError, PositionLostError, ProtocolError
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
 
@@ -103,7 +103,7 @@ def test_done_without_motion_is_not_an_arrival() -> None:
         stage.home()
         stage.move(THERE, 20.0)
         script.obeys = False
-        with pytest.raises(NotThereError, match="instead of"):
+        with pytest.raises(RigError, match="instead of"):
             stage.move((3.0, 4.0, -1.0), 20.0)
         assert stage.position() == THERE
 
@@ -114,7 +114,7 @@ def test_a_garbled_target_makes_the_position_unknown() -> None:
         stage.home()
         obey = script.answer
         peer.answer = lambda line: obey(line.replace(b"MOVE,2", b"MOVE,22"))
-        with pytest.raises(NotThereError, match="instead of"):
+        with pytest.raises(RigError, match="instead of"):
             stage.move(THERE, 20.0)
         peer.answer = obey
         with pytest.raises(PositionLostError, match="went to a wrong position"):
@@ -188,7 +188,7 @@ def test_a_position_that_changes_each_time_is_refused() -> None:
         stage.move(THERE, 20.0)
         others = iter(range(100))
         peer.answer = lambda line: [b"7,8,%d\ndone\n" % next(others)]
-        with pytest.raises(ProtocolError, match="each time"):
+        with pytest.raises(RigError, match="each time"):
             stage.position()
 
 
@@ -247,7 +247,7 @@ def test_a_stop_from_a_signal_handler_ends_the_move_after_the_current_piece() ->
     with script.peer() as peer, opened(peer) as stage:
         stage.home()
         clock().after(0.25, stage.stop)
-        with pytest.raises(NotThereError, match="stopped on request"):
+        with pytest.raises(RigError, match="stopped on request"):
             stage.move((20.0, 4.0, -1.0), 4.0)
         # The plan had ten pieces of half a second each.
         assert 1 <= len(script.moves) <= 6
@@ -269,7 +269,7 @@ def test_another_firmware_is_refused() -> None:
     def marlin(line: bytes) -> Iterator[bytes]:
         return iter([b'echo:Unknown command: "SHOW"\nok done\n'])
 
-    with Peer(marlin, realtime=b"") as peer, pytest.raises(ProtocolError, match="not the paper's"):
+    with Peer(marlin, realtime=b"") as peer, pytest.raises(RigError, match="not the paper's"):
         opened(peer)
 
 

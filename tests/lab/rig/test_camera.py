@@ -13,7 +13,7 @@ import pytest
 
 from tacbench_cad.lab.rig.camera import CameraOptions, CameraSensor, open_camera
 from tacbench_cad.lab.rig.camera_devices import cameras, chosen_camera, open_capture
-from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
+from tacbench_cad.lab.rig.errors import DeviceLostError, RigError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.convert import from_plain
@@ -159,7 +159,7 @@ def test_time_stamps_that_lag_far_behind_cause_an_error(fake: FakeCapture) -> No
     sensor = camera(fake)
     start = fake.time.now
     fake.get = lambda prop: 1000.0 * (start - 1.0) if prop == 0 else fake.properties[prop]  # type: ignore[method-assign]
-    with pytest.raises(SensorError, match="no new frame within 10 s"):
+    with pytest.raises(RigError, match="no new frame within 10 s"):
         sensor.read()
 
 
@@ -186,7 +186,7 @@ def test_a_camera_that_does_not_obey_is_refused(
     fake: FakeCapture, ignored: int, options: dict[str, Any], message: str
 ) -> None:
     fake.ignores = (ignored,)
-    with pytest.raises(SensorError, match=message):
+    with pytest.raises(RigError, match=message):
         camera(fake, **options)
     assert fake.released == 1
 
@@ -198,7 +198,7 @@ def test_rounding_of_a_setting_is_accepted(fake: FakeCapture) -> None:
 
 def test_automatic_focus_is_refused(fake: FakeCapture) -> None:
     fake.properties[39] = 1.0
-    with pytest.raises(SensorError, match="the focus is automatic"):
+    with pytest.raises(RigError, match="the focus is automatic"):
         camera(fake)
 
 
@@ -206,14 +206,14 @@ def test_a_frozen_camera_is_detected(fake: FakeCapture) -> None:
     sensor = camera(fake)
     still = picture(1)
     fake.alter = lambda frame, image: still
-    with pytest.raises(SensorError, match=r"3 frames in a row are stuck.*froze"):
+    with pytest.raises(RigError, match=r"3 frames in a row are stuck.*froze"):
         for _ in range(2):
             sensor.read()
 
 
 def test_a_dark_camera_is_refused_at_the_start(fake: FakeCapture) -> None:
     fake.alter = lambda frame, image: picture(frame, light=5)
-    with pytest.raises(SensorError, match="in a row are dark; check that the sensor's light is on"):
+    with pytest.raises(RigError, match="in a row are dark; check that the sensor's light is on"):
         camera(fake)
     assert fake.released == 1
 
@@ -221,7 +221,7 @@ def test_a_dark_camera_is_refused_at_the_start(fake: FakeCapture) -> None:
 def test_a_later_failure_of_the_light_is_detected(fake: FakeCapture) -> None:
     sensor = camera(fake)
     fake.alter = lambda frame, image: picture(frame, light=5)
-    with pytest.raises(SensorError, match="dark"):
+    with pytest.raises(RigError, match="dark"):
         sensor.read()
 
 
@@ -238,7 +238,7 @@ def test_blur_is_detected_unless_the_check_is_off(fake: FakeCapture) -> None:
     fake.alter = lambda frame, image: (
         np.random.default_rng(frame).integers(0, 3, image.shape, np.uint8) + (cv2.GaussianBlur(image, (0, 0), 5))
     )
-    with pytest.raises(SensorError, match="blurred; check the focus of the lens"):
+    with pytest.raises(RigError, match="blurred; check the focus of the lens"):
         camera(fake)
     assert camera(fake, blur_px=0).read().shape == (480, 640, 3)
 
@@ -255,7 +255,7 @@ def test_blur_is_detected_unless_the_check_is_off(fake: FakeCapture) -> None:
 def test_a_frame_of_another_shape_or_type_is_refused(fake: FakeCapture, image: Any, message: str) -> None:
     sensor = camera(fake)
     fake.alter = lambda frame, frame_image: image
-    with pytest.raises(SensorError, match=message):
+    with pytest.raises(RigError, match=message):
         sensor.read()
 
 

@@ -16,7 +16,7 @@ from tacbench_cad.lab.rig import camera as camera_module
 from tacbench_cad.lab.rig import video_nodes
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_sensor
-from tacbench_cad.lab.rig.errors import DeviceLostError, SensorError
+from tacbench_cad.lab.rig.errors import DeviceLostError, RigError
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.errors import InputError, MissingToolError
 
@@ -111,7 +111,7 @@ def test_a_setting_that_the_camera_changes_is_noticed(usb: UsbCapture, prop: int
         before = usb.properties[prop]
         sensor.read()
         usb.properties[prop] = 2.0 * before
-        with pytest.raises(SensorError, match=rf"the {name} was {before:g} and is now {2 * before:g}"):
+        with pytest.raises(RigError, match=rf"the {name} was {before:g} and is now {2 * before:g}"):
             sensor.read()
 
 
@@ -147,13 +147,13 @@ def test_faults_of_a_raspberry_pi_camera_are_named(monkeypatch: pytest.MonkeyPat
         opened("raspberry-pi", "imx500", exposure_us=8000)
     with opened("raspberry-pi", "imx296", exposure_us=8000) as sensor:
         camera.changes = {"AnalogueGain": 4.0}
-        with pytest.raises(SensorError, match=r"AnalogueGain is 4\.0 instead of 1\.0"):
+        with pytest.raises(RigError, match=r"AnalogueGain is 4\.0 instead of 1\.0"):
             sensor.read()
         camera.silent = True
         with pytest.raises(DeviceLostError, match="no frame within 10 s"):
             sensor.read()
     camera.silent = False
-    with pytest.raises(SensorError, match=r"AnalogueGain is 4\.0 instead of 1\.0; choose values"):
+    with pytest.raises(RigError, match=r"AnalogueGain is 4\.0 instead of 1\.0; choose values"):
         opened("raspberry-pi", "imx296", exposure_us=8000)
 
 
@@ -187,18 +187,18 @@ def test_faults_of_a_genicam_camera_are_named(tmp_path: Path, monkeypatch: pytes
         opened("genicam", "3", **options)
     with opened("genicam", "2", **options) as sensor:
         camera.nodes.ExposureTime.value = 9000.0
-        with pytest.raises(SensorError, match="ExposureTime is 9000 instead of 5000"):
+        with pytest.raises(RigError, match="ExposureTime is 9000 instead of 5000"):
             sensor.read()
         camera.nodes.ExposureTime.value = 5000.0
         camera.nodes.GainAuto.value = "Continuous"
-        with pytest.raises(SensorError, match="GainAuto is on"):
+        with pytest.raises(RigError, match="GainAuto is on"):
             sensor.read()
         camera.nodes.GainAuto.value, camera.silent = "Off", True
         with pytest.raises(DeviceLostError, match=r"no picture: .*timed out"):
             sensor.read()
     camera.nodes.ExposureTime.fixed = True
     camera.nodes.ExposureTime._value = 7000.0
-    with pytest.raises(SensorError, match="ExposureTime is 7000 instead of 5000"):
+    with pytest.raises(RigError, match="ExposureTime is 7000 instead of 5000"):
         opened("genicam", "2", **options)
 
 

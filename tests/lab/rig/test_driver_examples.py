@@ -20,7 +20,7 @@ from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError, NotThereError
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
 
 FOLDER = Path(__file__).parents[3] / "examples" / "drivers"
 LIMITS = ((200.0, 400.0), (0.0, 200.0), (100.0, 300.0))
@@ -87,7 +87,7 @@ def test_a_robot_of_cri_moves_in_pieces(cri: Any) -> None:
         assert stage.move((300.0, 100.0, 210.0), 20.0) == pytest.approx((300.0, 100.0, 210.0))
         assert stage.robot.moves == 3 and stage.robot.pose[3:] == (180.0, 0.0, 180.0)
         threading.Timer(0.1, stage.stop).start()
-        with pytest.raises(NotThereError, match="stopped on request"):
+        with pytest.raises(RigError, match="stopped on request"):
             stage.move((300.0, 100.0, 240.0), 20.0)
         assert stage.position()[2] < 230.0
         stage.home()
@@ -225,7 +225,7 @@ def test_faults_of_an_ati_sensor_are_named(box: EmulatedNetFt) -> None:
     with plugin.load("ati_net_ft:AtiNetFt")(box.address) as gauge:
         gauge.socket.settimeout(0.1)
         box.status = 0x80010000
-        with pytest.raises(GaugeError, match="status 0x80010000"):
+        with pytest.raises(RigError, match="status 0x80010000"):
             gauge.read(0.01)
         box.status, box.silent = 0, True
         with pytest.raises(NoAnswerError, match="sends no samples"):

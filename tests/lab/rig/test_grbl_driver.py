@@ -14,10 +14,9 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
     NoAnswerError,
-    NotThereError,
     OutOfRangeError,
     PositionLostError,
-    ProtocolError,
+    RigError,
 )
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.study.spec import Point
@@ -161,7 +160,7 @@ def test_trait_05_a_stop_holds_and_the_next_move_resumes_with_a_known_position()
     with opened(script) as stage:
         moving(script)
         clock().after(0.1, stage.stop)
-        with pytest.raises(NotThereError, match="stopped on request"):
+        with pytest.raises(RigError, match="stopped on request"):
             stage.move(THERE, 20.0)
         script.on_move = None
         assert stage.position() == (-1.0, -1.0, -1.0)
@@ -176,7 +175,7 @@ def test_trait_05_a_reset_in_motion_is_reported_with_its_alarm() -> None:
             stage.move(THERE, 20.0)
 
 
-@pytest.mark.parametrize(("code", "kind"), [(15, OutOfRangeError), (9, AlarmError), (10, ProtocolError)])
+@pytest.mark.parametrize(("code", "kind"), [(15, OutOfRangeError), (9, AlarmError), (10, RigError)])
 def test_trait_06_errors_are_explained(code: int, kind: type[Exception]) -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
@@ -257,7 +256,7 @@ def test_a_hold_is_left_when_the_stage_is_opened() -> None:
 def test_trait_22_motors_that_are_switched_off_at_rest_are_refused() -> None:
     script = ScriptedGrbl()
     script.settings = b"$1=25\r\n" + script.settings
-    with script.peer() as peer, pytest.raises(ProtocolError, match=r"\(\$1=25\).*send it \$1=255"):
+    with script.peer() as peer, pytest.raises(RigError, match=r"\(\$1=25\).*send it \$1=255"):
         GrblStage(peer.port)
     script.settings = script.settings.replace(b"$1=25\r", b"$1=255\r")
     with script.peer() as peer, GrblStage(peer.port) as stage:
@@ -298,7 +297,7 @@ def test_a_position_that_changes_each_time_is_refused() -> None:
     with opened(script) as stage:
         places = iter(range(100))
         script.on_status = lambda: [f"<Idle|MPos:{next(places)}.000,5.000,-1.000|FS:0,0>\r\n".encode()]
-        with pytest.raises(ProtocolError, match="each time"):
+        with pytest.raises(RigError, match="each time"):
             stage.position()
         script.on_status = None
         assert stage.position() == (-1.0, -1.0, -1.0)
@@ -361,7 +360,7 @@ def test_trait_10_ok_without_motion_is_not_an_arrival() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         script.on_move = lambda target: [b"ok\r\n"]
-        with pytest.raises(NotThereError, match="ended at x -1"):
+        with pytest.raises(RigError, match="ended at x -1"):
             stage.move(THERE, 20.0)
 
 
@@ -450,7 +449,7 @@ def test_work_coordinates_are_converted_to_machine_coordinates() -> None:
 def test_inches_are_refused() -> None:
     script = ScriptedGrbl()
     script.settings = script.settings.replace(b"$13=0", b"$13=1")
-    with script.peer() as peer, pytest.raises(ProtocolError, match=r"\$13=0"):
+    with script.peer() as peer, pytest.raises(RigError, match=r"\$13=0"):
         GrblStage(peer.port)
 
 
@@ -464,7 +463,7 @@ def test_a_carriage_that_leaves_its_line_is_stopped() -> None:
     with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
         stage.home()
         script.on_move = on_move
-        with pytest.raises(NotThereError, match="off the line to"):
+        with pytest.raises(RigError, match="off the line to"):
             stage.move((-1.0, -1.0, -2.0), 20.0)
         stage.position()
         assert b"!" in bytes(peer.received)
@@ -474,7 +473,7 @@ def test_standing_still_in_state_run_causes_a_timeout() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
         moving(script)
-        with pytest.raises(NotThereError, match="stays at"):
+        with pytest.raises(RigError, match="stays at"):
             stage.move(THERE, 20.0)
 
 
@@ -522,7 +521,7 @@ def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
     with opened(script) as stage:
         moving(script)
         clock().after(0.15, stage.stop)
-        with pytest.raises(NotThereError, match="stopped on request"):
+        with pytest.raises(RigError, match="stopped on request"):
             stage.move(THERE, 20.0)
         script.on_move = None
         assert stage.move(THERE, 20.0) == THERE
@@ -554,5 +553,5 @@ def test_stop_during_homing_resets_and_the_position_is_unknown() -> None:
 def test_another_device_is_reported() -> None:
     script = ScriptedGrbl()
     script.version = b"FIRMWARE_NAME:Marlin 2.1.2.7\nok\n"
-    with script.peer() as peer, pytest.raises(ProtocolError, match="is Marlin, not GRBL"):
+    with script.peer() as peer, pytest.raises(RigError, match="is Marlin, not GRBL"):
         GrblStage(peer.port, timeout_s=TIMEOUT_S)

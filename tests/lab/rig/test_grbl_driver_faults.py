@@ -15,10 +15,9 @@ from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
     NoAnswerError,
-    NotThereError,
     OutOfRangeError,
     PositionLostError,
-    ProtocolError,
+    RigError,
 )
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
@@ -70,7 +69,7 @@ def test_a_stop_in_motion_keeps_the_position(rig_time: FakeTime) -> None:
     with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
         stage.home()
         rig_time.after(0.05, stage.stop)
-        with pytest.raises(NotThereError, match="stopped on request"):
+        with pytest.raises(RigError, match="stopped on request"):
             stage.move((150.0, 150.0, -50.0), 20.0)
         assert stage.position() == pytest.approx(rig.true_position(), abs=0.01)
         assert stage.position()[0] < 149.0
@@ -92,7 +91,7 @@ def test_limits_that_a_killed_program_left_switched_off_are_refused() -> None:
     message = r"has no soft limits \(\$20=0\); send it \$20=1, and \$21=1"
     with (
         launch("grbl", speed=SPEED, settings={20: 0, 21: 0}) as rig,
-        pytest.raises(ProtocolError, match=message),
+        pytest.raises(RigError, match=message),
         opener(rig.port),
     ):
         pass

@@ -18,7 +18,7 @@ import pytest
 from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_gauge
-from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.study.spec import GaugeSettings
@@ -214,7 +214,7 @@ def test_garbled_lines_alone_are_an_error(line: str) -> None:
     cell = Cell(Time())
     cell_gauge = gauge(cell)
     cell.alter = lambda i, sound: line
-    with pytest.raises(GaugeError, match="garbled"):
+    with pytest.raises(RigError, match="garbled"):
         cell_gauge.read(0.1)
 
 
@@ -224,7 +224,7 @@ def test_a_stuck_cell_is_detected_in_one_or_several_windows() -> None:
         cell_gauge = gauge(cell)
         cell_gauge.read(0.1)
         cell.alter = lambda i, line: "481000"
-        with pytest.raises(GaugeError, match="20 samples in a row are 481000, so the device is stuck"):
+        with pytest.raises(RigError, match="20 samples in a row are 481000, so the device is stuck"):
             for _ in range(20):
                 cell_gauge.read(window_s)
 
@@ -241,7 +241,7 @@ def test_a_saturated_cell_is_detected(end: int) -> None:
     cell = Cell(Time())
     cell_gauge = gauge(cell)
     cell.alter = lambda i, line: str(end)
-    with pytest.raises(GaugeError, match=rf"saturated at {end} counts"):
+    with pytest.raises(RigError, match=rf"saturated at {end} counts"):
         cell_gauge.read(0.1)
 
 
@@ -251,7 +251,7 @@ def test_impossible_forces_mean_saturation(value: str) -> None:
     cell_gauge = gauge(cell) if "." not in value else load_cell(cell, unit="newtons")
     random = np.random.default_rng(3)
     cell.alter = lambda i, line: f"{float(value) + random.integers(0, 9):.10g}"
-    with pytest.raises(GaugeError, match="saturated, 5 samples in a row"):
+    with pytest.raises(RigError, match="saturated, 5 samples in a row"):
         cell_gauge.read(0.1)
 
 
@@ -410,7 +410,7 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
                 if fault is None:
                     assert cell_gauge.read(1.0).mean_n == pytest.approx(1.0, abs=2e-3)
                     continue
-                with pytest.raises(GaugeError, match=message):
+                with pytest.raises(RigError, match=message):
                     for _ in range(40):
                         cell_gauge.read(1.0)
 
@@ -438,8 +438,8 @@ def test_the_virtual_rigs_faults_cause_specific_errors_and_the_gauge_recovers() 
             for _ in range(60):
                 assert cell_gauge.read(0.1).mean_n == pytest.approx(force, abs=0.004)
             for kind, error, seconds in (
-                ("stuck", GaugeError, 20.0),
-                ("saturated", GaugeError, 20.0),
+                ("stuck", RigError, 20.0),
+                ("saturated", RigError, 20.0),
                 ("silence", NoAnswerError, 60.0),
             ):
                 until = rig.now_s() + seconds

@@ -10,7 +10,7 @@ from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.rig import marlin_link
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_stage
-from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, NotThereError
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point, StageSettings
 
@@ -33,7 +33,7 @@ def test_open_stage_homes_moves_and_stops(emergency_parser: bool, rig_time: Fake
             assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.01)
             assert rig.true_position() == pytest.approx(CENTER, abs=0.05)
             rig_time.after(0.05, stage.stop)
-            with pytest.raises(NotThereError, match="stopped on request"):
+            with pytest.raises(RigError, match="stopped on request"):
                 stage.move((150.0, 150.0, 10.0), 5.0)
             assert stage.position() == pytest.approx(rig.true_position(), abs=0.05)
             assert stage.position()[0] < 149.0

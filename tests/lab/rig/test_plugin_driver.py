@@ -13,7 +13,7 @@ from helpers import example_stage
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage
-from tacbench_cad.lab.rig.errors import DriverError, NoAnswerError, OutOfRangeError
+from tacbench_cad.lab.rig.errors import NoAnswerError, OutOfRangeError, RigError
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
 from tacbench_cad.util import packages
@@ -47,7 +47,7 @@ def test_options_become_keyword_arguments(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_driver_that_would_end_the_program_has_failed() -> None:
     device = plugin.OwnDevice(SimpleNamespace(read=sys.exit, stop=sys.exit, close=sys.exit), "[sensor] driver a:B", {})
-    with pytest.raises(DriverError, match=r"\[sensor\] driver a:B: read\(\) failed: SystemExit: 3"):
+    with pytest.raises(RigError, match=r"\[sensor\] driver a:B: read\(\) failed: SystemExit: 3"):
         device.read(3)
     device.stop()
     device.close()
@@ -175,7 +175,7 @@ def test_an_exception_of_a_users_driver_is_reported_in_one_line_with_its_file(
     values = ((1.0, 1.0, 1.0), 5.0) if fails == "move" else ()
     with (
         open_stage(settings("own_rig:Arm", home=False, options={"fails": fails})) as stage,
-        pytest.raises(DriverError, match=text) as caught,
+        pytest.raises(RigError, match=text) as caught,
     ):
         getattr(stage, fails)(*values)
     assert str(caught.value).endswith(f"({own}, line {line})")
@@ -194,17 +194,17 @@ def test_stop_and_close_of_a_users_driver_never_raise(fails: str) -> None:
 def test_an_invalid_position_is_an_error_of_the_driver(own: Path, gives: object) -> None:
     with (
         open_stage(settings("own_rig:Arm", home=False, options={"gives": gives})) as stage,
-        pytest.raises(DriverError, match=str(own)),
+        pytest.raises(RigError, match=str(own)),
     ):
         stage.position()
 
 
 def test_an_invalid_force_or_frame_is_an_error_of_the_driver(own: Path) -> None:
     gauge = open_gauge(GaugeSettings(driver="own_rig:Cell"), Clock())
-    with pytest.raises(DriverError, match=r"\[gauge\] driver own_rig:Cell: read\(\) failed: .*0.1 is not a Force"):
+    with pytest.raises(RigError, match=r"\[gauge\] driver own_rig:Cell: read\(\) failed: .*0.1 is not a Force"):
         gauge.read(0.1)
     sensor = open_sensor(SensorSettings(driver="own_rig:Skin"), Clock())
-    with pytest.raises(DriverError, match=rf"a NoneType is not an array of numbers \({own}\)"):
+    with pytest.raises(RigError, match=rf"a NoneType is not an array of numbers \({own}\)"):
         sensor.read()
 
 

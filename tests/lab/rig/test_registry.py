@@ -13,7 +13,7 @@ from helpers.devices import install_package
 from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver, open_stage
 from tacbench_cad.lab.rig.registry import GROUPS, Driver
-from tacbench_cad.lab.study.spec import GaugeSettings, StageSettings
+from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import InputError, MissingToolError
 
@@ -43,9 +43,9 @@ def test_a_class_of_another_package_is_a_driver_by_its_name(tmp_path: Path, monk
         assert stage.identity == "example arm 1.0 at 10.0.0.7"
         assert stage.move((1.0, 2.0, 3.0), 5.0) == (1.0, 2.0, 3.0)
     with pytest.raises(InputError, match='did you mean "lab-arm"'):
-        StageSettings(driver="lab-arn", limits_mm=LIMITS)
+        find_driver("stage", "lab-arn")
     with pytest.raises(InputError, match="allowed: imada, mark-10"):
-        GaugeSettings(driver="lab-arm")
+        find_driver("gauge", "lab-arm")
 
 
 OWN_DRIVER = """

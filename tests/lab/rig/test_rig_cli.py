@@ -386,7 +386,7 @@ def test_align_stores_nothing_unless_it_succeeds(
 @pytest.mark.parametrize(
     "name", ["SIGHUP", *(pytest.param(name, marks=pytest.mark.long) for name in ("SIGTERM", "SIGINT"))]
 )
-def test_a_signal_lifts_the_stage_and_keeps_the_taught_markers(tmp_path: Path, name: str) -> None:
+def test_a_signal_lifts_the_stage(tmp_path: Path, name: str) -> None:
     """GRBL's default build has the switch of z at 0. With this seed, a lift to 0 would close it."""
     from tacbench_cad.extensions.virtual_rig import launch
 
@@ -409,9 +409,7 @@ def test_a_signal_lifts_the_stage_and_keeps_the_taught_markers(tmp_path: Path, n
             assert align.wait(timeout=10.0) == 130
             message = align.stderr.read()
         assert rig.true_position()[2] == pytest.approx(-1.0, abs=0.01)
-    kept = tmp_path / "study.align.json"
-    assert message == f"error: interrupted; the sensor is lifted; the taught markers are in {kept}\n"
-    assert json.loads(kept.read_text())["taught_mm"] == [[-179.0, -179.0, -3.0]]
+    assert message == "error: interrupted; the sensor is lifted\n"
 
 
 def wait_for(stream: IO[str], text: str) -> None:

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.lab.rig.errors import DeviceLostError, GaugeError, NoAnswerError, SensorError
+from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import SampleStream, parse_numbers
 
@@ -42,7 +42,7 @@ class Script:
 
 
 def stream(*lines: str, columns: int = 1) -> SampleStream:
-    return SampleStream(lines=Script(*lines), name="cell", columns=columns, timeout_s=0.01, error=GaugeError)
+    return SampleStream(lines=Script(*lines), name="cell", columns=columns, timeout_s=0.01)
 
 
 @contextmanager
@@ -125,14 +125,14 @@ def test_printed_samples_round_trip(values: list[float], between: str, end: str)
 @given(data=st.binary(max_size=300), columns=st.integers(1, 3))
 def test_arbitrary_bytes_give_samples_or_specific_errors(data: bytes, columns: int) -> None:
     with terminal() as path, Line(path, baud=115200, what="gauge") as line:
-        samples = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01, error=SensorError)
+        samples = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01)
         # The bytes go directly into the line's buffer; a pseudo-terminal would add nothing to the test.
         line._buffer += data + b"\n"
         try:
             for _ in range(300):
                 sample = samples.next()
                 assert len(sample) == columns and all(math.isfinite(number) for number in sample)
-        except (SensorError, NoAnswerError):
+        except (RigError, NoAnswerError):
             pass
         else:
             pytest.fail("300 samples out of 300 bytes")
@@ -146,7 +146,7 @@ def test_every_line_is_a_sample_or_counted(lines: list[str]) -> None:
         while True:
             sample_stream.next()
             samples += 1
-    except (GaugeError, NoAnswerError):
+    except (RigError, NoAnswerError):
         left = len(sample_stream.lines.lines)  # type: ignore[attr-defined]
         assert samples + sample_stream.garbled + left == len(lines)
 
@@ -160,7 +160,7 @@ def test_garbled_lines_are_skipped_and_counted() -> None:
 def test_too_many_garbled_lines_cause_an_error() -> None:
     lines = [line for i in range(40) for line in (f"{i}", "?#")]
     samples = stream(*lines)
-    with pytest.raises(GaugeError, match=r"cell: 10 of the last 20 lines are garbled, for example '\?#'"):
+    with pytest.raises(RigError, match=r"cell: 10 of the last 20 lines are garbled, for example '\?#'"):
         for _ in range(40):
             samples.next()
 
@@ -172,7 +172,7 @@ def test_few_garbled_lines_cause_no_error(lines: int = 400) -> None:
 
 
 def test_a_line_with_too_many_numbers_is_garbled() -> None:
-    with pytest.raises(GaugeError, match=r"no valid line in time; the last line was '1,2'"):
+    with pytest.raises(RigError, match=r"no valid line in time; the last line was '1,2'"):
         stream("1,2").next()
     assert stream("1,2", columns=2).next() == (1.0, 2.0)
 
@@ -191,7 +191,7 @@ def test_only_samples_after_the_call_are_returned() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with Line(os.ttyname(slave), baud=115200, what="gauge") as line:
-        samples = SampleStream(lines=line, name="cell", columns=1, timeout_s=2.0, error=GaugeError)
+        samples = SampleStream(lines=line, name="cell", columns=1, timeout_s=2.0)
         os.write(master, b"1\n2\n3\n4")
         later = threading.Timer(0.05, lambda: os.write(master, b"4\n5\n6\n"))
         later.start()

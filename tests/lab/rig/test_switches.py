@@ -10,7 +10,7 @@ from helpers.rig_here import launch
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, NotThereError, ProtocolError, SlipError
+from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, PositionLostError, RigError
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.grbl_machine import GrblMachine
 from tacbench_cad.lab.rig.marlin import MarlinStage
@@ -82,7 +82,7 @@ def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkey
         with GrblStage(virtual.port, clock=clock) as stage:
             assert stage._link.marked == (), "the mark is gone"
             stage._link.set(20, 0.0)
-        with pytest.raises(ProtocolError, match=r"has no soft limits \(\$20=0\); send it \$20=1"):
+        with pytest.raises(RigError, match=r"has no soft limits \(\$20=0\); send it \$20=1"):
             GrblStage(virtual.port, clock=clock)
 
 
@@ -107,11 +107,11 @@ def test_marlin_measures_a_slip_of_any_axis() -> None:
             virtual.inject(Fault(kind="slip", axis=axis, mm=by_mm))
             offset = stage.home_offset_mm()
             assert offset == pytest.approx([by_mm if name == axis else 0.0 for name in "xyz"], abs=0.08)
-        with pytest.raises(NotThereError, match="soft end stops"):
+        with pytest.raises(RigError, match="soft end stops"):
             stage.move((-0.3, 40.0, 80.0), 20.0)
         stage._link.command("M211 S0")
         stage.home()
-        with pytest.raises(NotThereError, match="soft end stops"):
+        with pytest.raises(RigError, match="soft end stops"):
             stage.move((-0.3, 40.0, 80.0), 20.0)
 
 
@@ -140,7 +140,7 @@ def test_an_end_stop_of_grbl_that_closes_for_an_instant_is_noticed() -> None:
                 error = virtual.true_position()[2] - stage.position()[2]
                 wrong += abs(error) > 0.1
                 if abs(error) > 0.1:
-                    with pytest.raises(SlipError, match="two homings differ by"):
+                    with pytest.raises(PositionLostError, match="two homings differ by"):
                         require_repeatable_homing(stage, 0.1)
                 else:
                     require_repeatable_homing(stage, 0.1)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import NoAnswerError, SensorError
+from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.rig.sensor import Sensor, is_image
 from tacbench_cad.lab.rig.taxels import TaxelOptions, TaxelSensor
 from tacbench_cad.util.convert import from_plain
@@ -85,7 +85,7 @@ def test_a_series_that_is_never_complete_causes_an_error() -> None:
     array = Array()
     sensor = taxels(array, samples=25)
     array.alter = lambda i, line: "?" if i % 10 == 0 else line
-    with pytest.raises(SensorError, match="5 series in a row contained a damaged line"):
+    with pytest.raises(RigError, match="5 series in a row contained a damaged line"):
         sensor.read()
 
 
@@ -97,14 +97,14 @@ def test_lines_of_another_length_are_not_samples(line: str) -> None:
     for _ in range(20):
         assert sensor.read()[1:].tolist() == [20.0, 30.0, 40.0]
     array.alter = lambda i, sound: line
-    with pytest.raises(SensorError, match="garbled"):
+    with pytest.raises(RigError, match="garbled"):
         sensor.read()
 
 
 def test_a_stuck_array_is_detected() -> None:
     array = Array(lambda i, line: "1,2,3,4")
     sensor = taxels(array)
-    with pytest.raises(SensorError, match="50 samples in a row are 1, 2, 3, 4, so the device is stuck"):
+    with pytest.raises(RigError, match="50 samples in a row are 1, 2, 3, 4, so the device is stuck"):
         for _ in range(60):
             sensor.read()
     assert taxels(Array(lambda i, line: "1,2,3,4"), samples=200, stuck_samples=0).read().shape == (200, 4)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.lab.rig.errors import SensorError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.runs import run_tables
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run
@@ -166,7 +166,7 @@ def test_a_frame_of_another_shape_is_refused_before_anything_is_written(
 ) -> None:
     info = make_info()
     with RunWriter.open(tmp_path / "run", info) as writer:
-        with pytest.raises(SensorError, match=r"\(9, 9\).*\(24, 32\)"):
+        with pytest.raises(RigError, match=r"\(9, 9\).*\(24, 32\)"):
             writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(1, (9, 9)))
         assert not list((tmp_path / "run" / "sensor_images").iterdir())
 

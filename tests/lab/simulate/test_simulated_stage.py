@@ -10,7 +10,7 @@ import pytest
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.drivers import open_gauge
-from tacbench_cad.lab.rig.errors import DeviceLostError, NotThereError, OutOfRangeError, PositionLostError
+from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.simulate.tactip import TacTip
@@ -60,7 +60,7 @@ def test_a_stop_ends_a_move_where_it_is() -> None:
     stage = SimulatedStage()
     timer = threading.Timer(0.1, stage.stop)
     timer.start()
-    with pytest.raises(NotThereError, match="stopped on request"):
+    with pytest.raises(RigError, match="stopped on request"):
         stage.move((100.0, 140.0, 100.0), 5.0)
     timer.join()
     at = stage.position()

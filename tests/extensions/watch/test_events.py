@@ -9,14 +9,8 @@ from pathlib import Path
 import pytest
 from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
 
-from tacbench_cad.lab.acquire.events import (
-    KEPT_PRESSES,
-    PROGRESS_FILE,
-    ProgressFile,
-    ProgressReader,
-    RecordedPerson,
-    label_picture,
-)
+from tacbench_cad.extensions.watch.events import KEPT_PRESSES, ProgressReader
+from tacbench_cad.lab.acquire.events import PROGRESS_FILE, ProgressFile, label_picture
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.runs.reading import Run
@@ -38,7 +32,7 @@ def test_a_reader_follows_a_session(tmp_path: Path) -> None:
         questions.append(progress.question)
         return str(progress.question["label"])
 
-    person = RecordedPerson(Typing(answer, lambda _: None), file)
+    person = Typing(answer, lambda _: None)
     assert rig.gauge is not None
     rig.gauge.temperature_c = 21.5
     study = study_of(PROTOCOL, 1, 4)
