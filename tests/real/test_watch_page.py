@@ -187,7 +187,7 @@ def test_the_run_goes_on_when_the_browser_or_the_page_goes_away(browser: Any, tm
         again = open_tab(browser, address)
         confirm(again, "T4 PAPER X1 01")
         again.locator("#status", has_text="Pressing").wait_for()
-        os.kill(child_of(process, b"extensions.watch"), signal.SIGKILL)
+        os.kill(child_of(process, b"spawn_main"), signal.SIGKILL)
         again.get_by_role("alert").filter(has_text="A run that is under way goes on").wait_for()
         assert process.wait(timeout=MAX_S) == 0
         assert process.stderr is not None

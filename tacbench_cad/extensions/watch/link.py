@@ -6,34 +6,32 @@ on: a pause ends, and questions are asked in the terminal.
 
 from __future__ import annotations
 
-import json
-import os
+import multiprocessing
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from tacbench_cad.lab.acquire import Person, PressProgress, ProgressFile, is_label
 from tacbench_cad.lab.study import Press, PrintedBlock
-from tacbench_cad.util.errors import InputError, MissingToolError, one_line
+from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.packages import require
+from tacbench_cad.util.processes import safe_children
 
 #: The longest time until the page has an address, and from the end of the run to the end of the page's process, in s.
 START_S, END_S = 60.0, 10.0
 #: The interval in which a waiting run looks for signals, in s.
 WAIT_S = 0.05
-#: The child gets exactly our module path: -P and PYTHONSAFEPATH exclude the files of the current folder.
-_PROGRAM = "import sys; sys.path[:] = {path!r}; from tacbench_cad.extensions.watch.serving import launched; launched()"
 
 
 class PageLink(PressProgress):
     """The page as a person who puts blocks in, and as progress updates that wait while the run is paused.
 
     Args:
-        process: The process that serves the page.
+        connection: The connection to the process that serves the page; see
+            :func:`tacbench_cad.extensions.watch.serving.served`.
         file: The progress file.
         terminal: The person in the terminal, who is asked if the page has ended.
         say: Shows a message.
@@ -42,32 +40,16 @@ class PageLink(PressProgress):
     is_asked_always = True
 
     def __init__(
-        self, process: subprocess.Popen[str], file: ProgressFile, terminal: Person, say: Callable[[str], None]
+        self, connection: Connection, file: ProgressFile, terminal: Person, say: Callable[[str], None]
     ) -> None:
-        self.process, self.file, self.terminal, self._say = process, file, terminal, say
+        self.connection, self.file, self.terminal, self._say = connection, file, terminal, say
         self._asked: tuple[str, str] | None = None  # the label of the block, and the name of its run
         self._is_in = threading.Event()
         self._running = threading.Event()
         self._running.set()
         self._gone = self._closing = False
-        self._started = threading.Event()
-        self._first: dict[str, str] = {}
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
-
-    def addresses(self) -> tuple[str, str]:
-        """Wait for the address of the page with its buttons, and for the one of the page that only watches.
-
-        Raises:
-            InputError: The address or the port cannot be used.
-            MissingToolError: The process has ended.
-        """
-        self._started.wait(START_S)
-        if "refused" in self._first:
-            raise InputError("page", None, self._first["refused"])
-        if "address" not in self._first:
-            raise MissingToolError("the page could not be started; leave out --page, or look at the message above")
-        return self._first["address"], self._first["watch"]
 
     def before(self, press: Press, check: Callable[[], None]) -> None:
         """Wait while the run is paused."""
@@ -96,38 +78,22 @@ class PageLink(PressProgress):
         return self.terminal.press_anyway(problem)
 
     def close(self) -> None:
-        """End the process. The page gets the outcome of the run before."""
+        """Let the process end. The page gets the outcome of the run before."""
         self._closing = True
-        assert self.process.stdin is not None
-        try:
-            self.process.stdin.close()
-            self.process.wait(END_S)
-        except (OSError, subprocess.TimeoutExpired):
-            self.process.kill()
-            self.process.wait()
-        self._listener.join()
+        with suppress(OSError):
+            self.connection.send("end")
+        self._listener.join(END_S)
 
     def _listen(self) -> None:
         """Receive the messages of the page until its process ends."""
-        assert self.process.stdout is not None
-        try:
-            with self.process.stdout as lines:
-                for line in lines:
-                    message = _message_of(line)
-                    if message is None:
-                        self._say(f"page: {one_line(line, 200)}")
-                    elif "do" in message:
-                        self._obey(message["do"], message["label"])
-                    else:
-                        self._first = message
-                        self._started.set()
-        finally:
-            # The message comes first, because a waiting question is asked in the terminal as soon as the page is gone.
-            if not self._closing and "address" in self._first:
-                self._say("the page has ended; the run goes on")
-            self._gone = True
-            self._started.set()
-            self._pause(False)
+        with suppress(EOFError, OSError):
+            while True:
+                self._obey(*self.connection.recv())
+        # The message comes first, because a waiting question is asked in the terminal as soon as the page is gone.
+        if not self._closing:
+            self._say("the page has ended; the run goes on")
+        self._gone = True
+        self._pause(False)
 
     def _obey(self, do: str, label: str) -> None:
         if do == "stop":
@@ -143,16 +109,6 @@ class PageLink(PressProgress):
         if paused == self._running.is_set():
             (self._running.clear if paused else self._running.set)()
             self.file.write("paused", paused=paused)
-
-
-def _message_of(line: str) -> dict[str, str] | None:
-    """Return a message of the process; None for a line that is not one, such as a warning of a library."""
-    try:
-        message = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    is_known = isinstance(message, dict) and set(message) in ({"do", "label"}, {"address", "watch"}, {"refused"})
-    return message if is_known and all(isinstance(value, str) for value in message.values()) else None
 
 
 def press_ctrl_c() -> None:
@@ -192,24 +148,35 @@ def opened_page(
         MissingToolError: The process could not be started.
     """
     require("the page", "starlette", "uvicorn", "websockets")
-    # In a session of its own, the process does not get the Ctrl-C of the terminal.
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-c", _PROGRAM.format(path=sys.path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        env={**os.environ, "PYTHONSAFEPATH": "1"},
-        start_new_session=True,
-    )
-    link = PageLink(process, file, terminal, say)
+    from tacbench_cad.extensions.watch.serving import served
+
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    with safe_children():
+        process = context.Process(target=served, args=(theirs, folder.absolute(), port, host, browser), daemon=True)
+        process.start()
+    theirs.close()
     try:
-        settings = {"folder": str(folder.absolute()), "port": port, "host": host, "browser": browser}
-        assert process.stdin is not None
-        process.stdin.write(json.dumps(settings) + "\n")
-        process.stdin.flush()
-        address, watching = link.addresses()
-        say(f"open {address}\nfor others, who can only watch: {watching}")
-        yield link
+        addresses = _first_message(ours)
+        if isinstance(addresses, str):
+            raise InputError("page", None, addresses)
+        say("open {}\nfor others, who can only watch: {}".format(*addresses))
+        link = PageLink(ours, file, terminal, say)
+        try:
+            yield link
+        finally:
+            link.close()
     finally:
-        link.close()
+        process.join(END_S)
+        process.kill()
+
+
+def _first_message(connection: Connection) -> tuple[str, str] | str:
+    """Wait for the addresses of the page with its buttons and of the page that only watches, or why there is none."""
+    try:
+        if connection.poll(START_S):
+            message: tuple[str, str] | str = connection.recv()
+            return message
+    except EOFError:  # the process has ended
+        pass
+    raise MissingToolError("the page could not be started; leave out --page, or look at the message above")

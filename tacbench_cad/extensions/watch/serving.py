@@ -6,15 +6,14 @@ It has a lower priority than the run, so that it does not slow a press.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from tacbench_cad.extensions.serving.server import serve
 from tacbench_cad.extensions.watch.app import LOOK_S, Order, WatchPage
@@ -53,57 +52,51 @@ def watch(
     """
     with contextlib.suppress(AttributeError, OSError):  # Windows has no niceness
         os.nice(NICENESS)
-    _use_one_thread()
+    import cv2
+
+    cv2.setNumThreads(1)
     page = WatchPage(Watched(folder), order)
     where: dict[str, Any] = {"port": port, "host": host, "browser": browser}
     serve(page.routes, **where, announce=announce, end=end, has_buttons=order is not None)
 
 
-def _use_one_thread() -> None:
-    import cv2
+def served(connection: Connection, folder: Path, port: int, host: str, browser: bool) -> None:
+    """Serve the page for ``tacbench acquire --page``, in a process of its own.
 
-    cv2.setNumThreads(1)
-
-
-def launched() -> None:
-    """Serve the page for ``tacbench acquire --page``, whose process is at the other end of the standard streams.
-
-    The first line of the standard input has the settings. The standard output gets lines of JSON: the addresses of the
-    page (``address`` and ``watch``) or why there is none (``refused``), then the messages of the page. What a library
-    prints goes to the standard error. The process ends when its standard input ends.
+    Args:
+        connection: The connection to the run. It gets the two addresses of the page, or the reason why there is none,
+            and then each message of the page: what to do and a label. The process ends when the run sends something or
+            closes the connection.
+        folder: See :func:`watch`; likewise the others.
+        port: Likewise.
+        host: Likewise.
+        browser: Likewise.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and the end of the run ends this process
-    with os.fdopen(os.dup(1), "w") as channel:
-        os.dup2(2, 1)
-        _serve(channel)
-
-
-def _serve(channel: TextIO) -> None:
-    """Serve the page; its messages go to the channel."""
-
-    def tell(**values: object) -> None:
-        with contextlib.suppress(OSError):  # the run has ended
-            print(json.dumps(values), file=channel, flush=True)
-
-    settings = json.loads(sys.stdin.readline())
+    os.dup2(2, 1)  # what a library prints is no output of the run
     end = threading.Event()
-    threading.Thread(target=_end_with_input, args=(end,), daemon=True).start()
+    threading.Thread(target=_end_with_run, args=(connection, end), daemon=True).start()
+
+    def tell(message: tuple[str, ...] | str) -> None:
+        with contextlib.suppress(OSError):  # the run has ended
+            connection.send(message)
+
     try:
         watch(
-            Path(settings["folder"]),
-            port=settings["port"],
-            host=settings["host"],
-            browser=settings["browser"],
-            announce=lambda address, watching: tell(address=address, watch=watching),
-            order=lambda order: tell(**vars(order)),
+            folder,
+            port=port,
+            host=host,
+            browser=browser,
+            announce=lambda *addresses: tell(addresses),
+            order=lambda order: tell((order.do, order.label)),
             end=end,
         )
     except InputError as error:
-        tell(refused=one_line(error))
+        tell(one_line(error))
 
 
-def _end_with_input(end: threading.Event) -> None:
-    while sys.stdin.readline():
-        pass
+def _end_with_run(connection: Connection, end: threading.Event) -> None:
+    with contextlib.suppress(EOFError, OSError):
+        connection.recv()
     time.sleep(LAST_S)
     end.set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -347,12 +348,9 @@ serve(WatchPage(Watched(Path("runs")), fail).routes, browser=False, announce=lam
 
 # ---- the connection to a run ----
 
-#: A program that takes the place of the page's process: it sends the lines of its standard input back.
-ECHO = "import sys\nsys.stdin.readline()\nfor line in sys.stdin: print(line, end='', flush=True)"
-
 
 class Page:
-    """The link to a process that sends what the test tells it to send."""
+    """The link to a process of a page whose messages the test sends."""
 
     def __init__(self, out: Path) -> None:
         out.mkdir(exist_ok=True)
@@ -360,30 +358,22 @@ class Page:
         self.typed: list[str] = []
         self.file = ProgressFile(out)
         self.file.start(study_of(PROTOCOL, 1), 0)
-        process = subprocess.Popen(
-            [sys.executable, "-c", ECHO], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-        )
-        self.link = PageLink(process, self.file, Typing(self._type, self.said.append), self.said.append)
-        self.send(settings=None)
-        self.send(address="http://there/", watch="http://there/watch/")
+        ours, self.process = multiprocessing.Pipe()
+        self.link = PageLink(ours, self.file, Typing(self._type, self.said.append), self.said.append)
 
     def _type(self, prompt: str) -> str:
         self.typed.append(prompt)
         return printed(1).name
 
-    def send(self, **message: Any) -> None:
-        assert self.link.process.stdin is not None
-        self.link.process.stdin.write(json.dumps(message) + "\n")
-
     def order(self, do: str, label: str = "") -> None:
-        self.send(do=do, label=label)
+        self.process.send((do, label))
 
 
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Page]:
     page = Page(tmp_path / "runs")
-    assert page.link.addresses() == ("http://there/", "http://there/watch/")
     yield page
+    page.process.close()
     page.link.close()
     page.file.close()
 
@@ -404,33 +394,21 @@ def test_a_block_is_confirmed_by_its_label(page: Page) -> None:
     assert page.said == ["put T1 PAPER X1 01 into slot 2, and type its label on the page"] and page.typed == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["WARNING: a library speaks", "", "5", "{}", '{"do": "stop"}', '{"do": 1, "label": ""}', "[" * 100_000],
-)
-def test_a_line_that_is_no_message_is_shown_and_the_page_goes_on(page: Page, line: str) -> None:
-    assert page.link.process.stdin is not None
-    page.link.process.stdin.write(f"{line}\n")
-    later(0.2, page.order, "in", "T1 PAPER X1 01")
-    page.link.put_in(printed(1), "T1 PAPER X1 01", None)
-    assert f"page: {line[:200]}" in page.said and page.typed == []
-
-
-def test_what_a_library_prints_in_the_process_of_the_page_does_not_reach_the_run() -> None:
+def test_what_a_library_prints_in_the_process_of_the_page_is_no_output_of_the_run() -> None:
     program = """
-import os
+import multiprocessing, os, pathlib, sys
 from tacbench_cad.extensions.watch import serving
 def watch(*_, announce, **__):
     print("a library prints", flush=True)
     os.write(1, b"another one writes\\n")
     announce("http://there/", "http://there/watch/")
 serving.watch = watch
-serving.launched()
+ours, theirs = multiprocessing.Pipe()
+serving.served(theirs, pathlib.Path("x"), 0, "127.0.0.1", False)
+assert ours.recv() == ("http://there/", "http://there/watch/")
 """
-    settings = json.dumps({"folder": "x", "port": 0, "host": "127.0.0.1", "browser": False})
-    result = subprocess.run([sys.executable, "-c", program], input=f"{settings}\n", capture_output=True, text=True)
-    assert json.loads(result.stdout) == {"address": "http://there/", "watch": "http://there/watch/"}
-    assert result.stderr.splitlines() == ["a library prints", "another one writes"]
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout == "" and result.stderr.splitlines() == ["a library prints", "another one writes"]
 
 
 def test_a_pause_waits_before_the_next_press_and_a_signal_ends_it(page: Page) -> None:
@@ -459,7 +437,7 @@ def test_the_run_goes_on_if_the_process_of_the_page_dies(page: Page) -> None:
     page.order("pause")
     while page.link._running.is_set():
         time.sleep(0.01)
-    later(0.1, page.link.process.kill)
+    later(0.1, page.process.close)
     page.link.before(PRESS, lambda: None)
     page.link.put_in(printed(1), "T1 PAPER X1 01", None)
     assert page.typed == ["Its label (T1 PAPER X1 01): "], "the question is asked in the terminal"
@@ -511,7 +489,7 @@ def opened(tmp_path: Path, said: list[str], **changes: Any) -> Iterator[PageLink
 def test_the_real_process_gives_its_address_survives_ctrl_c_and_ends_with_the_run(tmp_path: Path) -> None:
     said: list[str] = []
     host = "127.0.0.2" if sys.platform == "linux" else "127.0.0.1"  # Linux has many addresses of its own
-    with opened(tmp_path, said, host=host) as link:
+    with opened(tmp_path, said, host=host):
         here, there = (line.split()[-1] for line in said[0].splitlines())
         assert said[0] == f"open {here}\nfor others, who can only watch: {there}"
         assert here.startswith("http://127.0.0.1:") and there.startswith(f"http://{host}:")
@@ -523,11 +501,13 @@ def test_the_real_process_gives_its_address_survives_ctrl_c_and_ends_with_the_ru
                 assert json.loads(socket.recv(timeout=20.0))["buttons"] is buttons
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(there.rsplit("/", 2)[0] + "/" + here.split("/")[-2] + "/", timeout=20.0)
-        os.kill(link.process.pid, signal.SIGINT)
+        (process,) = multiprocessing.active_children()
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGINT)
         time.sleep(1.0)
         with urllib.request.urlopen(here, timeout=20.0) as answer:
             assert answer.status == 200
-    assert link.process.returncode == 0 and said[1:] == []
+    assert process.exitcode == 0 and said[1:] == []
 
 
 def test_an_address_that_cannot_be_used_is_refused_before_anything_is_pressed(tmp_path: Path) -> None:
