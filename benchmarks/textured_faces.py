@@ -37,17 +37,16 @@ def volume_mm3(shape: cq.Shape) -> float:
 
 def distance_mm(shape: cq.Shape, result: TexturedSolid) -> float:
     """Return the largest distance of a solid's spline faces from the formula."""
-    regions = [(region, height) for region, _, height in result.regions]
-    return FaceRelief(regions, np.zeros(3), 1.0).of_points(points_on(spline_faces(shape.wrapped)))[0]
+    return FaceRelief(result.heights, 1.0).of_points(points_on(spline_faces(shape.wrapped)))[0]
 
 
 def fitted(result: TexturedSolid) -> cq.Shape:
     """Put the same texture on the plate by the kernel's fit and its Boolean operations."""
-    ((region, _, height),) = result.regions
-    x, y = (np.linspace(0.0, size, round(size / STEP_MM) + 1) for size in region.size_mm)
-    top = sheet(region.frame.point(x[:, None], y[None, :], height.grid(x, y)))
+    (height,) = result.heights
+    x, y = (np.linspace(0.0, size, round(size / STEP_MM) + 1) for size in height.area.size_mm)
+    top = sheet(height.area.frame.point(x[:, None], y[None, :], height.grid(x, y)))
     high = height.range_mm[1]
-    above = cq.Solid.extrudeLinear(cq.Face(region.face), cq.Vector(0, 0, high + 1.0))
+    above = cq.Solid.extrudeLinear(cq.Face(height.area.face), cq.Vector(0, 0, high + 1.0))
     pieces = above.split(top)
     low = min(pieces.Solids(), key=lambda piece: piece.Center().z)
     return PLATE.val().fuse(low)
@@ -55,9 +54,9 @@ def fitted(result: TexturedSolid) -> cq.Shape:
 
 def fitted_around(result: TexturedSolid) -> cq.Shape:
     """Put the same texture around the cylinder. The kernel fits two sheets, because it cannot fit a closed surface."""
-    ((region, _, height),) = result.regions
-    around, length = region.size_mm
-    frame, beyond = region.frame, 1.0
+    (height,) = result.heights
+    around, length = height.area.size_mm
+    frame, beyond = height.area.frame, 1.0
     t = np.linspace(-beyond, length + beyond, round((length + 2.0 * beyond) / STEP_MM) + 1)
     outer = frame.radius_mm + height.range_mm[1] + 1.0
     plane = cq.Plane(*(tuple(vector.tolist()) for vector in (frame.origin, frame.axes[0], frame.axes[2])))
@@ -78,9 +77,9 @@ def fitted_around(result: TexturedSolid) -> cq.Shape:
 
 def inner(result: TexturedSolid, half: int) -> cq.Vector:
     """Return a point just outside of the cylinder, below the texture, in the middle of a half."""
-    ((region, _, height),) = result.regions
-    s, t = region.size_mm[0] * (0.25 + 0.5 * half), region.size_mm[1] / 2.0
-    return cq.Vector(*region.frame.point(np.array(s), np.array(t), height.range_mm[0] / 2.0).tolist())
+    (height,) = result.heights
+    s, t = height.area.size_mm[0] * (0.25 + 0.5 * half), height.area.size_mm[1] / 2.0
+    return cq.Vector(*height.area.frame.point(np.array(s), np.array(t), height.range_mm[0] / 2.0).tolist())
 
 
 def sheet(points: np.ndarray) -> cq.Face:

@@ -9,7 +9,7 @@ from math import cos, pi, sin
 
 from manifold3d import CrossSection, Manifold
 
-from tacbench_cad.extensions.foreign_meshes import textured_mesh, write_textured_mesh
+from tacbench_cad import export, textured
 
 RADIUS_MM, WIDTH_MM, FACETS = 20.0, 24.0, 720
 SHAFT_MM, FLAT_MM = 8.2, 3.2
@@ -28,15 +28,15 @@ result = drum
 for number in range(1, 7):
     angle = (number - 0.5) * pi / 3
     middle = (RADIUS_MM * cos(angle), RADIUS_MM * sin(angle), WIDTH_MM / 2)
-    textured = textured_mesh(
+    own = textured(
         result,
         middle,
         number,
         depth_mm=DEPTH_MM,
         margin_mm=MARGIN_MM,
         fade_mm=FADE_MM,
-        tolerance_mm=TOLERANCE_MM,
+        mesh_tolerance_mm=TOLERANCE_MM,
     )
-    result = textured.mesh
+    result = own.mesh
 
-write_textured_mesh(textured, "drum.stl")
+export(own, "drum.stl")

@@ -6,7 +6,7 @@ is a flat region of its own. Each texture is named by a point in the middle of i
 
 from manifold3d import Manifold
 
-from tacbench_cad.extensions.foreign_meshes import textured_mesh, write_textured_mesh
+from tacbench_cad import export, textured
 
 FIELD_MM, WIDTH_MM, HEIGHT_MM, END_MM = 24.0, 20.0, 4.0, 10.0
 HOLE_MM, GROOVE_MM = 4.4, 0.6
@@ -23,15 +23,15 @@ for x in (END_MM / 2, length - END_MM / 2):
 result = strip
 for number in range(1, 7):
     middle = (END_MM + (number - 0.5) * FIELD_MM, WIDTH_MM / 2, HEIGHT_MM)
-    textured = textured_mesh(
+    own = textured(
         result,
         middle,
         number,
         depth_mm=DEPTH_MM,
         margin_mm=MARGIN_MM,
         fade_mm=FADE_MM,
-        tolerance_mm=TOLERANCE_MM,
+        mesh_tolerance_mm=TOLERANCE_MM,
     )
-    result = textured.mesh
+    result = own.mesh
 
-write_textured_mesh(textured, "strip.stl")
+export(own, "strip.stl")

@@ -10,11 +10,12 @@ from .geometry.mesh import Certificate as Certificate
 from .geometry.mesh import ExpectedGeometry as ExpectedGeometry
 from .geometry.mesh import Mesh as Mesh
 from .geometry.part import PrintPart as PrintPart
-from .geometry.textured.textured_faces import textured_part as textured_part
+from .geometry.textured.result import Textured as Textured
 from .making.printset import PrintSet as PrintSet
 from .making.printset import build as build
 from .making.request import Request as Request
 from .making.showing import write_view as write_view
+from .making.texturing import textured as textured
 from .making.writing import export as export
 from .render.pictures import assembly_picture as assembly_picture
 from .render.pictures import catalogue_picture as catalogue_picture

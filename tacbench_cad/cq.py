@@ -112,7 +112,7 @@ def textured(
             ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.
 
     Returns:
-        A new workplane with the solid. To write it to a file, use :func:`tacbench_cad.textured_part`.
+        A new workplane with the solid. To write it to a file, use :func:`tacbench_cad.textured`.
 
     Raises:
         InputError: The face is neither planar nor cylindrical, or a setting is not allowed for it.
@@ -121,7 +121,7 @@ def textured(
     if isinstance(face, str):
         from tacbench_cad.geometry.textured.textured_faces import faces_by
 
-        faces = faces_by(shape.wrapped, face)
+        faces = [cq.Face(found) for found in faces_by(shape.wrapped, face)]
     else:
         faces = face.vals() if isinstance(face, cq.Workplane) else [face]
     return cq.Workplane(_textured(shape, faces, texturing(texture, **settings)))

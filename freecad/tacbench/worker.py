@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from housing import Holder, Jig
-from tacbench_cad import Block, InputError, TacbenchError, as_part, export, textured_part
+from tacbench_cad import Block, InputError, TacbenchError, as_part, export, textured
 from tacbench_cad.geometry.part import rgb_of
-from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.families import BUILT_IN_NAMES
 
 
@@ -56,20 +55,18 @@ def face_of(request: dict[str, Any]) -> tuple[Any, Any]:
 
 def answer_for_face(request: dict[str, Any]) -> dict[str, Any]:
     """Put a texture on a face, and write the shape or export it."""
-    from tacbench_cad.geometry.textured.solid import textured_solid
-
     options = request["texturing"]
     texture = texture_of(options)
     shape, face = face_of(request)
     if request["action"] == "export":
-        part = textured_part(shape, face, texture, name=Path(request["file"]).stem, **options)
+        part = textured(shape, face, texture, name=Path(request["file"]).stem, **options)
         return {"report": str(export(part, request["file"]))}
-    textured = textured_solid(shape, face, texturing(texture, **options))
-    write_brep(textured.solid, request["brep"])
+    result = textured(shape, face, texture, **options)
+    write_brep(result.solid, request["brep"])
     return {
-        "volume_mm3": textured.volume_mm3,
-        "error_mm": textured.error_mm,
-        "evidence": "proved" if textured.is_proved else "measured",
+        "volume_mm3": result.volume_mm3,
+        "error_mm": result.certificate.distance_mm,
+        "evidence": result.certificate.evidence,
     }
 
 

@@ -32,6 +32,11 @@ def shape_of(thing: Any, name: str) -> TopoDS_Shape:
     return shape
 
 
+def is_shape(thing: Any) -> bool:
+    """Return whether an object is of CadQuery, build123d or Open CASCADE."""
+    return any(hasattr(thing, name) for name in ("val", "wrapped", "ShapeType"))
+
+
 def each(shape: TopoDS_Shape, kind: str, outside_of: str = "SHAPE") -> Iterator[Any]:
     """Yield the sub-shapes of a kind in the order of the shape. A sub-shape that is used twice is yielded twice.
 

@@ -108,7 +108,7 @@ class PrintPart:
         """Make a part from your own solid. All its faces must be planes, cylinders, cones or splines.
 
         A textured solid can also be made into a part again, but its files are then compared with the solid and not with
-        the formula; :func:`tacbench_cad.textured_part` does both.
+        the formula; :func:`tacbench_cad.textured` does both.
 
         In the files, the lower corner of the bounding box is at the origin. If you give the volume in closed form, the
         checks can also find an error in the solid. Without it, they only compare the files with the solid.

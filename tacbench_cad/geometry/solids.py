@@ -54,10 +54,9 @@ def tessellate(shape: TopoDS_Shape, deflection_mm: float = DEFLECTION_MM) -> Mes
     if not (np.isfinite(deflection_mm) and deflection_mm > 0.0):
         raise InputError("deflection", deflection_mm, "must be a positive number of mm")
     _require_simple(shape)
-    nodes, triangles = triangulate(shape, deflection_mm, ANGLE_RAD)
-    vertices, triangles = weld(nodes, triangles)
-    require_closed(vertices, triangles)
-    return Mesh(vertices=vertices, faces=triangles)
+    mesh = Mesh(*weld(*triangulate(shape, deflection_mm, ANGLE_RAD)))
+    require_closed(mesh)
+    return mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,18 +162,24 @@ def weld(nodes: Floats, triangles: Indices) -> tuple[Floats, Indices]:
     # A group is represented by its lowest node, so that the result does not depend on the order of the faces.
     order = np.lexsort((nodes[:, 2], nodes[:, 1], nodes[:, 0]))
     chosen = np.full(count, -1)
-    for node in order[::-1]:
-        chosen[group[node]] = node
+    chosen[group[order[::-1]]] = order[::-1]
     # The first rounding removes the errors of rotated shapes (1e-15 for 0). Adding zero changes -0.0 to 0.0.
     rounded = nodes[chosen].round(ROUND_DECIMALS).astype(np.float32).astype(np.float64) + 0.0
     vertices, index = np.unique(rounded, axis=0, return_inverse=True)
-    welded = index.reshape(-1)[group[triangles]].astype(np.int32)
-    a, b, c = welded.T
-    welded = welded[(a != b) & (b != c) & (c != a)]
+    faces = index.reshape(-1)[group[triangles]].astype(np.int32)
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
     # Each triangle begins at its lowest vertex, and the list is sorted, so the order of the faces has no effect.
-    start = welded.argmin(axis=1)[:, None]
-    welded = np.take_along_axis(welded, (start + np.arange(3)) % 3, axis=1)
-    return vertices, np.ascontiguousarray(welded[np.lexsort(welded.T[::-1])])
+    start = faces.argmin(axis=1)[:, None]
+    faces = np.take_along_axis(faces, (start + np.arange(3)) % 3, axis=1)
+    return vertices, np.ascontiguousarray(faces[np.lexsort(faces.T[::-1])])
+
+
+def welded(body: Any) -> Mesh:
+    """Return a body of manifold3d as a mesh of float32 values; see :func:`weld`."""
+    raw = body.to_mesh64()
+    vertices = np.asarray(raw.vert_properties, dtype=np.float64)[:, :3]
+    return Mesh(*weld(vertices, np.asarray(raw.tri_verts, dtype=np.int32)))
 
 
 def _numbered(values: Floats) -> Indices:
@@ -185,16 +190,22 @@ def _numbered(values: Floats) -> Indices:
     return numbers
 
 
-def require_closed(vertices: Floats, triangles: Indices) -> None:
+def open_edges(mesh: Mesh) -> int:
+    """Return the number of edges that do not have exactly one triangle in each direction."""
+    start, end = mesh.faces.ravel().astype(np.int64), np.roll(mesh.faces, -1, axis=1).ravel().astype(np.int64)
+    count = len(mesh.vertices)
+    there, back = start * count + end, end * count + start
+    _, times = np.unique(there, return_counts=True)
+    return int(np.count_nonzero(~np.isin(there, back)) + np.count_nonzero(times > 1))
+
+
+def require_closed(mesh: Mesh) -> None:
     """Check that a mesh is closed and has no triangle without area.
 
     Raises:
         CheckFailedError: It is not.
     """
-    if np.any(np.linalg.norm(Mesh(vertices, triangles).doubled_normals, axis=1) == 0.0):
+    if np.any(np.linalg.norm(mesh.doubled_normals, axis=1) == 0.0):
         raise CheckFailedError("the mesh of the solid has a triangle without area")
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
-    there = edges[:, 0] * len(vertices) + edges[:, 1]
-    back = edges[:, 1] * len(vertices) + edges[:, 0]
-    if len(np.unique(there)) != len(there) or not np.array_equal(np.sort(there), np.sort(back)):
+    if open_edges(mesh):
         raise CheckFailedError("the mesh of the solid is not closed")

@@ -8,6 +8,6 @@ from .request import blocks_of as blocks_of
 from .request import plan as plan
 from .showing import request_of as request_of
 from .showing import write_view as write_view
-from .texturing import TexturedFile as TexturedFile
 from .texturing import part_name as part_name
-from .texturing import texture_step_file as texture_step_file
+from .texturing import textured as textured
+from .writing import export as export

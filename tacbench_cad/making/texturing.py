@@ -1,136 +1,101 @@
-"""A texture on a part from a STEP file: read the solid, texture it, and write it."""
+"""One way to put a texture on faces of any part: of CadQuery or build123d, from a STEP file, or a mesh."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.checks.report import Report
 from tacbench_cad.formats import format_of, step
-from tacbench_cad.geometry.textured.height import around
-from tacbench_cad.geometry.textured.textured_faces import TexturedFaces, face_at, faces_by
+from tacbench_cad.geometry import kernel
+from tacbench_cad.geometry.textured.result import Textured
+from tacbench_cad.geometry.textured.textured_faces import face_at, faces_by, textured_faces
 from tacbench_cad.geometry.texturing import texturing
-from tacbench_cad.making.writing import export
 from tacbench_cad.spec.sampling import TOLERANCE_MM
 from tacbench_cad.spec.textures import Texture
-from tacbench_cad.util.errors import as_input, require_between
-from tacbench_cad.util.text import at_most
+from tacbench_cad.util.entries import load_named
+from tacbench_cad.util.errors import InputError, as_input, require_between
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Shape
 
 
-@dataclass(frozen=True, kw_only=True)
-class TexturedFile:
-    """A part from a STEP file with a texture on its faces, written to a file that was read back and checked.
-
-    Args:
-        faces: The textured faces.
-        report: The checks of the file.
-    """
-
-    faces: TexturedFaces
-    report: Report
-
-    @property
-    def _evidence(self) -> str:
-        return "proved" if all(result.is_proved for result in self.faces.results) else "measured"
-
-    @property
-    def _error_mm(self) -> float:
-        return max(result.error_mm for result in self.faces.results)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the values for the last face as plain JSON values.
-
-        ``error_mm`` and ``evidence`` are those of the solid; ``deviation_mm`` was measured on the file.
-        """
-        result = self.faces.results[-1]
-        region = max((region for region, _, _ in result.regions), key=lambda region: region.size_mm)
-        radius = region.frame.radius_mm
-        return {
-            "region": "plane" if radius is None else "cylinder",
-            "radius_mm": radius,
-            "size_mm": list(region.size_mm),
-            "depth_mm": self.faces.depth_mm,
-            "texture": self.faces.texturing.texture.name,
-            "triangles": self.report.triangles,
-            "bodies": 1,
-            "volume_mm3": self.report.volume_mm3,
-            "expected_volume_mm3": self.faces.volume_mm3,
-            "error_mm": self._error_mm,
-            "evidence": self._evidence,
-            "deviation_mm": self.report.deviation_mm,
-            "mm_per_unit": list(result.mm_per_unit),
-            "periods": result.periods,
-        }
-
-    def lines(self) -> list[str]:
-        """Return a short description for people."""
-        document = self.as_dict()
-        names = []
-        for result in self.faces.results:
-            closing = around(result.texturing, result.mm_per_unit, result.periods)
-            for region, _, _ in result.regions:
-                radius = region.frame.radius_mm
-                kind = "plane" if radius is None else f"cylinder of radius {radius:.5g} mm"
-                names.append(
-                    f"{document['texture']} on a {kind}, {region.size_mm[0]:.4g} x {region.size_mm[1]:.4g} mm, "
-                    f"{document['depth_mm']:.4g} mm high{closing}"
-                )
-        volumes = f"volume {document['volume_mm3']:.7g} mm^3, expected {document['expected_volume_mm3']:.7g} mm^3"
-        return [
-            *names,
-            f"solid at most {at_most(self._error_mm, 2)} mm from the formula ({self._evidence}); "
-            f"file at most {at_most(document['deviation_mm'], 2)} mm at the checked points",
-            f"closed, 1 body; {volumes}",
-        ]
-
-
-def texture_step_file(
-    file: Path | str,
-    out: Path | str,
+def textured(
+    part: Any,
+    face: Any,
     texture: Texture | str | int | Path,
     *,
-    face: str | None = None,
-    at: Sequence[float] | None = None,
-    tolerance_mm: float | None = None,
+    name: str | None = None,
+    kind: str = "part",
+    title: str = "",
+    mesh_tolerance_mm: float = TOLERANCE_MM,
+    scale: float = 1.0,
+    spec: Mapping[str, Any] | None = None,
     **settings: Any,
-) -> TexturedFile:
-    """Put a texture on faces of the part in a STEP file, and write the part to a file, which is read back and checked.
+) -> Textured:
+    """Put a texture on one or more planar or cylindrical faces of a part.
 
-    The file keeps the coordinates of the part. This is :func:`tacbench_cad.textured_part` for a part in a file.
+    The faces of the solid are within ``tolerance_mm`` of the formula. The mesh of the texture is made from the formula,
+    too, and not by the CAD kernel; it is within ``mesh_tolerance_mm``. The part keeps its coordinates.
 
     Args:
-        file: A STEP file with one solid.
-        out: The new STEP, STL or 3MF file.
-        texture: A texture, the number or name of one of the six, or a TOML file.
-        face: A selector of CadQuery for the faces, such as ``">Z"``.
-        at: A point on the face, in mm, if there is no selector.
-        tolerance_mm: The largest distance of the file from the formula; None for 0.001 in a STEP file, and 0.01 in a
-            mesh.
-        **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`.
+        part: A part of CadQuery, build123d or Open CASCADE with one solid in mm, a STEP, STL or 3MF file, a
+            :class:`~tacbench_cad.Mesh`, a ``Manifold`` of manifold3d, or an object with ``vertices`` and ``faces``, for
+            example of trimesh.
+        face: A face of the part, several faces, a point on a face, or a selector of CadQuery such as ``">Z"``. On a
+            mesh, a point on the flat or cylindrical region: all connected triangles on the same plane or cylinder,
+            within 0.005 mm.
+        texture: A texture, the number or name of one of the six, the name of a later one, or a TOML file.
+        name: The name of the part in its files; None for the name of the file, or ``part``.
+        kind: The kind of part, a word of your own.
+        title: A description for people, in one line.
+        mesh_tolerance_mm: The largest distance of the mesh from the formula.
+        scale: The millimetres for each unit of a mesh; 25.4 for inches.
+        spec: The input values of the part, as plain JSON values, for the manifest.
+        **settings: The other settings of :class:`~tacbench_cad.geometry.texturing.Texturing`: ``depth_mm``,
+            ``margin_mm``, ``fade_mm``, ``up``, ``sunk``, ``base_mm``, ``mm_per_unit`` and ``tolerance_mm``.
 
     Raises:
-        InputError: The file cannot be read, the part is not one solid, no face is chosen, a face is neither planar nor
-            cylindrical, or a setting is not allowed for it.
-        CheckFailedError: The new file failed its checks. It is then not in the folder.
+        InputError: The part cannot be read, a face is neither planar nor cylindrical, or a setting is not allowed.
+        CheckFailedError: The result is not closed, or does not have the volume of the integral of the formula.
+        MissingToolError: The part is a mesh, and the extension ``foreign_meshes`` is not installed.
     """
-    file, out = Path(file), Path(out)
-    form = format_of(out)
+    require_between("mesh_tolerance_mm", mesh_tolerance_mm, 1e-4, 10.0, " mm")
+    require_between("scale", scale, 1e-6, 1e6)
+    own = texturing(texture, **settings)
+    is_file = isinstance(part, (str, Path))
+    word = name or (part_name(Path(part)) if is_file else "part")
+    names = (word, kind, title or f"{word} with {own.texture.name}")
+    values = {**(spec or {}), **settings, "texture": own.texture.name}
+    if (format_of(Path(part)).shape == "mesh") if is_file else not kernel.is_shape(part):
+        on_mesh = load_named("tacbench.texturing", "part", "mesh")
+        result: Textured = on_mesh(part, face, own, mesh_tolerance_mm, scale, names, values)
+        return result
+    if scale != 1.0:
+        raise InputError("scale", scale, "must be 1 for a STEP file and other solids, because their unit is known")
+    shape = _solid_of(Path(part)) if is_file else kernel.shape_of(part, "part")
+    return textured_faces(shape, _faces(shape, face), own, mesh_tolerance_mm, names, values)
+
+
+def _solid_of(path: Path) -> TopoDS_Shape:
     with as_input("file"):
-        step.require_readable(file)
-        shape = step.read_step(file)
-    if tolerance_mm is not None and form.shape == "solid":
-        settings["tolerance_mm"] = tolerance_mm
-    faces = [item.wrapped for item in faces_by(shape, face)] if face else [face_at(shape, at or ())]
-    mesh_tolerance_mm = TOLERANCE_MM if tolerance_mm is None else tolerance_mm
-    require_between("tolerance_mm", mesh_tolerance_mm, 1e-5 if form.shape == "solid" else 1e-4, 1.0, " mm")
-    made = TexturedFaces(shape, faces, texturing(texture, **settings), mesh_tolerance_mm, keeps_place=True)
-    name = made.texturing.texture.name
-    spec = {**settings, "texture": name, "depth_mm": made.depth_mm}
-    part = made.part(part_name(out), "part", f"{out.stem} with {name}", spec)
-    return TexturedFile(faces=made, report=export(part, out))
+        step.require_readable(path)
+        return step.read_step(path)
+
+
+def _faces(shape: TopoDS_Shape, face: Any) -> Sequence[TopoDS_Shape]:
+    """Return the faces of a shape that a user names."""
+    if isinstance(face, str):
+        face = faces_by(shape, face)
+    elif hasattr(face, "vals"):
+        face = face.vals()
+    several = list(face) if isinstance(face, Sequence) else [face]
+    if several and all(isinstance(number, (int, float)) for number in several):
+        return [face_at(shape, several)]
+    if not several:
+        raise InputError("face", None, "must be a face of the part; select at least one")
+    return [kernel.shape_of(item, "face") for item in several]
 
 
 def part_name(path: Path) -> str:

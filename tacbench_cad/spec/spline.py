@@ -473,6 +473,11 @@ class SplineSurface(Surface):
         """The ends of the domain along u and along v; None along an axis along which the surface repeats."""
         return None if self.u.repeats else self.u.ends, None if self.v.repeats else self.v.ends
 
+    @property
+    def period_u(self) -> float | None:
+        """The period along u; None if the surface does not repeat along u."""
+        return self.u.ends[1] - self.u.ends[0] if self.u.repeats else None
+
     def repeated(self, along: tuple[bool, bool] = (True, True)) -> SplineSurface:
         """Return a spline that repeats beyond its ends.
 

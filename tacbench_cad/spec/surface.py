@@ -9,6 +9,7 @@ height maps, functions of Python and textures with creases.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal, Protocol
 
@@ -26,6 +27,12 @@ Unit = Literal["units", "mm"]
 Domain = tuple[tuple[float, float], tuple[float, float]]
 #: The ends along u and along v, where there are some.
 Ends = tuple[tuple[float, float] | None, tuple[float, float] | None]
+
+
+#: The largest fraction by which frequencies may differ from multiples of a common one.
+_COMMON = 1e-6
+#: The largest multiple of the common frequency that the lowest frequency may have.
+_MAX_MULTIPLE = 12
 
 
 class Surface(Protocol):
@@ -163,6 +170,20 @@ class Surface(Protocol):
     def ends(self) -> Ends:
         """The ends along u and along v beyond which the surface is not known; None along an axis without ends."""
         return None, None
+
+    @property
+    def period_u(self) -> float | None:
+        """The period along u; infinite if the surface does not depend on u, and None if it has no period."""
+        if self.plane_waves is None:
+            return None
+        frequencies = sorted({abs(wave.f) for wave in self.plane_waves if wave.amplitude and wave.f})
+        if not frequencies:
+            return math.inf
+        for divisor in range(1, _MAX_MULTIPLE + 1):
+            common = frequencies[0] / divisor
+            if all(abs(f / common - round(f / common)) < _COMMON * f / common for f in frequencies):
+                return 2.0 * math.pi / common
+        return None
 
     def __add__(self, other: Surface) -> Surface:
         """Return the sum; see :func:`tacbench_cad.spec.operations.added`."""

@@ -22,15 +22,13 @@ from helpers.millimetres import KNOWN, PLATE_MM, REGION_MM, off_mm, stl_points
 cq = pytest.importorskip("cadquery", reason="solids need the extra cad")
 bd = pytest.importorskip("build123d", reason="solids need the extra cad")
 
-from tacbench_cad import Block, InputError, Texture, export, textured_part
+from tacbench_cad import Block, InputError, Texture, export, textured
 from tacbench_cad.bd import TextureBlock
 from tacbench_cad.bd import textured as bd_textured
 from tacbench_cad.cli import main
 from tacbench_cad.cq import register
 from tacbench_cad.cq import solid as cq_solid
 from tacbench_cad.cq import textured as cq_textured
-from tacbench_cad.extensions.foreign_meshes import textured_mesh
-from tacbench_cad.making.texturing import texture_step_file
 from tacbench_cad.util.types import Floats
 
 #: The largest distance along z of a solid and of a mesh with the default tolerances, whose distance across a slope is
@@ -108,13 +106,13 @@ def with_freecad(folder: Path, file: Path) -> Floats:
 def exported(folder: Path, file: Path) -> Floats:
     """A part in a file lies with its lower corner at the origin, as the plate does."""
     box = plate()
-    export(textured_part(box, box.faces(">Z"), str(file), name="part"), folder / "part.stl")
+    export(textured(box, box.faces(">Z"), str(file), name="part"), folder / "part.stl")
     return stl_points(folder / "part.stl")
 
 
 def on_mesh(folder: Path, file: Path) -> Floats:
     cq.exporters.export(plate(), str(folder / "plate.stl"))
-    mesh = textured_mesh(folder / "plate.stl", (7, 5, 4), file).mesh
+    mesh = textured(folder / "plate.stl", (7, 5, 4), file).mesh
     return np.concatenate([mesh.vertices, mesh.triangle_points.mean(axis=1)])
 
 
@@ -125,8 +123,8 @@ PARTS: dict[str, tuple[Callable[[Path, Path], Floats], float]] = {
     "cadquery chain": (chained, SOLID_MM),
     "build123d": (with_bd, SOLID_MM),
     "FreeCAD": (with_freecad, SOLID_MM),
-    "textured_part": (exported, MESH_MM),
-    "textured_mesh": (on_mesh, MESH_MM),
+    "textured solid": (exported, MESH_MM),
+    "textured mesh": (on_mesh, MESH_MM),
 }
 
 
@@ -228,7 +226,7 @@ def test_a_texture_on_a_cylinder_says_how_it_was_stretched(tmp_path: Path) -> No
     """Around a whole cylinder, a texture must close, so it cannot keep its millimetres; the result says so."""
     drum, file = tmp_path / "drum.step", KNOWN["wavelength_mm"].write(tmp_path)
     cq.exporters.export(cq.Workplane().circle(5).extrude(12), str(drum))
-    result = texture_step_file(drum, tmp_path / "out.step", file, face="%Cylinder")
+    result = textured(drum, "%Cylinder", file)
     closed = 2.0 * np.pi * 5.0 / 4.0  # the waves repeat after 4 mm around the drum
     assert (
         f", {round(closed)} periods around it, stretched by {100.0 * (closed / 8.0 - 1.0):+.2g} % to close"

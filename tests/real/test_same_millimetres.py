@@ -19,7 +19,7 @@ pytest.importorskip("gmsh", reason="gmsh is not installed: pip install gmsh")
 cq = pytest.importorskip("cadquery", reason="solids need the extra cad")
 bd = pytest.importorskip("build123d", reason="solids need the extra cad")
 
-from tacbench_cad import Block, export, textured_part
+from tacbench_cad import Block, export, textured
 from tacbench_cad.bd import textured as bd_textured
 from tacbench_cad.cli import main
 from tacbench_cad.cq import textured as cq_textured
@@ -66,7 +66,7 @@ def with_bd(file: Path, out: Path) -> None:
 
 def as_part(file: Path, out: Path) -> None:
     box = cq.Workplane().box(*PLATE_MM, centered=False)
-    export(textured_part(box, box.faces(">Z"), file, name="part"), out)
+    export(textured(box, box.faces(">Z"), file, name="part"), out)
 
 
 @pytest.mark.parametrize(

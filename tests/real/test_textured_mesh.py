@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from helpers.outsiders import Run, Written
 
-from tacbench_cad.extensions.foreign_meshes import textured_mesh, write_textured_mesh
+from tacbench_cad import export
+from tacbench_cad import textured as textured_part
 
 pytestmark = pytest.mark.real
 trimesh = pytest.importorskip("trimesh")
@@ -19,7 +20,7 @@ CASES: dict[str, tuple[tuple[float, float, float], int, dict[str, Any]]] = {
     "box": ((0, 0, 5), 2, {"fade_mm": 2.0}),
     "cylinder": ((0, -10, 3), 3, {}),
     "tube": ((0, 8, 3), 2, {"sunk": True, "depth_mm": 0.5}),
-    "capsule": ((8, 0, 15), 4, {"tolerance_mm": 0.1}),
+    "capsule": ((8, 0, 15), 4, {"mesh_tolerance_mm": 0.1}),
     "holder": ((0.0, 0.0, 0.0), 2, {"depth_mm": 0.4, "margin_mm": 0.5}),
 }
 
@@ -43,8 +44,10 @@ def textured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
             "capsule": lambda: creation.capsule(30, 8, count=(64, 64)),
         }
         meshes[request.param]().export(path)
-    result = textured_mesh(path, at, number, **{"tolerance_mm": 0.03, **settings})
-    return write_textured_mesh(result, tmp_path_factory.mktemp("result") / f"{request.param}.stl")
+    result = textured_part(path, at, number, **{"mesh_tolerance_mm": 0.03, **settings})
+    out = tmp_path_factory.mktemp("result") / f"{request.param}.stl"
+    assert export(result, out).ok
+    return out
 
 
 def test_admesh_finds_nothing_to_fix(admesh: Run, textured: Path) -> None:

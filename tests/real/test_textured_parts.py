@@ -17,7 +17,7 @@ import build123d as bd
 import cadquery as cq
 from helpers.outsiders import PATIENCE_S
 
-from tacbench_cad import PrintPart, export, textured_part
+from tacbench_cad import PrintPart, export, textured
 
 pytestmark = pytest.mark.real
 
@@ -45,14 +45,14 @@ def pillow_block() -> PrintPart:
     """The bearing pillow block of CadQuery's documentation, with a texture on its upper face."""
     block = cq.Workplane("XY").box(60.0, 80.0, 10.0).faces(">Z").workplane().hole(22.0)
     block = block.faces(">Z").workplane().rect(48.0, 68.0, forConstruction=True).vertices().cboreHole(2.4, 4.4, 2.1)
-    return textured_part(block, block.faces(">Z"), 2, name="pillow-block")
+    return textured(block, block.faces(">Z"), 2, name="pillow-block").part()
 
 
 def bushing() -> PrintPart:
     """A cylinder on a plate with a hole, as in build123d's introduction, with a texture around the cylinder."""
     part = bd.Box(40, 40, 4) + bd.Pos(0, 0, 12) * bd.Cylinder(12, 20) - bd.Cylinder(5, 60)
     side = max(part.faces().filter_by(bd.GeomType.CYLINDER), key=lambda face: face.area)
-    return textured_part(part, side, 2, name="bushing", fade_mm=2.0)
+    return textured(part, side, 2, name="bushing", fade_mm=2.0).part()
 
 
 def bracket() -> PrintPart:
@@ -66,7 +66,7 @@ def bracket() -> PrintPart:
         bd.fillet(builder.edges().filter_by(bd.Axis.Z), 2)
     level = builder.faces().filter_by(bd.Plane.XY).group_by(bd.Axis.Z)[-2]
     floor = max(level, key=lambda face: face.area)
-    return textured_part(builder.part.solid(), floor, 2, name="bracket", depth_mm=0.8, margin_mm=2.0)
+    return textured(builder.part.solid(), floor, 2, name="bracket", depth_mm=0.8, margin_mm=2.0).part()
 
 
 PARTS = {"pillow block": pillow_block, "bushing": bushing, "bracket": bracket}

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tacbench_cad.cli import options, print_json, print_lines
 from tacbench_cad.util.errors import InputError
-
-if TYPE_CHECKING:
-    from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh
-    from tacbench_cad.making import TexturedFile
+from tacbench_cad.util.text import at_most
 
 
 @options.command("texture-part", "Print")
@@ -90,30 +87,32 @@ def command(file: Path, out: Path | None, json: bool, **settings: Any) -> None:
       tacbench texture-part grip.3mf --at 0,0,12 --texture 4 --sunk --fade 2
       tacbench texture-part plate.step --face ">Z" --texture 2
     """
-    from tacbench_cad.extensions.foreign_meshes.files import textured_mesh, write_textured_mesh
     from tacbench_cad.formats import format_of
-    from tacbench_cad.making import texture_step_file
+    from tacbench_cad.making import export, part_name, textured
 
-    lengths = {f"{name}_mm": settings.pop(name) for name in ("depth", "margin", "fade", "base", "tolerance")}
-    at, face, texture, scale = (settings.pop(name) for name in ("at", "face", "texture", "scale"))
+    lengths = {f"{name}_mm": settings.pop(name) for name in ("depth", "margin", "fade", "base")}
+    at, face, texture, tolerance = (settings.pop(name) for name in ("at", "face", "texture", "tolerance"))
     target = file.with_stem(f"{file.stem}_textured") if out is None else out
-    is_solid = format_of(file).shape == "solid"
+    is_solid, shape = format_of(file).shape == "solid", format_of(target).shape
     if (at is None) == (face is None):
         raise InputError("--at, --face", None, "must be given one at a time: a point, or a selector for a STEP file")
-    if is_solid:
-        if scale != 1.0:
-            raise InputError("--scale", scale, "must be 1 for a STEP file, because the file states its unit")
-        result: TexturedFile | TexturedMesh = texture_step_file(
-            file, target, texture, face=face, at=at, **lengths, **settings
-        )
-    else:
-        if face is not None:
-            raise InputError("--face", face, "needs a STEP file; name the region of a mesh by --at X,Y,Z")
-        if lengths["tolerance_mm"] is None:
-            del lengths["tolerance_mm"]
-        result = textured_mesh(file, at, texture, scale=scale, **lengths, **settings)
-        write_textured_mesh(result, target)
+    if face is not None and not is_solid:
+        raise InputError("--face", face, "needs a STEP file; name the region of a mesh by --at X,Y,Z")
+    if shape == "solid" and not is_solid:
+        raise InputError("output file", str(target), "must end in .stl or .3mf, because the part is a mesh")
+    if tolerance is not None:
+        lengths["tolerance_mm" if shape == "solid" else "mesh_tolerance_mm"] = tolerance
+    result = textured(file, at or face, texture, name=part_name(target), **lengths, **settings)
+    report = export(result, target)
     if json:
-        print_json({"ok": True, "file": str(target), **result.as_dict()})
+        facts = {"triangles": report.triangles, "volume_mm3": report.volume_mm3, "deviation_mm": report.deviation_mm}
+        print_json({"ok": True, "file": str(target), **result.as_dict(), **facts})
         return
-    print_lines(*result.lines(), f"written: {target}")
+    certificate, bodies = result.certificate, "1 body" if result.bodies == 1 else f"{result.bodies} bodies"
+    print_lines(
+        *result.lines(),
+        f"{'solid' if is_solid else 'mesh'} at most {at_most(certificate.distance_mm, 2)} mm from the formula "
+        f"({certificate.evidence}); file at most {at_most(report.deviation_mm or 0.0, 2)} mm at the checked points",
+        f"closed, {bodies}; volume {report.volume_mm3:.7g} mm^3, expected {result.volume_mm3:.7g} mm^3",
+        f"written: {target}",
+    )

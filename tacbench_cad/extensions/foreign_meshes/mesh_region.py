@@ -9,8 +9,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import shapely
 
-from tacbench_cad.geometry import Frame, Mesh, axes_of, cross, manifold_of
+from tacbench_cad.geometry import Frame, Mesh, axes_of, cross, manifold_of, open_edges
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Indices, Ints
 
@@ -38,16 +39,13 @@ class MeshRegion:
 
     Args:
         frame: The local coordinates of the plane or cylinder.
-        points: The corners of its triangles, shape (n, 3, 3).
-        loops: The outline as closed polygons in (s, t), each of shape (k, 2). The region is on the left. On a cylinder,
-            this is a rectangle, or two lines across one turn.
+        outline: The outline in (s, t). On a cylinder, this is a rectangle.
         is_closed: Whether the region goes all the way around a cylinder.
         facets_mm: The lowest and the highest position of the triangles along the normal of the ideal face.
     """
 
     frame: Frame
-    points: Floats
-    loops: tuple[Floats, ...]
+    outline: shapely.Polygon
     is_closed: bool
     facets_mm: tuple[float, float]
 
@@ -112,26 +110,17 @@ class Surroundings:
         return int(best), float(distance[best])
 
 
-def require_closed(mesh: Mesh, name: str) -> Any:
+def closed_body(mesh: Mesh, name: str) -> Any:
     """Return a mesh as a closed body of manifold3d with double precision.
 
     Raises:
         InputError: The mesh is empty, not closed, or inside out.
     """
-    import manifold3d
-
-    faces = mesh.faces.astype(np.int64)
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    count = len(mesh.vertices)
-    _, times = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_counts=True)
-    if wrong := int(np.count_nonzero(times != 2)):
-        raise InputError(
-            name,
-            None,
-            f"the mesh is not closed: {wrong} edges do not have exactly two triangles; repair the mesh first",
-        )
+    if wrong := open_edges(mesh):
+        reason = f"the mesh is not closed: {wrong} edges do not have exactly two triangles; repair the mesh first"
+        raise InputError(name, None, reason)
     body = manifold_of(mesh.vertices, mesh.faces)
-    if body.status() != manifold3d.Error.NoError:
+    if body.status().name != "NoError":
         raise InputError(name, None, f"manifold3d refuses the mesh ({body.status().name}); repair the mesh first")
     if mesh.volume_mm3 <= 0.0:
         raise InputError(name, None, "the triangles of the mesh face inwards; turn them around first")
@@ -183,9 +172,9 @@ def region_at(
         raise InputError("at", tuple(at), f"is {distance:.4g} mm from the mesh; the nearest triangle is at {place}")
     flat = _flat(around, seed)
     round_ = _round(around, seed, flat)
-    if kind := _curved(around, flat, flat if round_ is None else round_[0]):
+    if _is_curved(around, flat, flat if round_ is None else round_[0]):
         raise InputError(
-            "at", tuple(at), f"lies on a region that is {kind}; only planes and cylinders can get a texture"
+            "at", tuple(at), "lies on a region that is curved; only planes and cylinders can get a texture"
         )
     if round_ is not None:
         return _cylindrical(around, *round_, up)
@@ -194,8 +183,9 @@ def region_at(
     heights = (around.points[flat] - frame.origin) @ frame.axes[2]
     frame = Frame(frame.origin + (heights.max() + heights.min()) / 2.0 * frame.axes[2], frame.axes)
     half = float(np.ptp(heights)) / 2.0
-    loops = tuple(frame.local(mesh.vertices[loop]) for loop in _loops(around, flat))
-    return MeshRegion(frame, around.points[flat], loops, False, (-half, half))
+    rings = [shapely.Polygon(frame.local(mesh.vertices[loop])) for loop in _loops(around, flat)]
+    outer, *holes = sorted(rings, key=lambda ring: -ring.area)
+    return MeshRegion(frame, shapely.difference(outer, shapely.union_all(holes)), False, (-half, half))
 
 
 def _mean_normal(around: Surroundings, chosen: Bools) -> Floats:
@@ -320,8 +310,8 @@ def _circle(points: Floats, axis: Floats) -> tuple[Floats, float]:
     return centre, radius
 
 
-def _curved(around: Surroundings, flat: Bools, region: Bools) -> str | None:
-    """Return the kind of a curved surface of which a region is only one facet or one ring of facets.
+def _is_curved(around: Surroundings, flat: Bools, region: Bools) -> bool:
+    """Return whether a region is only one facet, or one ring of facets, of a curved surface.
 
     The neighbours of such a region meet it at small angles and have facets of a similar size. A plane or a cylinder
     with rounded edges has much smaller neighbours.
@@ -334,23 +324,9 @@ def _curved(around: Surroundings, flat: Bools, region: Bools) -> str | None:
     inner, outer, length = _border(around, region)
     smooth = _smooth(around, inner, outer)
     if length[smooth].sum() < 0.5 * length.sum():
-        return None
+        return False
     largest = max(float(around.area[_flat(around, int(k))].sum()) for k in np.unique(outer[smooth])[:8])
-    if around.area[flat].sum() > _PLANE_AREA * largest:
-        return None
-    chosen = region.copy()
-    for _ in range(3):
-        inner, outer, _ = _border(around, chosen)
-        chosen[outer[_smooth(around, inner, outer)]] = True
-    spread = around.normal[chosen] - around.normal[chosen].mean(axis=0)
-    sizes, axes = np.linalg.svd(spread, full_matrices=False)[1:]
-    if sizes[-1] < 0.01 * sizes[0] and abs(float((around.normal[chosen] @ axes[-1]).mean())) > 0.02:
-        return "conical"
-    points = around.points[chosen].reshape(-1, 3)
-    table = np.column_stack([2.0 * points, np.ones(len(points))])
-    solution, *_ = np.linalg.lstsq(table, (points**2).sum(axis=1), rcond=None)
-    radii = np.linalg.norm(points - solution[:3], axis=1)
-    return "spherical" if np.ptp(radii) < 0.01 * radii.mean() else "curved in another way"
+    return bool(around.area[flat].sum() <= _PLANE_AREA * largest)
 
 
 def _loops(around: Surroundings, chosen: Bools) -> list[Ints]:
@@ -409,5 +385,4 @@ def _cylindrical(
     start = 0.0 if closed else float(outline[:, 0].min())
     width = around_mm if closed else float(np.ptp(outline[:, 0]))
     frame = frame.moved(start, 0.0)
-    ends = np.array([[0.0, low], [width, low], [width, high], [0.0, high]])
-    return MeshRegion(frame, points, (ends,), closed, facets)
+    return MeshRegion(frame, shapely.box(0.0, low, width, high), closed, facets)

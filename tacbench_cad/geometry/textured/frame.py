@@ -81,20 +81,24 @@ class Frame:
             return self.world(s, t, np.asarray(h, dtype=np.float64))
         return self.world(self.section(s, h), t)
 
-    def local(self, points: Floats) -> Floats:
-        """Return the coordinates (s, t) of points on the face, shape (..., 2). On a cylinder, s begins at 0."""
-        own = (points - self.origin) @ self.axes.T
+    def coordinates(self, points: Floats) -> Floats:
+        """Return the coordinates s, t and h of points, shape (3, ...). On a cylinder, s begins at 0."""
+        x, y, z = np.moveaxis((points - self.origin) @ self.axes.T, -1, 0)
         if self.radius_mm is None:
-            return np.asarray(own[..., :2])
-        angle = np.mod(self.side * np.arctan2(own[..., 1], own[..., 0]), 2.0 * math.pi)
-        return np.stack([angle * self.radius_mm, own[..., 2]], axis=-1)
+            return np.stack([x, y, z])
+        angle = np.mod(self.side * np.arctan2(y, x), 2.0 * math.pi)
+        return np.stack([angle * self.radius_mm, z, self.side * (np.hypot(x, y) - self.radius_mm)])
 
-    def normal(self, s: float) -> Floats:
-        """Return the direction of h at a coordinate s, shape (3,)."""
+    def local(self, points: Floats) -> Floats:
+        """Return the coordinates (s, t) of points on the face, shape (..., 2)."""
+        return np.moveaxis(self.coordinates(points)[:2], 0, -1)
+
+    def normal(self, s: Floats | float) -> Floats:
+        """Return the direction of h at coordinates s, shape (..., 3)."""
         if self.radius_mm is None:
-            return np.asarray(self.axes[2])
-        angle = self.side * s / self.radius_mm
-        return np.asarray(self.side * (math.cos(angle) * self.axes[0] + math.sin(angle) * self.axes[1]))
+            return np.broadcast_to(self.axes[2], (*np.shape(s), 3))
+        angle = self.side * np.asarray(s)[..., None] / self.radius_mm
+        return np.asarray(self.side * (np.cos(angle) * self.axes[0] + np.sin(angle) * self.axes[1]))
 
     def moved(self, s: float, t: float) -> Frame:
         """Return the frame whose point (0, 0) is the point (s, t) of this frame."""

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from tacbench_cad.extensions.foreign_meshes.mesh_region import MeshRegion, region_at
-from tacbench_cad.extensions.foreign_meshes.on_mesh import TexturedMesh, texture_on_mesh
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.relief import distance
-from tacbench_cad.geometry.texturing import texturing
+from tacbench_cad.geometry.textured.result import Textured
+from tacbench_cad.making.texturing import textured as textured_part
 from tacbench_cad.spec.presets import VALUES
 from tacbench_cad.spec.texture_files import find_texture as texture_named
 from tacbench_cad.util.errors import InputError
@@ -61,8 +61,10 @@ def region(name: str, at: tuple[float, float, float]) -> MeshRegion:
     return region_at(shape(name), at, None)
 
 
-def textured(name: str, at: tuple[float, float, float], number: int = 2, **settings: Any) -> TexturedMesh:
-    return texture_on_mesh(shape(name), at, texturing(number, **{"tolerance_mm": 0.02, **settings}))
+def textured(
+    name: str, at: tuple[float, float, float], number: int = 2, tolerance_mm: float = 0.02, **settings: Any
+) -> Textured:
+    return textured_part(shape(name), at, number, mesh_tolerance_mm=tolerance_mm, **settings)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +88,8 @@ def test_the_region_around_a_point(
     result = region(name, at)
     assert result.frame.side == side
     assert result.frame.radius_mm == (radius if radius is None else pytest.approx(radius, abs=0.004))
-    size = np.ptp(np.concatenate(result.loops), axis=0)
+    s0, t0, s1, t1 = result.outline.bounds
+    size = (s1 - s0, t1 - t0)
     assert sorted(size) == pytest.approx(sorted(extent), rel=2e-3)
 
 
@@ -116,13 +119,15 @@ def test_the_result_is_one_closed_body_with_the_volume_of_the_integral(
     body = result.mesh.as_manifold()
     assert body.status() == manifold3d.Error.NoError
     assert len(body.decompose()) == result.bodies == 1
-    assert result.error_mm <= settings.get("tolerance_mm", 0.02) + 1e-4
+    assert result.certificate.distance_mm <= settings.get("tolerance_mm", 0.02) + 1e-4
     added = result.volume_mm3 - before.volume_mm3
     assert (added < 0.0) == bool(settings.get("sunk"))
     # The triangles of a convex part are inside of it, so the error of the volume is a part of error x area.
-    assert abs(result.mesh.volume_mm3 - result.volume_mm3) < 0.4 * result.error_mm * math.prod(result.size_mm)
+    assert abs(result.mesh.volume_mm3 - result.volume_mm3) < 0.4 * result.certificate.distance_mm * math.prod(
+        result.as_dict()["size_mm"]
+    )
     uneven = "fade_mm" in settings and name == "holes"
-    assert result.evidence == ("measured" if uneven else "proved")
+    assert result.certificate.evidence == ("measured" if uneven else "proved")
 
 
 def test_every_point_is_within_the_stated_distance_of_the_formula() -> None:
@@ -137,30 +142,31 @@ def test_every_point_is_within_the_stated_distance_of_the_formula() -> None:
     surface = texture_named(2).surface.mapped(unit, factor)
     assert len(points) > 5000
     off = distance(points - [2.0, 2.0, 0.0], surface, 5.2 - factor * extremes.low)
-    assert off.largest_mm <= result.error_mm <= 0.0101
+    assert off.largest_mm <= result.certificate.distance_mm <= 0.0101
     assert result.mesh.bounds_mm[1][2] == pytest.approx(6.0, abs=0.01)
 
 
 def test_a_texture_closes_around_a_drum_and_is_within_the_stated_distance() -> None:
     result = textured("drum", (15, 0, 10), 2, depth_mm=0.6)
-    assert (result.periods, result.radius_mm) == (12, pytest.approx(15.0))
+    (height,) = result.heights
+    assert (height.periods, height.area.frame.radius_mm) == (12, pytest.approx(15.0))
     x, y, z = result.mesh.triangle_points.mean(axis=1).T
     own = (np.hypot(x, y) > 15.1) & (z > 1.01) & (z < 18.99)
-    surface = texture_named(2).surface.mapped(result.mm_per_unit, 1.0)
+    surface = texture_named(2).surface.mapped(height.mm_per_unit, 1.0)
     extremes = surface.extremes((0.0, 30 * math.pi), (0.0, 18.0))
     walls = np.abs(result.mesh.doubled_normals[:, 2]) > 0.999 * np.linalg.norm(result.mesh.doubled_normals, axis=1)
     own &= ~walls
-    height = surface(15 * np.mod(np.arctan2(y, x), 2 * math.pi)[own], z[own] - 1.0)
-    expected = 15.2 + 0.6 * (height - extremes.low) / (extremes.high - extremes.low)
-    assert np.abs(np.hypot(x, y)[own] - expected).max() <= result.error_mm
+    heights = surface(15 * np.mod(np.arctan2(y, x), 2 * math.pi)[own], z[own] - 1.0)
+    expected = 15.2 + 0.6 * (heights - extremes.low) / (extremes.high - extremes.low)
+    assert np.abs(np.hypot(x, y)[own] - expected).max() <= result.certificate.distance_mm
 
 
 @pytest.mark.parametrize(
     ("name", "at", "settings", "message"),
     [
-        ("sphere", (15, 0, 0), {}, "lies on a region that is spherical"),
-        ("cone", (10, 0, 10), {}, "lies on a region that is conical"),
-        ("ring", (19, 0, 0), {}, "lies on a region that is curved in another way"),
+        ("sphere", (15, 0, 0), {}, "lies on a region that is curved"),
+        ("cone", (10, 0, 10), {}, "lies on a region that is curved"),
+        ("ring", (19, 0, 0), {}, "lies on a region that is curved"),
         ("pierced", (0, 15, 10), {}, "lies on a cylinder with a hole or a slanted rim"),
         ("plate", (15, 10, 9), {}, "is 4 mm from the mesh"),
         ("plate", (15, 10, math.nan), {}, "must be three finite coordinates"),
@@ -186,6 +192,6 @@ def test_bad_input_is_refused_in_one_line(
 def test_an_open_mesh_and_a_mesh_that_faces_inwards_are_refused() -> None:
     plate = shape("plate")
     with pytest.raises(InputError, match="not closed: 3 edges"):
-        texture_on_mesh(Mesh(plate.vertices, plate.faces[1:]), (15, 10, 5), texturing(2))
+        textured_part(Mesh(plate.vertices, plate.faces[1:]), (15, 10, 5), 2)
     with pytest.raises(InputError, match="face inwards"):
-        texture_on_mesh(Mesh(plate.vertices, plate.faces[:, ::-1]), (15, 10, 5), texturing(2))
+        textured_part(Mesh(plate.vertices, plate.faces[:, ::-1]), (15, 10, 5), 2)

@@ -10,11 +10,11 @@ from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad.checks.meshcheck import read_mesh
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.foreign_meshes import textured_mesh
 from tacbench_cad.formats.step import read_step
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.formats.threemf import write_3mf
 from tacbench_cad.geometry import kernel
+from tacbench_cad.making.texturing import textured
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
@@ -123,11 +123,11 @@ def test_bad_input_for_a_step_file_ends_in_one_line(
     assert message in error
 
 
-def test_only_meshes_are_accepted(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="must be an STL or 3MF file"):
-        textured_mesh(tmp_path / "a.step", (0, 0, 0), 2)
+def test_only_parts_are_accepted(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="must end in"):
+        textured(tmp_path / "a.obj", (0, 0, 0), 2)
     with pytest.raises(InputError, match="or an object with vertices and faces"):
-        textured_mesh(3, (0, 0, 0), 2)
+        textured(3, (0, 0, 0), 2)
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".3mf", ".step"])

@@ -18,7 +18,6 @@ from OCP.GeomAbs import GeomAbs_SurfaceType
 
 from tacbench_cad.checks.solidcheck import solid_checks
 from tacbench_cad.geometry import kernel
-from tacbench_cad.geometry.textured.field import Avoid, lines_along
 from tacbench_cad.geometry.textured.solid import TexturedSolid, textured_solid
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.spec.families import plane_waves
@@ -57,7 +56,8 @@ def textured(part: cq.Workplane, face: str, texture: Any, **settings: Any) -> Te
 def largest_error_mm(result: TexturedSolid) -> float:
     """The largest distance of points on the spline patches from the formula, along the normal of the face."""
     worst = 0.0
-    for region, _, height in result.regions:
+    for height in result.heights:
+        area = height.area
         for face in kernel.each(result.solid, "FACE"):
             surface = BRepAdaptor_Surface(face, False)
             if surface.GetType() != GeomAbs_SurfaceType.GeomAbs_BSplineSurface:
@@ -66,14 +66,13 @@ def largest_error_mm(result: TexturedSolid) -> float:
             lines = np.linspace(s0, s1, 15), np.linspace(t0, t1, 15)
             values = [surface.Value(s, t) for s in lines[0] for t in lines[1]]
             points = np.array([(p.X(), p.Y(), p.Z()) for p in values])
-            s, t = region.frame.local(points).T
-            own = (points - region.frame.origin) @ region.frame.axes.T
-            radius = region.frame.radius_mm
-            h = own[:, 2] if radius is None else region.frame.side * (np.hypot(own[:, 0], own[:, 1]) - radius)
-            inside = (s >= 0.0) & (s <= region.size_mm[0]) & (t >= 0.0) & (t <= region.size_mm[1])
-            if height.fade.inside is not None:
-                inside &= height.fade.inside(*lines).ravel()
-            worst = max(worst, float(np.abs(h - height.at(s, t))[inside].max(initial=0.0)))
+            s, t = area.frame.local(points).T
+            own = (points - area.frame.origin) @ area.frame.axes.T
+            radius = area.frame.radius_mm
+            h = own[:, 2] if radius is None else area.frame.side * (np.hypot(own[:, 0], own[:, 1]) - radius)
+            inside = (s >= 0.0) & (s <= area.size_mm[0]) & (t >= 0.0) & (t <= area.size_mm[1])
+            inside &= area.inside(s, t)
+            worst = max(worst, float(np.abs(h - height(s, t))[inside].max(initial=0.0)))
     return worst
 
 
@@ -117,31 +116,22 @@ def test_one_valid_solid_near_the_formula(name: str) -> None:
     assert (added < 0.0) == settings.get("sunk", False)
 
 
-def test_no_corner_of_a_patch_lies_on_the_outline() -> None:
-    angle = np.linspace(0.0, 2.0 * np.pi, 721)
-    circle = 10.0 + 10.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    avoid = Avoid(corners=circle[::180], outline=[circle])
-    s = lines_along(20.0, 10, avoid.corners[:, 0], False)
-    without, t = (lines_along(20.0, 10, places, False) for places in (avoid.corners[:, 1], avoid.along_t(s, None)))
-    smallest = [np.abs(np.hypot(s[:, None] - 10.0, lines - 10.0) - 10.0).min() for lines in (without, t)]
-    assert smallest[0] < 1e-9 and smallest[1] > 0.01
-
-
 def test_the_face_and_the_depth_are_as_stated() -> None:
     result = textured(cq.Workplane().box(40, 30, 5), ">Z", 2, depth_mm=0.8, margin_mm=2.0)
     low, high = kernel.box_mm(result.solid)
     assert high[2] == pytest.approx(2.5 + 0.2 + 0.8, abs=1e-3)
     assert low.tolist() == pytest.approx([-20, -15, -2.5], abs=1e-6)
-    ((region, _, height),) = result.regions
-    assert region.size_mm == pytest.approx((36.0, 26.0))
-    assert region.frame.origin == pytest.approx([-18.0, -13.0, 2.5])
-    assert height.at(np.array(0.0), np.array(0.0)) == pytest.approx(0.2 + 0.8 * 3 / 4)  # sin 0 + cos 0 between -2 and 2
+    (height,) = result.heights
+    assert height.area.size_mm == pytest.approx((36.0, 26.0))
+    assert height.area.frame.origin == pytest.approx([-18.0, -13.0, 2.5])
+    assert height(np.array(0.0), np.array(0.0)) == pytest.approx(0.2 + 0.8 * 3 / 4)  # sin 0 + cos 0 between -2 and 2
 
 
 def test_the_texture_closes_around_a_cylinder() -> None:
     result = textured(DRUM, "%Cylinder", 2)
-    assert result.periods == 8  # 62.8 mm by 7.57 mm
-    assert result.mm_per_unit[0] == pytest.approx(10.0 / 8)
+    (height,) = result.heights
+    assert height.periods == 8  # 62.8 mm by 7.57 mm
+    assert height.mm_per_unit[0] == pytest.approx(10.0 / 8)
     uneven = Texture(name="uneven", surface=plane_waves((1.0, 1.0, 0.0), (1.0, 2**0.5, 0.0)))
     with pytest.raises(InputError, match="no period along x"):
         textured(DRUM, "%Cylinder", uneven)

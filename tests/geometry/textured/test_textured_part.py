@@ -16,7 +16,7 @@ pytest.importorskip("lib3mf")
 import cadquery as cq
 from helpers.own_formulas import largest_distance, points_of, top_of, triangles_of_stl, waves
 
-from tacbench_cad import InputError, PrintPart, Texture, check, export, textured_part
+from tacbench_cad import InputError, PrintPart, Texture, check, export, textured
 from tacbench_cad.cli import main
 from tacbench_cad.geometry.mesh import Mesh
 
@@ -25,7 +25,7 @@ DRUM = cq.Workplane().circle(6).extrude(8)
 
 
 def part(shape: cq.Workplane, face: str, texture: Any = 2, **settings: Any) -> PrintPart:
-    return textured_part(shape, shape.faces(face), texture, name="part", **settings)
+    return textured(shape, shape.faces(face), texture, name="part", **settings).part()
 
 
 @pytest.mark.parametrize(
@@ -40,13 +40,13 @@ def part(shape: cq.Workplane, face: str, texture: Any = 2, **settings: Any) -> P
 def test_every_format_is_written_and_near_the_formula(
     shape: cq.Workplane, face: str, settings: dict[str, Any], tmp_path: Path
 ) -> None:
-    textured = part(shape, face, **settings)
+    own = part(shape, face, **settings)
     for name, allowed in (("part.stl", 0.01), ("part.3mf", 0.01), ("part.step", 0.001)):
-        report = export(textured, tmp_path / name)
+        report = export(own, tmp_path / name)
         assert report.ok and report.deviation_mm is not None
         assert 0.0 < report.deviation_mm <= allowed
         assert "relief" in [row.name for row in report.checks]
-    assert textured.spec["texture"] == "texture-2"
+    assert own.spec["texture"] == "texture-2"
 
 
 def test_the_measured_distance_is_that_of_an_own_formula(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -66,17 +66,17 @@ def test_the_measured_distance_is_that_of_an_own_formula(tmp_path: Path, capsys:
 
 
 def test_a_wrong_relief_is_found(tmp_path: Path) -> None:
-    textured = part(PLATE, ">Z")
-    mesh, expected = textured.make_mesh()
+    own = part(PLATE, ">Z")
+    mesh, expected = own.make_mesh()
     vertices = mesh.vertices.copy()
     highest = int(np.argmax(vertices[:, 2]))
     vertices[highest, 2] -= 0.05
-    wrong = replace(textured, make_mesh=lambda: (Mesh(vertices, mesh.faces), expected))
+    wrong = replace(own, make_mesh=lambda: (Mesh(vertices, mesh.faces), expected))
     path = tmp_path / "part.stl"
     from tacbench_cad.formats.stl import write_stl
 
     write_stl(wrong, path)
-    faults = [fault.name for fault in check(path, textured).faults]
+    faults = [fault.name for fault in check(path, own).faults]
     assert "relief" in faults
 
 
@@ -97,9 +97,9 @@ def test_steep_oblique_waves_around_a_cylinder_have_a_mesh() -> None:
 
 
 def test_bad_input_is_refused() -> None:
-    with pytest.raises(InputError, match="must be a part of CadQuery"):
-        textured_part("plate", PLATE.faces(">Z"), 2, name="part")
+    with pytest.raises(InputError, match="must end in"):
+        textured("plate", PLATE.faces(">Z"), 2, name="part")
     with pytest.raises(InputError, match="select at least one"):
-        textured_part(PLATE, [], 2, name="part")
+        textured(PLATE, [], 2, name="part")
     with pytest.raises(InputError, match="mesh_tolerance_mm"):
         part(PLATE, ">Z", mesh_tolerance_mm=0.0)
