@@ -108,8 +108,3 @@ def test_a_module_imports_only_what_lies_below(name: str) -> None:
     extension = level.removeprefix("extensions.")
     below = BELOW[level] if level in BELOW else {*BELOW, *(f"extensions.{other}" for other in USED.get(extension, ()))}
     assert {other for other in arrows(name) if place(other) not in below | {level, "", "extensions"}} == set()
-
-
-def test_only_existing_extensions_use_each_other() -> None:
-    folders = {path.parent.name for path in FILES["tacbench_cad.extensions"].parent.glob("*/__init__.py")}
-    assert {*USED, *(other for others in USED.values() for other in others)} <= folders

@@ -31,13 +31,6 @@ def test_python_blocks_run(code: str, tmp_path: Path, monkeypatch: pytest.Monkey
     assert {path.suffix for path in (tmp_path / "stl_out").iterdir()} >= {".stl", ".step"}
 
 
-def test_a_texture_needs_five_lines() -> None:
-    python, toml = blocks(README, "python"), blocks(README, "toml")
-    assert len(python) == len(toml) == 1
-    for text in (*python, *toml):
-        assert len([line for line in text.splitlines() if line.strip()]) <= 5
-
-
 def test_the_texture_file_makes_checked_stl_and_step(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     file = tmp_path / "towers.toml"

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 Floats = NDArray[np.float64]
 ZONES = {"centre": (0.0, 0.3), "middle": (0.4, 0.65), "rim": (0.9, 1.1)}
-QUANTILES = (1, 5, 25, 50, 75, 95, 99)
+QUANTILES = (5, 50, 95)
 #: The lowest grey level of a reflection, and that of a saturated pixel.
 BRIGHT, SATURATED = 240, 250
 
@@ -169,31 +169,27 @@ def frame_statistics(
         values[f"skin between pins, {zone}"] = float(np.median(grey[ring & between & (radius < field)]))
         values[f"blur of a pin's edge, {zone}"] = blur
     values["skin beyond the pins"] = float(np.median(grey[(radius > field + 8.0 / dome.radius) & (radius < 0.95)]))
-    for at in (1.02, 1.8):
-        values[f"grey at {at} R"] = float(grey[np.abs(radius - at) < 0.01].mean())
+    values["grey at 1.02 R"] = float(grey[np.abs(radius - 1.02) < 0.01].mean())
     regions = {"whole frame": np.ones_like(inside), "inside": inside, "outside": outside}
     for name, region in regions.items():
         values[f"saturated, {name}"] = 100.0 * float(np.mean(grey[region] >= SATURATED))
         values[f"mean, {name}"] = float(grey[region].mean())
+    for quantile, value in zip(QUANTILES, np.percentile(grey[inside], QUANTILES), strict=True):
+        values[f"{quantile} % quantile, inside"] = float(value)
     for name in ("whole frame", "inside"):
-        for quantile, value in zip(QUANTILES, np.percentile(grey[regions[name]], QUANTILES), strict=True):
-            values[f"{quantile} % quantile, {name}"] = float(value)
-        for sigma in (0, 1, 2, 4):
+        for sigma in (0, 2):
             # The counts are whole numbers; their rounding adds 20 / 12 to the variance.
             blurred = cv2.GaussianBlur(counts, (0, 0), sigma) if sigma else counts
             laplacian = cv2.Laplacian(blurred, cv2.CV_64F)
             values[f"Laplacian after a blur of {sigma}, {name}"] = float(laplacian[regions[name]].var())
     spots = _bright_spots(grey, inside, pins, values["pin width, middle"], values["pin peak, middle"])
     values["bright spots"] = len(spots)
-    values["bright spots, median diameter"] = float(np.median(spots)) if spots else 0.0
     values["bright spots, largest diameter"] = max(spots, default=0.0)
-    values |= _beyond(grey, radius, dome)
     values["step ratio of blocks"] = block_ratio(grey)
     if frame.ndim == 3:
         colours = {
             "of the pins": np.median(frame[nearest.reshape(grey.shape) < 2.0], axis=0),
             "of the skin": np.median(frame[between & (radius < field)], axis=0),
-            "at 1.03 to 1.10 R": frame[(radius > 1.03) & (radius < 1.10)].mean(axis=0),
         }
         values |= {f"{channel} {where}": bgr[i] for where, bgr in colours.items() for i, channel in enumerate("BGR")}
     return values
@@ -217,25 +213,6 @@ def _pin_edges(smooth: Floats, pins: Floats) -> tuple[float, float]:
         widths.append(2.0 * float(np.nanmedian(place)))
         blurs.append(blur)
     return float(np.median(widths)), float(np.median(blurs))
-
-
-def _beyond(grey: Floats, radius: Floats, dome: Dome) -> dict[str, float]:
-    """Return the statistics of the white ring around the dome and of any saturated LEDs outside it."""
-    step = 1.0 / dome.radius
-    ring = float(np.median(grey[(radius > 1.02) & (radius < 1.08)]))
-    beyond = float(np.median(grey[(radius > 1.15) & (radius < 1.2)]))
-    profile = [float(np.median(grey[np.abs(radius - at) < step])) for at in np.arange(1.03, 1.2, step / 2.0)]
-    below = np.flatnonzero(np.array(profile) < (ring + beyond) / 2.0)
-    width = (0.03 / step + below[0] / 2.0) if below.size else 0.0
-    lamps, count = label((grey >= SATURATED) & (radius > 1.0))
-    large = [number for number in range(1, count + 1) if np.count_nonzero(lamps == number) > 500]
-    circles = [cv2.minEnclosingCircle(np.argwhere(lamps == number)[:, ::-1].astype(np.float32)) for number in large]
-    values = {"white ring, width": float(width), "white ring, level": ring, "LEDs beyond the dome": float(len(circles))}
-    if circles:
-        values["LEDs beyond the dome, diameter"] = 2.0 * float(np.median([size for _, size in circles]))
-        away = [np.hypot(x - dome.x, y - dome.y) / dome.radius for (x, y), _ in circles]
-        values["LEDs beyond the dome, distance"] = float(np.median(away))
-    return values
 
 
 def _bright_spots(

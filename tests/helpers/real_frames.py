@@ -55,52 +55,27 @@ skin between pins, middle; counts; 23; 89
 skin between pins, rim; counts; 24; 95
 skin beyond the pins; counts; 31; 109
 grey at 1.02 R; counts; 191; 248
-grey at 1.8 R; counts; 103; 194
-white ring, width; px; ; 19.5
-white ring, level; counts; ; 248
-LEDs beyond the dome; 1; 6;
-LEDs beyond the dome, diameter; px; 40 to 50;
-LEDs beyond the dome, distance; R; 1.06 to 1.09;
 B of the pins; counts; 195; 227
 G of the pins; counts; 144; 240
 R of the pins; counts; 106; 237
 B of the skin; counts; 36; 92
 G of the skin; counts; 25; 96
 R of the skin; counts; 22; 106
-B at 1.03 to 1.10 R; counts; 185; 250
-G at 1.03 to 1.10 R; counts; 204; 252
-R at 1.03 to 1.10 R; counts; 203; 234
 mean, whole frame; counts; 113; 188
 mean, inside; counts; 54; 127
 mean, outside; counts; 160; 212
-1 % quantile, whole frame; counts; 12; 80
-5 % quantile, whole frame; counts; 20; 88
-25 % quantile, whole frame; counts; 31; 158
-50 % quantile, whole frame; counts; 130; 199
-75 % quantile, whole frame; counts; 161; 237
-95 % quantile, whole frame; counts; 221; 249
-99 % quantile, whole frame; counts; 255; 251
-1 % quantile, inside; counts; 8; 75
 5 % quantile, inside; counts; 16; 81
-25 % quantile, inside; counts; 23; 90
 50 % quantile, inside; counts; 29; 103
-75 % quantile, inside; counts; 85; 147
 95 % quantile, inside; counts; 145; 247
-99 % quantile, inside; counts; 159; 251
 saturated, whole frame; %; 3.1; 3.5
 saturated, inside; %; 0.16; 2.3
 saturated, outside; %; 4.8; 3.8
 bright spots; 1; 9; 17.5
-bright spots, median diameter; px; 4.9; 7
 bright spots, largest diameter; px; 8.3; 34
 Laplacian after a blur of 0, whole frame; counts^2; 573; 102 to 193
-Laplacian after a blur of 1, whole frame; counts^2; 64; 24
 Laplacian after a blur of 2, whole frame; counts^2; 14; 8
-Laplacian after a blur of 4, whole frame; counts^2; 3.3; 2.5
 Laplacian after a blur of 0, inside; counts^2; 1023; 467
-Laplacian after a blur of 1, inside; counts^2; 123; 69
 Laplacian after a blur of 2, inside; counts^2; 27; 22
-Laplacian after a blur of 4, inside; counts^2; 4.7; 4.3
 noise at 16 to 32; counts; 1.37;
 noise at 32 to 48; counts; 1.25;
 noise at 48 to 64; counts; 1.09;

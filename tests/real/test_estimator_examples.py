@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from helpers.checkout import ROOT
 from helpers.studies import write_study
@@ -23,7 +22,6 @@ torch = pytest.importorskip("torch", reason="PyTorch is not installed: pip insta
 pytest.importorskip("skorch")
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.rig.plugin import load
 
 Capture = pytest.CaptureFixture[str]
 EXAMPLES = ("convolutional", "frozen_backbone")
@@ -98,22 +96,6 @@ def test_an_interrupted_network_is_resumed(runs: Path, folder: Path) -> None:
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in files.items())
 
 
-def test_ctrl_c_during_the_training_is_raised(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = iter(range(100))
-
-    def interrupted(*_: Any) -> Any:
-        if next(calls) == 3:
-            raise KeyboardInterrupt
-        return forward(*_)
-
-    network = load(NETWORK)(frame_shape=(16, 16), batch_size=4)
-    forward = torch.nn.Conv2d.forward
-    monkeypatch.setattr(torch.nn.Conv2d, "forward", interrupted)
-    rows = np.random.default_rng(0).normal(size=(16, 256))
-    with pytest.raises(KeyboardInterrupt):
-        network.fit(rows, np.repeat(["a", "b"], 8))
-
-
 def test_trials_depend_on_the_weights(runs: Path, folder: Path) -> None:
     command = words(runs, BACKBONE, "--noise", "none", "--brightness", "none")
     for number in (1, 2):
@@ -181,12 +163,3 @@ def test_weights_that_cannot_be_used_are_refused_in_one_line(
     lines = [line for line in capsys.readouterr().err.splitlines() if "reading" not in line]
     assert len([line for line in lines if line.startswith("error:")]) == 1 and needle in lines[-1]
     assert not (folder / "sprung").exists()
-
-
-@pytest.mark.parametrize("more", [("--components", "3"), ("--roi", "rect:0,0,16,24")])
-def test_settings_that_do_not_give_whole_images_are_refused_in_one_line(
-    runs: Path, folder: Path, capsys: Capture, more: tuple[str, ...]
-) -> None:
-    assert main(words(runs, NETWORK, *more)) == 2
-    line = capsys.readouterr().err.strip().splitlines()[-1]
-    assert line.startswith("error: estimator = ") and "needs whole images" in line and "--roi none" in line

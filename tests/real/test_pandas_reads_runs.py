@@ -72,14 +72,6 @@ def test_pandas_reads_the_table_with_its_types(folder: Path) -> None:
     assert sorted(table["pose_x"].unique()) == [4.0, 5.25, 6.5, 7.75, 9.0]
 
 
-def test_opencv_reads_the_images_that_the_table_names(folder: Path) -> None:
-    table = pd.read_csv(folder / "targets.csv")
-    for number, name in enumerate(table["sensor_image"], start=1):
-        image = cv2.imread(str(folder / "sensor_images" / name), cv2.IMREAD_UNCHANGED)
-        assert np.array_equal(image, picture(number))
-    assert np.array_equal(cv2.imread(str(folder / "sensor_images" / "image_0.png")), picture(0))
-
-
 def test_the_export_is_read_as_in_tactile_learning(folder: Path, tmp_path: Path) -> None:
     export_tactile_data(folder, tmp_path / "data")
     table = pd.read_csv(tmp_path / "data" / "targets_images.csv")
