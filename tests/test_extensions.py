@@ -49,7 +49,7 @@ def commands_of(extension: str) -> set[str]:
     return {name for name, entry in added if entry.module.startswith(f"tacbench_cad.extensions.{extension}.")}
 
 
-@pytest.mark.parametrize("deleted", mostly_long(["all", *NAMES], "all", "markers"))
+@pytest.mark.parametrize("deleted", mostly_long(["all", *NAMES], "all"))
 def test_the_core_works_without_an_extension(deleted: str, tmp_path: Path) -> None:
     """Blocks are made and checked, presses are simulated and analysed; a deleted command says what is missing."""
     for package in ("tacbench_cad", "housing"):

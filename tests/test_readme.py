@@ -31,6 +31,7 @@ def test_python_blocks_run(code: str, tmp_path: Path, monkeypatch: pytest.Monkey
     assert {path.suffix for path in (tmp_path / "stl_out").iterdir()} >= {".stl", ".step"}
 
 
+@pytest.mark.long
 def test_the_texture_file_makes_checked_stl_and_step(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     file = tmp_path / "towers.toml"

@@ -175,7 +175,6 @@ def test_one_signal_ends_a_run_whose_sensor_blocks_after_a_time(
     mostly_long(
         [("terminal", "in_a_lock"), ("terminal", "in_sleep"), ("pipe", "in_a_lock")],
         ("terminal", "in_a_lock"),
-        ("pipe", "in_a_lock"),
     ),
 )
 def test_a_lost_terminal_ends_a_run_whose_sensor_blocks(

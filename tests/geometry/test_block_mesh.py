@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
@@ -115,7 +116,7 @@ def test_a_flat_axis_takes_two_lines() -> None:
 
 
 @pytest.mark.parametrize("oblique", [hexagonal(), random_texture(np.random.default_rng(3), oblique=True)])
-@pytest.mark.parametrize("key", [None, 3.0])
+@pytest.mark.parametrize("key", mostly_long([None, 3.0], 3.0))
 def test_oblique_waves(oblique: Texture, key: float | None) -> None:
     block = Block.of(oblique, sampling=Tolerance(mm=0.02), key_mm=key)
     mesh = closed_to_the_height(block)
@@ -136,7 +137,7 @@ def test_another_domain(sampling: Tolerance | SampleGrid) -> None:
 
 @pytest.mark.parametrize("sampling", [Tolerance(mm=0.05), "grid"])
 @pytest.mark.parametrize("texture", mostly_long([1, 4, hexagonal()], 1, hexagonal()))
-@pytest.mark.parametrize("key", [0.6, 7.7, *(pytest.param(key, marks=pytest.mark.long) for key in (3.0, 5.137))])
+@pytest.mark.parametrize("key", mostly_long([0.6, 7.7, 3.0, 5.137], 7.7))
 def test_the_key_cuts_its_corner(texture: int | Texture, key: float, sampling: Tolerance | str) -> None:
     block = Block.of(texture, sampling=sampling, key_mm=key)  # type: ignore[arg-type]
     mesh = closed_to_the_height(block)
@@ -150,7 +151,7 @@ def test_the_key_cuts_its_corner(texture: int | Texture, key: float, sampling: T
         assert deviations(block, mesh)[0] <= block.sampling.mm
 
 
-@pytest.mark.parametrize("key", [0.5, 3.0, 4.75])
+@pytest.mark.parametrize("key", mostly_long([0.5, 3.0, 4.75], 3.0))
 @pytest.mark.parametrize("texture", [2, hexagonal()])
 def test_a_key_through_grid_vertices(key: float, texture: int | Texture) -> None:
     table = BlockTable(size_mm=(24.0, 30.0))
@@ -180,7 +181,7 @@ def test_a_key_that_takes_the_only_summit(sampling: Tolerance | SampleGrid, obli
         assert deviations(block, mesh)[0] <= sampling.mm
 
 
-@pytest.mark.parametrize("key", [None, 3.0])
+@pytest.mark.parametrize("key", mostly_long([None, 3.0], 3.0))
 @pytest.mark.parametrize("sampling", [Tolerance(mm=0.03), "grid"])
 def test_the_label_is_engraved(key: float | None, sampling: Tolerance | str) -> None:
     block = Block.of(3, sampling=sampling, key_mm=key, copy=7)  # type: ignore[arg-type]
@@ -195,8 +196,7 @@ def test_the_label_is_engraved(key: float | None, sampling: Tolerance | str) -> 
     assert -normals(flat)[:, 2].sum() / 2.0 == pytest.approx(engraving.area_mm2, rel=1e-9)
 
 
-@pytest.mark.parametrize("label", [False, True])
-@pytest.mark.parametrize("key", [None, 3.0, 6.3])
+@pytest.mark.parametrize(("key", "label"), mostly_long(product([None, 3.0, 6.3], [False, True]), (6.3, True)))
 @pytest.mark.parametrize("sampling", [Tolerance(mm=0.02), SampleGrid(nx=80, ny=91)])
 @pytest.mark.parametrize("texture", [2, 6, hexagonal()])
 def test_the_volume_is_the_closed_form(

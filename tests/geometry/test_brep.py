@@ -51,8 +51,8 @@ BLOCKS = {
     "2-other-domain": Block.of(2, size_mm=(41.0, 17.0), mm_per_unit=(1.1, 0.6, 0.9)),
     "oblique": Block.of(OBLIQUE),
 }
-#: The kernel needs 1 to 8 s to integrate over each of these. Other solids of the same textures get the same tests.
-LONG_TO_INTEGRATE = ("3-paper", "3-released", "4-paper", "4-half", "5-released", "6-paper", "6-triple")
+#: The blocks of the quick run. The kernel needs 1 to 8 s to integrate over some of the others.
+QUICK = ("1-paper", "2-released", "4-small", "2-other-domain", "oblique")
 FEATURES = {
     "2-key": Block.of(2, key_mm=3.0),
     "5-key": Block.of(5, key_mm=2.5),
@@ -89,7 +89,7 @@ def require_closed(shape: TopoDS_Shape) -> None:
     assert {owners.FindFromIndex(i).Size() for i in range(1, owners.Extent() + 1)} == {2}
 
 
-@pytest.mark.parametrize("name", BLOCKS)
+@pytest.mark.parametrize("name", mostly_long(BLOCKS, *QUICK))
 def test_solid_follows_the_formula(name: str) -> None:
     block = BLOCKS[name]
     solid, certificate = solid_block(block)
@@ -101,9 +101,7 @@ def test_solid_follows_the_formula(name: str) -> None:
     assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0, block.size_mm[0], 0, block.size_mm[1]), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG_TO_INTEGRATE else ()) for name in BLOCKS]
-)
+@pytest.mark.parametrize("name", mostly_long(BLOCKS, *QUICK))
 def test_volume_area_and_box_are_correct(name: str) -> None:
     block = BLOCKS[name]
     solid = solid_block(block)[0]
@@ -262,6 +260,7 @@ def test_too_many_poles_names_a_sufficient_tolerance() -> None:
     assert patches(block, proposed).pole_count <= MAX_POLES
 
 
+@pytest.mark.long
 def test_a_series_of_thousands_of_waves_is_refused() -> None:
     long = Texture(name="long", equation="long", surface=series("triangle", 2001))
     with pytest.raises(InputError, match="million poles"):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from helpers.printers import PRINTER, measured, points, write_corrected
 
 from tacbench_cad.extensions.printer_models.correction import MAX_FACTOR, corrected_for
@@ -196,9 +198,13 @@ OUTLINES = {
 }
 
 
-@pytest.mark.parametrize("scale", [1.0, 1.5])
-@pytest.mark.parametrize("texture", ["2", "4", "ridges"])
-@pytest.mark.parametrize("name", OUTLINES)
+@pytest.mark.parametrize(
+    ("name", "texture", "scale"),
+    mostly_long(
+        product(OUTLINES, ["2", "4", "ridges"], [1.0, 1.5]),
+        *[("disc", "2", 1.5), ("ring", "ridges", 1.0), ("arrow", "4", 1.0)],
+    ),
+)
 def test_the_print_of_an_outline_has_its_sides_and_the_height_of_the_formula(
     name: str, texture: str, scale: float
 ) -> None:

@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("cadquery")
 
 import cadquery as cq
+from helpers.cases import mostly_long
 from helpers.solid_reference import kernel_volume_mm3
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Surface
@@ -76,6 +77,8 @@ def largest_error_mm(result: TexturedSolid) -> float:
     return worst
 
 
+#: The cases of the quick run: holes, oblique waves, a fade, and the outside and the inside of cylinders.
+QUICK = ("plate with holes", "oblique waves", "fade on a rectangle", "drum", "tilted drum", "bore", "half a cylinder")
 CASES: dict[str, tuple[cq.Workplane, str, Any, dict[str, Any]]] = {
     "plate with holes": (PLATE, ">Z", 2, {}),
     "sunk": (PLATE, "<Z", 2, {"sunk": True}),
@@ -101,7 +104,7 @@ CASES: dict[str, tuple[cq.Workplane, str, Any, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", mostly_long(CASES, *QUICK))
 def test_one_valid_solid_near_the_formula(name: str) -> None:
     part, face, texture, settings = CASES[name]
     result = textured(part, face, texture, **settings)
