@@ -37,17 +37,18 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from helpers.scans import FOREIGN, foreign_scan
+
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.estimates import ScanFit
 from tacbench_cad.extensions.scan.fitting import fit_scan
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.refining import centre_of
 from tacbench_cad.extensions.scan.simulating import (
-    FOREIGN,
     WALLS,
     ScanTruth,
     low_pass,
-    simulate_foreign,
     simulate_scan,
     stretch,
 )
@@ -276,7 +277,7 @@ def foreign_run(number: int) -> tuple[str, str]:
         cloud = simulate_scan(other, ScanTruth(points=50_000, seed=number).with_random_pose())
         kind += f" ({other.texture.name} for {block.texture.name})"
     else:
-        cloud = simulate_foreign(kind, seed=number)
+        cloud = foreign_scan(kind, seed=number)
     try:
         fit_scan(cloud, block)
     except InputError as error:

@@ -59,12 +59,8 @@ def test_without_it_the_blocks_are_moved_and_the_check_says_so(prusa_slicer: Run
     for row in rows:
         block = Block.of(row["texture"], scale=0.5)
         frame = Frame(x_mm=float(row["x_mm"]), y_mm=float(row["y_mm"]))
-        with pytest.raises(InputError, match=rf"were moved: {row['texture']} lies at .*--dont-arrange") as error:
+        with pytest.raises(InputError, match=r"without moving its blocks .*--dont-arrange"):
             slice_check(target, block, frame)
-        found = re.search(r"lies at ([-\d.]+),([-\d.]+) and", str(error.value))
-        assert found is not None
-        there = compare(read_gcode(target), block, Frame(x_mm=float(found[1]), y_mm=float(found[2])), pitch_mm=0.1)
-        assert there.rms_mm is not None and there.rms_mm < 0.075
 
 
 @pytest.mark.parametrize(("option", "corner"), [("--dont-arrange", (0.0, 0.0)), ("", (88.35, 85.0))])

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
+from helpers.scans import height_map
 
 from tacbench_cad.extensions.scan import reading
 from tacbench_cad.extensions.scan.reading import MIN_POINTS, read_scan
 from tacbench_cad.extensions.scan.roughness import roughness
-from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
+from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan
 from tacbench_cad.spec.block import Block
 
 pytestmark = pytest.mark.real
@@ -128,7 +129,7 @@ def test_point_clouds_by_laspy(tmp_path: Path) -> None:
 def test_files_of_instruments_by_surfalize(ending: str, tmp_path: Path) -> None:
     surfalize = pytest.importorskip("surfalize")
     block = Block.of(2)
-    cloud = simulate_height_map(block, ScanTruth(seed=1), step_mm=0.1)
+    cloud = height_map(block, noise_mm=0.02, seed=1, step_mm=0.1)
     assert cloud.grid is not None
     heights = cloud.grid.heights_mm[5:-5, 5:-5]
     with warnings.catch_warnings():

@@ -145,14 +145,8 @@ def _empty_circles(points: Floats) -> tuple[Floats, Floats]:
 
     Circles whose centre is outside of the field are left out.
     """
-    from scipy.spatial import Delaunay
+    from scipy.spatial import Delaunay, Voronoi, cKDTree
 
-    triangles = Delaunay(points)
-    first, second, third = points[triangles.simplices].transpose(1, 0, 2)
-    b, c = second - first, third - first
-    double = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    square_b, square_c = np.sum(b**2, axis=1), np.sum(c**2, axis=1)
-    to_middle = np.column_stack([c[:, 1] * square_b - b[:, 1] * square_c, b[:, 0] * square_c - c[:, 0] * square_b])
-    middle = first + to_middle / double[:, None]
-    inside = triangles.find_simplex(middle) >= 0
-    return middle[inside], np.hypot(*(middle - first)[inside].T)
+    middle = Voronoi(points).vertices
+    middle = middle[Delaunay(points).find_simplex(middle) >= 0]
+    return middle, cKDTree(points).query(middle)[0]

@@ -63,19 +63,6 @@ class Track:
     index: Ints
     cost: float
 
-    def displacement_mm(self, mm_per_px: float) -> Floats:
-        """Return the displacements in mm.
-
-        Args:
-            mm_per_px: The calibration: the size of a pixel at the skin, in mm.
-
-        Raises:
-            InputError: The calibration is not a positive number.
-        """
-        if not 0.0 < mm_per_px < np.inf:
-            raise InputError("mm_per_px", mm_per_px, "must be a positive number")
-        return self.displacement_px * mm_per_px
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkerTracker:
@@ -92,38 +79,37 @@ class MarkerTracker:
         if len(shape) != 2 or shape[1] != 2 or shape[0] <= NEIGHBOURS:
             raise InputError("reference_px", shape, f"must be (n, 2), columns and rows, with n above {NEIGHBOURS}")
 
-    def follow(self, centres_px: Floats, start_px: Floats | None = None) -> Track:
+    def follow(self, centres_px: Floats) -> Track:
         """Find the reference's markers among the markers of a frame.
 
         Args:
             centres_px: The centres in the frame, shape (m, 2), in any order.
-            start_px: The approximate displacements, shape (n, 2), for example those in the previous frame of a video;
-                zero if None.
         """
         zero = np.zeros_like(self.reference_px)
         best = Track(displacement_px=zero, found=zero[:, 0] > 0.0, index=np.full(len(zero), -1), cost=1.0)
         if len(centres_px):
-            for start, width in self._starts(centres_px, zero if start_px is None else start_px):
+            for start, width in self._starts(centres_px):
                 track = self._assigned(centres_px, self._annealed(centres_px, start, width))
                 best = min(best, track, key=lambda each: each.cost)
                 if best.cost < (_GOOD_COST if width == _QUICK else _FAIR_COST):
                     break
         return best
 
-    def _starts(self, centres: Floats, start: Floats) -> Iterator[tuple[Floats, float]]:
+    def _starts(self, centres: Floats) -> Iterator[tuple[Floats, float]]:
         """Yield the displacements and the width to start from.
 
-        The first start uses the given displacements. The second is wider. The others are shifts of the whole field that
-        give many markers a partner.
+        The first two start from no displacement. The others are shifts of the whole field that give many markers a
+        partner.
         """
-        yield start, _QUICK
-        yield start, _THOROUGH
+        zero = np.zeros_like(self.reference_px)
+        yield zero, _QUICK
+        yield zero, _THOROUGH
         most, size = _MAX_SHIFT * self.spacing_px, 0.3 * self.spacing_px
         between = (centres[None] - self.reference_px[:, None]).reshape(-1, 2)
         bins = np.rint(between[np.max(np.abs(between), axis=1) <= most] / size).astype(np.int64)
         shifts, counts = np.unique(bins, axis=0, return_counts=True)
         for shift in shifts[np.argsort(-counts)[:_SHIFTS]] * size:
-            yield np.zeros_like(self.reference_px) + shift, 0.5 * _THOROUGH
+            yield zero + shift, 0.5 * _THOROUGH
 
     @cached_property
     def spacing_px(self) -> float:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tacbench_cad.extensions.printer_models.correction import MAX_FACTOR
 from tacbench_cad.extensions.printer_models.model import PrinterModel
-from tacbench_cad.extensions.scan.scan_pictures import wavelength_axis
+from tacbench_cad.extensions.scan.scan_pictures import error_bars, wavelength_axis
 from tacbench_cad.util.plotting import BLUE, INK, ORANGE, new_figure, save_figure, styled
 
 
@@ -36,11 +35,9 @@ def transfer_picture(model: PrinterModel, path: Path) -> None:
             if not points:
                 continue
             axes.plot(span, [model.transfer(length, angle) for length in span], color=colour, linewidth=1.0)
-            value = np.array([point.factor for point in points])
-            ends = np.array([[point.factor - point.low, point.high - point.factor] for point in points]).T
-            place = [point.wavelength_mm for point in points]
-            style: dict[str, Any] = {"color": colour, "markersize": 4.0, "capsize": 2.0, "linewidth": 0.8}
-            axes.errorbar(place, value, ends, fmt=marker, label=f"waves along {axis}", **style)
+            bars = [(point.wavelength_mm, point.factor, point.low, point.high) for point in points]
+            style = {"color": colour, "fmt": marker, "markersize": 4.0, "capsize": 2.0, "linewidth": 0.8}
+            error_bars(axes, bars, label=f"waves along {axis}", **style)
         wavelength_axis(axes, span[0], span[-1])
         axes.set_ylim(0.0, max(1.2, axes.get_ylim()[1]))
         axes.axhline(1.0, color=INK, linewidth=0.5)

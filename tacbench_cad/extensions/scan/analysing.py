@@ -73,11 +73,8 @@ def analyse(
     if chosen.repeat is not None and np.array_equal(chosen.repeat.points_mm, cloud.points_mm):
         raise InputError("repeat", chosen.repeat.source, "has the same points as the scan; scan the print once more")
     progress("finding the block", 0.0)
-    match = identify(cloud, blocks) if len(blocks) != 1 else None
-    block = match.block if match is not None else blocks[0]
-    if match is not None and match.fit.fit == chosen.fit:
-        fit = match.fit
-    else:
+    block, fit = identify(cloud, blocks) if len(blocks) != 1 else (blocks[0], None)
+    if fit is None or fit.fit != chosen.fit:
         fit = fit_scan(cloud, block, chosen.fit, progress=progress)
     progress("computing the deviation", 0.0)
     top = top_map(cloud, block, fit, layer_mm=chosen.layer_mm)

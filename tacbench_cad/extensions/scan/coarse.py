@@ -91,12 +91,12 @@ def _settled(seen: Seen, vertical: Floats) -> Floats:
     return vertical
 
 
-def _planes(seen: Seen, tolerance: float, most: int = 4) -> list[Floats]:
-    """Return the normals of the largest planes, by random trials."""
+def _planes(seen: Seen, tolerance: float) -> list[Floats]:
+    """Return the normals of the four largest planes at most, by random trials."""
     rng = np.random.default_rng(0)
     left = np.flatnonzero(seen.flatness < 0.3)
     result: list[Floats] = []
-    for _ in range(most):
+    for _ in range(4):
         if len(left) < 0.03 * len(seen.points):
             break
         some = left[rng.integers(0, len(left), min(2000, len(left)))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,11 +23,10 @@ from tacbench_cad.cli import (
 )
 from tacbench_cad.extensions.scan.record import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
-from tacbench_cad.util.files import locked, refusing, write_json
+from tacbench_cad.util.files import existing_file, locked, refusing, write_json
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.extensions.scan.comparison import Views
     from tacbench_cad.extensions.scan.reading import ScanFile
     from tacbench_cad.extensions.scan.result import PrintOrigin, ScanResult
     from tacbench_cad.lab.runs import Run
@@ -114,8 +114,6 @@ def command(
     preset: str,
     scale: float,
     key_mm: float | None,
-    limits: tuple[str, ...] | None,
-    compare: Path | None,
     simulate: Path | None,
     printed_from: Path | None,
     out: Path | None,
@@ -144,33 +142,33 @@ def command(
       tacbench scan scan.ply --block stl_out --limits top_rms_mm=0.05
       tacbench scan scan.ply --block 4 --compare texture-4.gcode
     """
+    from tacbench_cad.lab.study import block_in_file
+
     blocks, origin, run = _blocks(block, preset, scale, key_mm)
+    if len(blocks) > 1 and (printed_from is not None or (simulate is not None and block is not None)):
+        allowed = "must be a single one with --simulate and --printed-from; name one block, for example 4"
+        raise InputError("block", block, allowed)
+    in_file = blocks[0] if printed_from is None else block_in_file(blocks[0], printed_from)
     if simulate is not None:
         if file is not None:
             raise InputError("simulate", str(simulate), f"writes a scan and reads none; leave out {file}")
-        if block is not None and len(blocks) > 1:
-            raise InputError("block", block, "means several blocks, but one is simulated; name one, for example 4")
-        _simulate(blocks[0] if printed_from is None else _file_of(blocks[0], printed_from), simulate, values["copy"])
+        _simulate(in_file, simulate, values["copy"])
         named = [] if block is None else ["--block", block]
         named += [] if printed_from is None else ["--printed-from", str(printed_from)]
         print_next("scan", simulate, *named, *next_block(("all",), preset, scale, key_mm))
         return
-    if printed_from is not None:
-        if len(blocks) > 1:
-            raise InputError("printed-from", str(printed_from), "needs the block of the print; name it by --block")
-        origin = replace(origin, printed_from=_file_of(blocks[0], printed_from).name)
-    from tacbench_cad.extensions.scan.result_files import document_of
-
     if file is None:
         raise InputError("file", None, "name a scan, or write a simulated scan with --simulate FILE.ply")
+    if printed_from is not None:
+        origin = replace(origin, printed_from=in_file.name)
     folder = out if out is not None else Path(f"{file.stem}_scan")
     with locked(folder):
-        result, views = _result(file, blocks, limits, compare, origin, run, values)
-        paths = _write(result, views, folder, run, no_picture)
+        result = _result(file, blocks, origin, run, values)
+        paths = _write(result, folder, run, no_picture)
     if json:
-        print_json(document_of(result, views) | {"folder": str(folder), "files": [str(path) for path in paths]})
+        print_json(result.as_dict() | {"folder": str(folder), "files": [str(path) for path in paths]})
     else:
-        _show(result, views)
+        _show(result)
         note(f"wrote {', '.join(path.name for path in paths)} to {folder}")
         if run is not None:
             note(f"wrote {run.folder / SCAN_FILE}")
@@ -189,142 +187,110 @@ def _blocks(
     from tacbench_cad.making import blocks_named
     from tacbench_cad.spec import is_texture_name
 
-    if word is not None and not is_texture_name(word) and (Path(word) / "run.json").is_file():
-        from tacbench_cad.lab.runs import Run
-        from tacbench_cad.lab.study import PrintedBlock
+    if word is None or is_texture_name(word) or not (Path(word) / "run.json").is_file():
+        blocks = blocks_named(word, preset, scale, key_mm)
+        return blocks, PrintOrigin(copy=blocks[0].copy if len(blocks) == 1 else None), None
+    from tacbench_cad.lab.runs import Run
+    from tacbench_cad.lab.study import PrintedBlock
 
-        opened = Run.open(Path(word))
-        printed = opened.info.printed
-        if printed.block is None:
-            raise InputError("block", word, "is an imported run without a formula; name the texture instead")
-        record = opened.print_record.values
-        nozzle = record.get("nozzle_mm")
-        file = printed.file if isinstance(printed, PrintedBlock) else None
-        origin = PrintOrigin(
-            printer=printed.printer,
-            filament=printed.filament,
-            copy=printed.copy,
-            nozzle_mm=nozzle,
-            printed_from=None if file is None else file.name,
-        )
-        return [printed.block], origin, opened
-    blocks = blocks_named(word, preset, scale, key_mm)
-    return blocks, PrintOrigin(copy=blocks[0].copy if len(blocks) == 1 else None), None
-
-
-def _file_of(block: Block, path: Path) -> Block:
-    """Return a block as it is in the file that was printed."""
-    from tacbench_cad.lab.study import block_in_file
-
-    return block_in_file(block, path)
+    run = Run.open(Path(word))
+    printed = run.info.printed
+    if printed.block is None:
+        raise InputError("block", word, "is an imported run without a formula; name the texture instead")
+    file = printed.file if isinstance(printed, PrintedBlock) else None
+    origin = PrintOrigin(
+        printer=printed.printer,
+        filament=printed.filament,
+        copy=printed.copy,
+        nozzle_mm=run.print_record.values.get("nozzle_mm"),
+        printed_from=None if file is None else file.name,
+    )
+    return [printed.block], origin, run
 
 
 def _result(
-    file: Path,
-    blocks: list[Block],
-    limits: tuple[str, ...] | None,
-    compare: Path | None,
-    origin: PrintOrigin,
-    run: Run | None,
-    values: dict[str, Any],
-) -> tuple[ScanResult, Views | None]:
+    file: Path, blocks: list[Block], origin: PrintOrigin, run: Run | None, values: Mapping[str, Any]
+) -> ScanResult:
     from tacbench_cad.extensions.scan.analysing import LAYER_MM, ScanOptions, analyse
+    from tacbench_cad.extensions.scan.comparison import Views
     from tacbench_cad.extensions.scan.limits import limits_of
+    from tacbench_cad.extensions.scan.reading import read_scan
+    from tacbench_cad.extensions.slicing.comparison import compare
     from tacbench_cad.extensions.slicing.gcode import read_gcode
     from tacbench_cad.lab.study import own_name
 
-    given: dict[str, Any] = {
-        name: own_name(name, values[name]) for name in ("printer", "filament") if values[name] is not None
-    }
-    if values["copy"] is not None:
-        given["copy"] = values["copy"]
-    sliced = None if compare is None else read_gcode(compare)
+    given = {name: values[name] for name in ("printer", "filament", "copy") if values[name] is not None}
+    for name in given.keys() - {"copy"}:
+        given[name] = own_name(name, given[name])
+    sliced = None if values["compare"] is None else read_gcode(values["compare"])
     recorded = None if run is None else run.print_record.values.get("layer_height_mm")
     layers = (values["layer_mm"], recorded, None if sliced is None else sliced.layer_mm, LAYER_MM)
     layer = next(mm for mm in layers if mm is not None)
     require_between("layer", layer, 0.001, 10.0, " mm")
-    chosen = ScanOptions(
-        fit=values["fit"], layer_mm=layer, limits=limits_of(limits or ()), origin=replace(origin, **given)
-    )
+    limits = limits_of(values["limits"] or ())
+    sizes = {(*block.size_mm, block.height_mm) for block in blocks}
+    size = sizes.pop() if len(sizes) == 1 else None
+    unit, pixel_mm = values["unit"], values["mm_per_pixel"]
     with ProgressLine(_EVERY_S) as line:
 
-        def progress(step: str, fraction: float) -> None:
+        def progress(step: str, fraction: float = 0.0) -> None:
             line.show(step, round(100.0 * fraction), 100)
 
         def read(path: Path, size_mm: tuple[float, float, float] | None) -> ScanFile:
-            from tacbench_cad.extensions.scan.reading import read_scan
-            from tacbench_cad.util.files import existing_file
+            progress(f"reading {path.name}")
+            return read_scan(existing_file(path), unit=unit, mm_per_pixel=pixel_mm, size_mm=size_mm)
 
-            progress(f"reading {path.name}", 0.0)
-            unit, pixel = values["unit"], values["mm_per_pixel"]
-            return read_scan(existing_file(path), unit=unit, mm_per_pixel=pixel, size_mm=size_mm)
-
-        sizes = {(*block.size_mm, block.height_mm) for block in blocks}
-        size = sizes.pop() if len(sizes) == 1 else None
         scan = read(file, size)
-        if scan.kind != "height map" and (pixel := values["mm_per_pixel"]) is not None:
-            raise InputError("--mm-per-pixel", pixel, f"{file} is not a height map; leave out the option")
+        if scan.kind != "height map" and pixel_mm is not None:
+            raise InputError("--mm-per-pixel", pixel_mm, f"{file} is not a height map; leave out the option")
         left_out = f"Without a valid value and left out: {counted(scan.dropped, 'point')}."
-        repeat, flat = values["repeat"], values["flat"]
-        chosen = replace(
-            chosen,
+        options = ScanOptions(
+            fit=values["fit"],
+            layer_mm=layer,
+            limits=limits,
+            origin=replace(origin, **given),
+            repeat=None if values["repeat"] is None else read(values["repeat"], size).cloud,
+            flat=None if values["flat"] is None else read(values["flat"], None).cloud,
             notes=(*scan.notes, *([left_out] if scan.dropped else [])),
-            repeat=None if repeat is None else read(repeat, size).cloud,
-            flat=None if flat is None else read(flat, None).cloud,
         )
-        result = analyse(scan.cloud, blocks, chosen, progress)
+        result = analyse(scan.cloud, blocks, options, progress)
         if sliced is None:
-            return result, None
-        progress("computing the sliced surface", 0.0)
-        return result, _views(result, sliced)
+            return result
+        progress("computing the sliced surface")
+        as_sliced = compare(sliced, result.block, pitch_mm=result.top.cell_mm)
+        printed = {"as sliced": as_sliced.printed_mm, "as scanned": result.top.printed_mm}
+        return replace(result, comparison=Views(top=result.top, printed_mm=printed, simulated=result.cloud.simulated))
 
 
-def _views(result: ScanResult, sliced: Any) -> Views:
-    from tacbench_cad.extensions.scan.comparison import ComparisonView, Views
-    from tacbench_cad.extensions.slicing.comparison import compare
-
-    top = result.top
-    as_sliced = compare(sliced, result.block, pitch_mm=top.cell_mm)
-    heights = {"as sliced": as_sliced.printed_mm, "as scanned": top.printed_mm}
-    return Views(
-        block=result.block,
-        x_mm=top.x_mm,
-        y_mm=top.y_mm,
-        formula_mm=top.formula_mm,
-        views=[ComparisonView(name=name, heights_mm=surface) for name, surface in heights.items()],
-        layer_mm=top.layer_mm,
-        simulated=result.cloud.simulated,
-    )
-
-
-def _write(result: ScanResult, views: Views | None, folder: Path, run: Run | None, no_picture: bool) -> list[Path]:
-    from tacbench_cad.extensions.scan.result_files import document_of, write_result
+def _write(result: ScanResult, folder: Path, run: Run | None, no_picture: bool) -> list[Path]:
+    from tacbench_cad.extensions.scan.result_files import write_result
     from tacbench_cad.extensions.scan.scan_pictures import comparison_picture, deviation_picture, waves_picture
 
+    has_waves, views = any(wave.determined for wave in result.fit.waves), result.comparison
     drawings = {
         "deviation.png": partial(deviation_picture, result),
-        "waves.png": partial(waves_picture, result) if any(wave.determined for wave in result.fit.waves) else None,
+        "waves.png": partial(waves_picture, result) if has_waves else None,
         "comparison.png": None if views is None else partial(comparison_picture, views),
     }
     with refusing(folder):
         for name in drawings:  # a picture of an earlier scan must not stay beside the new numbers
             (folder / name).unlink(missing_ok=True)
-    paths = write_result(result, folder, views)
+    paths = write_result(result, folder)
     if run is not None:
-        write_json(run.folder / SCAN_FILE, document_of(result, views))
+        write_json(run.folder / SCAN_FILE, result.as_dict())
     wanted = {} if no_picture else {folder / name: draw for name, draw in drawings.items() if draw is not None}
     return paths + [path for path, draw in wanted.items() if write_picture(path, draw)]
 
 
-def _show(result: ScanResult, views: Views | None) -> None:
+def _show(result: ScanResult) -> None:
     from tacbench_cad.extensions.scan.result import described, wave_table
 
     print_table(described(result), ("", ">value", "interval or remark"), result.rows())
     if result.fit.waves:
         heads = (">wavelength (mm)", ">direction (degrees)", ">formula (µm)", ">printed / formula", ">95 % interval")
         print_table("printed waves", (*heads, ">phase (degrees)", ">95 % interval"), wave_table(result.fit.waves))
-    if views is not None:
-        print_table("three views (formula: 0)", ("", *(f">{view.name}" for view in views.views)), views.rows())
+    if (views := result.comparison) is not None:
+        print_table("three views (formula: 0)", ("", *(f">{name}" for name in views.printed_mm)), views.rows())
     for filters in dict.fromkeys(parameters["filters"] for parameters in result.roughness.values()):
         print_lines(f"ISO 25178: {filters}")
     for sentence in result.notes:

@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.extensions.scan.deviations import Summary
-from tacbench_cad.spec import Block, Extrema, crest_errors, without_edge
+from tacbench_cad.extensions.scan.deviations import Summary, TopMap
+from tacbench_cad.spec import Extrema, crest_errors
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.types import Bools, Floats
+from tacbench_cad.util.types import Floats
 
 #: The width over which the slope beside a cut is averaged, in mm.
 _SMOOTH_MM = 1.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ComparisonView:
-    """The heights of one view.
-
-    Args:
-        name: The name: ``as sliced``.
-        heights_mm: The heights above the underside, shape (n, m); NaN where they are unknown.
-    """
-
-    name: str
-    heights_mm: Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,39 +21,25 @@ class Views:
     """Views of one block.
 
     Args:
-        block: The block.
-        x_mm: The x coordinates of the grid, shape (n,).
-        y_mm: The y coordinates, shape (m,).
-        formula_mm: The heights of the formula, shape (n, m).
-        views: The other views.
-        layer_mm: The error from which a crest counts as lost.
+        top: The scan and the formula.
+        printed_mm: The heights of the views on the same grid, shape (n, m) each, by their names; NaN where they are
+            unknown.
         simulated: Whether the scan was simulated.
     """
 
-    block: Block
-    x_mm: Floats
-    y_mm: Floats
-    formula_mm: Floats
-    views: Sequence[ComparisonView]
-    layer_mm: float
+    top: TopMap
+    printed_mm: Mapping[str, Floats]
     simulated: bool = False
 
-    @property
-    def inside(self) -> Bools:
-        """Whether a point is compared, shape (n, m)."""
-        return without_edge(self.block, self.x_mm, self.y_mm)
-
-    def error_mm(self, view: ComparisonView) -> Floats:
+    def error_mm(self, name: str) -> Floats:
         """Return the heights of a view minus those of the formula; NaN at the edge, shape (n, m)."""
-        return np.where(self.inside, view.heights_mm - self.formula_mm, np.nan)
+        return np.where(self.top.inside, self.printed_mm[name] - self.top.formula_mm, np.nan)
 
-    def peaks(self, view: ComparisonView) -> Extrema:
-        """Return the errors of a view at the crests of the formula."""
-        return crest_errors.peaks(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
-
-    def valleys(self, view: ComparisonView) -> Extrema:
-        """Return the errors of a view at the valleys of the formula."""
-        return crest_errors.valleys(self.formula_mm, view.heights_mm, self.inside, self.x_mm, self.y_mm, self.layer_mm)
+    def extrema(self, name: str) -> dict[str, Extrema]:
+        """Return the errors of a view at the peaks and the valleys of the formula."""
+        top = self.top
+        surfaces = (top.formula_mm, self.printed_mm[name], top.inside, top.x_mm, top.y_mm, top.layer_mm)
+        return {"peaks": crest_errors.peaks(*surfaces), "valleys": crest_errors.valleys(*surfaces)}
 
     def cut(self) -> tuple[int, int]:
         """Return the index of the cut along y among the x, and that of the cut along x among the y.
@@ -76,15 +49,16 @@ class Views:
         """
         from scipy.ndimage import uniform_filter1d
 
-        along_x, along_y = (np.where(self.inside, np.abs(slope), 0.0) for slope in np.gradient(self.formula_mm))
-        across = [max(1, round(_SMOOTH_MM / (axis[1] - axis[0]))) for axis in (self.x_mm, self.y_mm)]
+        top = self.top
+        along_x, along_y = (np.where(top.inside, np.abs(slope), 0.0) for slope in np.gradient(top.formula_mm))
+        across = [max(1, round(_SMOOTH_MM / (axis[1] - axis[0]))) for axis in (top.x_mm, top.y_mm)]
         scores = (along_y - along_x).sum(axis=1), (along_x - along_y).sum(axis=0)
         i, j = (_nearest_best(uniform_filter1d(score, size)) for score, size in zip(scores, across, strict=True))
         return i, j
 
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield the rows of the table: the name of a number, and its value for each view. Lengths in µm."""
-        errors = [Summary.of(self.error_mm(view)) for view in self.views]
+        errors = [Summary.of(self.error_mm(name)) for name in self.printed_mm]
         for head, name in (
             ("height error, rms (µm)", "rms_mm"),
             ("height error, mean (µm)", "mean_mm"),
@@ -93,18 +67,16 @@ class Views:
         ):
             sign = "+" if name == "mean_mm" else ""
             yield head, *("-" if each is None else f"{1000.0 * getattr(each, name):{sign}.0f}" for each in errors)
-        for head, extrema in (("crests lost", self.peaks), ("valleys filled", self.valleys)):
-            found = [extrema(view) for view in self.views]
+        for head, kind in (("crests lost", "peaks"), ("valleys filled", "valleys")):
+            found = [self.extrema(name)[kind] for name in self.printed_mm]
             yield head, *("none seen" if each.count == 0 else f"{each.missed} of {each.count}" for each in found)
 
     def as_dict(self) -> dict[str, object]:
         """Return the values for JSON: lengths in mm."""
-        return {view.name.replace(" ", "_"): self._values(view) for view in self.views}
-
-    def _values(self, view: ComparisonView) -> dict[str, object]:
-        summary = Summary.of(self.error_mm(view))
-        parts = {"height_error": summary, "peaks": self.peaks(view), "valleys": self.valleys(view)}
-        return {name: to_plain(part) for name, part in parts.items()}
+        return {
+            name.replace(" ", "_"): to_plain({"height_error": Summary.of(self.error_mm(name)), **self.extrema(name)})
+            for name in self.printed_mm
+        }
 
 
 def _nearest_best(score: Floats) -> int:

@@ -83,6 +83,11 @@ class WaveEstimate:
     is_shift_reference: bool = False
     determined: bool = True
 
+    @property
+    def amplitude_mm(self) -> float:
+        """The amplitude in the formula."""
+        return abs(self.wave.amplitude)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScanFit:

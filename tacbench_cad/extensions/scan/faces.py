@@ -63,11 +63,6 @@ class Assigned:
     slope2: Floats
     scatter: Floats
 
-    @property
-    def distance_mm(self) -> Floats:
-        """The signed distance along the normal, to first order."""
-        return np.asarray(self.error_mm / np.sqrt(1.0 + self.slope2))
-
 
 def assign(
     points: Floats,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tacbench_cad.extensions.scan.estimates import Estimate, Fit, WaveEstimate
+from tacbench_cad.extensions.scan.estimates import Estimate, Fit
 from tacbench_cad.extensions.scan.faces import TABLE, TOP, WALL, assign, walls_of
 from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
@@ -28,7 +28,6 @@ from tacbench_cad.extensions.scan.refining import (
     unknowns,
     with_noise,
 )
-from tacbench_cad.extensions.scan.waves import wave_estimates
 from tacbench_cad.spec import Block
 from tacbench_cad.util.types import Floats
 
@@ -204,6 +203,10 @@ def estimates(final: Final, block: Block) -> tuple[Estimate, ...]:
         result.append(
             Estimate(name=name, value=value, standard_error=error, determined=bool(final.solved.determined[j]))
         )
+    # The scan may not show the faces that the base and the offset of the walls need.
+    for name, value in {"base_mm": block.base_mm, "wall_offset_mm": 0.0}.items():
+        if name not in names:
+            result.append(Estimate(name=name, value=value, standard_error=math.inf, determined=False))
     return tuple(result)
 
 
@@ -219,8 +222,3 @@ def _open_places(state: State, block: Block) -> dict[str, float]:
                 result[SHIFTS[axis]] = _FLANK_ERROR * pixel_mm
                 result[SCALES[axis]] = _FLANK_ERROR * pixel_mm / side
     return result
-
-
-def waves(final: Final) -> tuple[WaveEstimate, ...]:
-    """Return the estimates of the waves."""
-    return wave_estimates(final.state.relief, final.unknown, final.standard_error[len(final.unknown.names) :])

@@ -13,7 +13,7 @@ import numpy as np
 from tacbench_cad.extensions.scan import fine
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.coarse import SEARCH_POINTS, Search, Seen, look, verticals
-from tacbench_cad.extensions.scan.estimates import FITS, Estimate, Fit, ScanFit
+from tacbench_cad.extensions.scan.estimates import FITS, Fit, ScanFit
 from tacbench_cad.extensions.scan.faces import NOTHING, TOP, WALL, assign, walls_of
 from tacbench_cad.extensions.scan.fine import COMPARED_POINTS, FIRST_POINTS, Rough, cost, thinned
 from tacbench_cad.extensions.scan.height_model import Relief
@@ -30,6 +30,7 @@ from tacbench_cad.extensions.scan.refining import (
     trimmed_deviation,
     variance,
 )
+from tacbench_cad.extensions.scan.waves import wave_estimates
 from tacbench_cad.spec import Block, distance_along_normal
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
@@ -66,26 +67,6 @@ class _Located:
     state: State
     cost: float
     explained: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ScanMatch:
-    """The block that a scan shows.
-
-    Args:
-        block: The block.
-        index: Its index among the candidates.
-        rms_mm: The root mean square of the distances of the points from its faces, with distances cut at a quarter of
-            the relief's root mean square.
-        others_mm: The same for every candidate, infinite for those that were excluded by the correlation of heights.
-        fit: The fit of the scan to the block, with the scale.
-    """
-
-    block: Block
-    index: int
-    rms_mm: float
-    others_mm: tuple[float, ...]
-    fit: ScanFit
 
 
 def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progress | None = None) -> ScanFit:
@@ -128,12 +109,15 @@ def fit_scan(cloud: Cloud, block: Block, fit: Fit = "scale", *, progress: Progre
     return _result(points, block, fit, final, rivals, limit)
 
 
-def identify(cloud: Cloud, candidates: Sequence[Block]) -> ScanMatch:
+def identify(cloud: Cloud, candidates: Sequence[Block]) -> tuple[Block, ScanFit]:
     """Find which of several blocks a scan shows.
 
     Args:
         cloud: The scan.
         candidates: The blocks that it may show.
+
+    Returns:
+        The block, and the fit of the scan to it, with the scale.
 
     Raises:
         InputError: There is no candidate, or the scan shows none of them, such as a flat or another object.
@@ -157,12 +141,9 @@ def identify(cloud: Cloud, candidates: Sequence[Block]) -> ScanMatch:
     for index in order[:3]:
         if math.isfinite(costs[index]):
             try:
-                fit = fit_scan(cloud, candidates[index], "scale")
+                return candidates[index], fit_scan(cloud, candidates[index], "scale")
             except InputError as error:
                 reason = reason or error
-                continue
-            block, rms_mm = candidates[index], costs[index]
-            return ScanMatch(block=block, index=int(index), rms_mm=rms_mm, others_mm=tuple(costs), fit=fit)
     raise reason or _refused(cloud, candidates[int(order[0])], "no pose explains its relief")
 
 
@@ -418,7 +399,7 @@ def _result(
     return ScanFit(
         fit=fit,
         pose=state.pose,
-        parameters=_with_base(fine.estimates(final, block), block),
+        parameters=fine.estimates(final, block),
         on_top=on_top,
         on_walls=on_walls,
         used=used & (on_top | on_walls),
@@ -426,17 +407,6 @@ def _result(
         noise_mm=state.depth_mm,
         half_turn=_half_turn(state.pose, rivals),
         alternatives=rivals,
-        waves=fine.waves(final),
+        waves=wave_estimates(state.relief, final.unknown, final.standard_error[len(final.unknown.names) :]),
         correlation=final.correlation,
-    )
-
-
-def _with_base(parameters: tuple[Estimate, ...], block: Block) -> tuple[Estimate, ...]:
-    """Add the base and the wall offset as undetermined if the scan does not show the faces that they need."""
-    names = {parameter.name for parameter in parameters}
-    missing = [
-        (name, value) for name, value in (("base_mm", block.base_mm), ("wall_offset_mm", 0.0)) if name not in names
-    ]
-    return parameters + tuple(
-        Estimate(name=name, value=value, standard_error=math.inf, determined=False) for name, value in missing
     )

@@ -166,13 +166,7 @@ def limits_of(words: Sequence[str]) -> Limits:
 def _of_file(path: Path) -> dict[str, float | None]:
     document = read_document(path, "limits", "toml")
     table = document.get("limits")
-    if isinstance(table, dict):
-        # TOML has no word for no value.
-        document = {**document, "limits": {name: None if value == "none" else value for name, value in table.items()}}
-    limits = from_plain(_File, document, f"{path}: ").limits
-    return {name: getattr(limits, name) for name in table or ()}
-
-
-@dataclass(frozen=True, kw_only=True)
-class _File:
-    limits: Limits
+    if not isinstance(table, dict) or len(document) > 1:
+        raise InputError("limits", str(path), "must have the table [limits] and no other")
+    # TOML has no word for no value.
+    return {name: None if value == "none" else value for name, value in table.items()}

@@ -380,11 +380,10 @@ def _pixel_notes(path: Path, step_mm: float, length_mm: float, expected_mm: floa
     if 0.1 <= length_mm / expected_mm <= 10.0:
         return ()
     sizes = f"{length_mm:.4g} mm wide instead of {expected_mm:.4g} mm"
-    for ratio in (25.4, 1000.0):
-        if 0.3 <= length_mm / ratio / expected_mm <= 3.0 or (
-            ratio == 1000.0 and 0.3 <= length_mm * ratio / expected_mm <= 3.0
-        ):
-            raise InputError("--mm-per-pixel", step_mm, f"the map of {path} would be {sizes}, a factor of {ratio:g}")
-    if 0.3 <= length_mm * 25.4 / expected_mm <= 3.0:
+    ratio = next((each for each in (1.0 / 25.4, 1e-3, 1e3, 25.4) if 0.3 <= length_mm * each / expected_mm <= 3.0), None)
+    if ratio is None:
+        return ()
+    if ratio == 25.4:
         return (f"The map is {sizes}. If it shows the whole block, the distance of its pixels is in inches.",)
-    return ()
+    factor = f"a factor of {max(ratio, 1.0 / ratio):g}"
+    raise InputError("--mm-per-pixel", step_mm, f"the map of {path} would be {sizes}, {factor}")

@@ -252,7 +252,7 @@ class Solved:
     determined: Bools
 
 
-def solve(normal: Normal, unknown: Unknowns, block: Block, damping: float = 0.0) -> Solved:
+def solve(normal: Normal, unknown: Unknowns, block: Block) -> Solved:
     """Solve the normal equations, with no change along undetermined directions.
 
     The waves are eliminated first. The rest is scaled to lengths in mm, and its eigenvalues show which combinations of
@@ -271,7 +271,7 @@ def solve(normal: Normal, unknown: Unknowns, block: Block, damping: float = 0.0)
     limit = _UNDETERMINED * max(block.size_mm)
     own, directions = np.linalg.eigh(schur)
     known = own > limit**-2
-    outer = (directions[:, known] / (own[known] * (1.0 + damping))) @ directions[:, known].T
+    outer = (directions[:, known] / own[known]) @ directions[:, known].T
     gain = np.zeros((primary + size, primary + size))
     cross = -outer @ h_pn @ inner
     gain[:primary, :primary], gain[:primary, primary:], gain[primary:, :primary] = outer, cross, cross.T
@@ -283,20 +283,12 @@ def solve(normal: Normal, unknown: Unknowns, block: Block, damping: float = 0.0)
     return Solved(gain @ normal.right, gain, np.concatenate([missing, missing_waves]))
 
 
-def rotation_of(vector: Floats) -> Floats:
-    """Return the rotation by a rotation vector in radians (Rodrigues' formula), shape (3, 3)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-14:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
-
-
 def moved(state: State, step: Floats, unknown: Unknowns, block: Block) -> State:
     """Return the state after a step."""
+    from scipy.spatial.transform import Rotation
+
     change = dict(zip(unknown.names, step[: len(unknown.names)], strict=True))
-    turn = rotation_of(np.radians([change[name] for name in ROTATIONS]))
+    turn = Rotation.from_rotvec([change[name] for name in ROTATIONS], degrees=True).as_matrix()
     centre = centre_of(block)
     shift = turn @ (state.pose.shift_mm - centre) + centre + [change[name] for name in SHIFTS]
     stretch = state.pose.stretch.copy()

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from tacbench_cad.extensions.scan.estimates import HALF_WIDTH
 from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.lab.analysis import (
     ALL_LEVELS,
@@ -51,7 +52,6 @@ COLUMNS = (
 SCANNED = {"top_rms_mm": "the deviation from the formula", "pin_shift_px": "the computed shift of the pins"}
 #: The smallest number of prints beyond one for each group, from which a correlation has an interval.
 MIN_FREE = 5
-_HALF_WIDTH = 1.959963984540054
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +151,8 @@ def rank_correlation(rows: Sequence[Row], name: str) -> RankCorrelation:
         rows: The rows of the table.
         name: The column of the number.
     """
+    from scipy.stats import spearmanr
+
     groups: dict[tuple[Any, ...], list[tuple[float, float]]] = defaultdict(list)
     for row in rows:
         if row[name] and row["from_others"]:
@@ -158,17 +160,14 @@ def rank_correlation(rows: Sequence[Row], name: str) -> RankCorrelation:
             groups[row["texture"], row["printer"], row["filament"]].append(pair)
     several = [np.array(pairs) for pairs in groups.values() if len(pairs) > 1]
     count, free = sum(map(len, several)), sum(len(pairs) - 1 for pairs in several)
-    if free < MIN_FREE:
+    relative = np.concatenate([pairs - pairs.mean(axis=0) for pairs in several]) if several else np.zeros((1, 2))
+    if free < MIN_FREE or np.ptp(relative, axis=0).min() < 1e-12:
         return RankCorrelation(prints=count, groups=len(several))
-    relative = np.concatenate([pairs - pairs.mean(axis=0) for pairs in several])
-    if np.ptp(relative, axis=0).min() < 1e-12:
-        return RankCorrelation(prints=count, groups=len(several))
-    ranks = np.argsort(np.argsort(relative, axis=0), axis=0)
-    value = float(np.asarray(np.corrcoef(ranks.T))[0, 1])
+    value = float(spearmanr(relative).statistic)
     # Fisher's z with the standard error of Bonett and Wright (2000) for ranks. Each group costs a mean.
     error = math.sqrt((1.0 + value**2 / 2.0) / (free - 2))
     middle = math.atanh(max(-1.0 + 1e-12, min(1.0 - 1e-12, value)))
-    low, high = (math.tanh(middle + sign * _HALF_WIDTH * error) for sign in (-1.0, 1.0))
+    low, high = (math.tanh(middle + sign * HALF_WIDTH * error) for sign in (-1.0, 1.0))
     return RankCorrelation(prints=count, groups=len(several), value=value, low=low, high=high)
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from tacbench_cad import __version__
 from tacbench_cad.extensions.scan.cloud import Cloud
+from tacbench_cad.extensions.scan.comparison import Views
 from tacbench_cad.extensions.scan.deviations import Summary, TopMap, WallPoints
 from tacbench_cad.extensions.scan.estimates import Estimate, ScanFit, WaveEstimate
 from tacbench_cad.extensions.scan.limits import Limits, Verdict, verdict
@@ -76,6 +77,7 @@ class ScanResult:
         origin: The printer and the filament.
         roughness: The ISO 25178 parameters, by the surface that they describe; empty if they were not computed.
         notes: Sentences about the scan that a reader has to know.
+        comparison: The comparison with the G-code of the print; None if there is none.
     """
 
     cloud: Cloud
@@ -88,6 +90,7 @@ class ScanResult:
     origin: PrintOrigin = field(default_factory=PrintOrigin)
     roughness: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    comparison: Views | None = None
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -149,7 +152,7 @@ class ScanResult:
             "half_turn": self.fit.half_turn,
             "seen_fraction": top.seen_fraction,
             "cell_mm": top.cell_mm,
-            "parameters": [_estimate(parameter) for parameter in self.fit.parameters],
+            "parameters": [_finite(parameter, PARAMETER_COLUMNS) for parameter in self.fit.parameters],
             "height_error_mm": self.height_error_mm,
             "top": to_plain(top.summary),
             "walls": to_plain(self.walls.summary),
@@ -162,6 +165,7 @@ class ScanResult:
             "waves": [wave_row(wave) for wave in self.fit.waves],
             "roughness": to_plain(self.roughness),
             "notes": list(self.notes),
+            **({} if self.comparison is None else {"comparison": self.comparison.as_dict()}),
         }
 
     @property
@@ -172,26 +176,22 @@ class ScanResult:
 
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """Yield the rows of the table: the name, the value, and its interval or a remark."""
-        yield "points", f"{int(self.fit.used.sum()):,} of {len(self.cloud):,} used", self._turn
+        turn = "" if self.fit.half_turn == "decided" else "the scan does not show a half turn"
+        yield "points", f"{int(self.fit.used.sum()):,} of {len(self.cloud):,} used", turn
         yield "top scanned", f"{100.0 * self.top.seen_fraction:.0f} %", f"cells of {self.top.cell_mm:.2g} mm"
         for parameter in self.fit.parameters:
             if row := _parameter_row(parameter):
                 yield row
         if self.height_error_mm is not None:
-            yield (
-                "height",
-                f"{self.height_error_mm + self.block.height_mm:.3f} mm",
-                f"{1000.0 * self.height_error_mm:+.0f} µm",
-            )
+            height_mm = self.height_error_mm + self.block.height_mm
+            yield "height", f"{height_mm:.3f} mm", _um(self.height_error_mm, "+.0f")
         yield from _summary_rows("top", self.top.summary)
-        yield from self._noise_row()
+        if (fraction := self.noise.fraction(self.top.summary)) is not None:
+            words = f"{short(100.0 * fraction)} % of the mean square, {_NOISE_WORDS[self.noise.source]}"
+            yield "  scanner's noise, rms", f"{short(1000.0 * self.noise.rms_mm)} µm", words
         yield from _summary_rows("walls", self.walls.summary)
         if self.walls.outward_95_mm is not None:
-            yield (
-                "  outside of the nominal walls",
-                f"{1000.0 * self.walls.outward_95_mm:+z.0f} µm",
-                "95 % of the points",
-            )
+            yield "  outside of the nominal walls", _um(self.walls.outward_95_mm, "+z.0f"), "95 % of the points"
         yield "crests lost", *_extrema_cells(self.top.peaks, -1.0)
         yield "valleys filled", *_extrema_cells(self.top.valleys, 1.0)
         if self.top.pin_shift_px is not None:
@@ -202,29 +202,13 @@ class ScanResult:
             yield f"{surface}: Sa, Sq, Sz", f"{heights} µm", "ISO 25178"
             yield "  Ssk, Sku, Sdr", shape, ""
 
-    @property
-    def _turn(self) -> str:
-        return "" if self.fit.half_turn == "decided" else "the scan does not show a half turn"
 
-    def _noise_row(self) -> Iterator[tuple[str, str, str]]:
-        fraction = self.noise.fraction(self.top.summary)
-        if fraction is not None:
-            words = f"{short(100.0 * fraction)} % of the mean square, {_NOISE_WORDS[self.noise.source]}"
-            yield "  scanner's noise, rms", f"{short(1000.0 * self.noise.rms_mm)} µm", words
+def _um(mm: float, form: str = ".0f") -> str:
+    return f"{1000.0 * mm:{form}} µm"
 
 
-def _estimate(parameter: Estimate) -> dict[str, Any]:
-    known = math.isfinite(parameter.standard_error)
-    return {
-        "name": parameter.name,
-        "value": parameter.value,
-        "standard_error": parameter.standard_error if known else None,
-        "low": parameter.low if known else None,
-        "high": parameter.high if known else None,
-        "determined": parameter.determined,
-    }
-
-
+#: The numbers of a parameter.
+PARAMETER_COLUMNS = ("name", "value", "standard_error", "low", "high", "determined")
 #: The columns of ``waves.csv``.
 WAVE_COLUMNS = (
     *("wavelength_mm", "direction_deg", "amplitude_mm", "amplitude_ratio", "standard_error", "ratio_low", "ratio_high"),
@@ -234,10 +218,13 @@ WAVE_COLUMNS = (
 
 def wave_row(wave: WaveEstimate) -> dict[str, Any]:
     """Return a printed wave as plain values with the keys of :data:`WAVE_COLUMNS`; None for an unknown number."""
-    values = {name: getattr(wave, name) for name in WAVE_COLUMNS if name != "amplitude_mm"}
-    values["amplitude_mm"] = abs(wave.wave.amplitude)
-    numbers = ((name, values[name]) for name in WAVE_COLUMNS)
-    return {name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in numbers}
+    return _finite(wave, WAVE_COLUMNS)
+
+
+def _finite(estimate: Estimate | WaveEstimate, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return some values of an estimate, with None for numbers that are not finite."""
+    values = {name: getattr(estimate, name) for name in names}
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
 
 
 _FACES = {"base": "base below the lowest valley", "wall": "walls, outside of the scaled block"}
@@ -268,10 +255,8 @@ def _summary_rows(name: str, summary: Summary | None) -> Iterator[tuple[str, str
     if summary is None:
         yield name, "not scanned", ""
         return
-    um = 1000.0
-    yield f"{name}: deviation, rms", f"{um * summary.rms_mm:.0f} µm", f"mean {um * summary.mean_mm:+z.0f} µm"
-    within, largest = f"{um * summary.within_95_mm:.0f} µm", f"largest {um * summary.largest_mm:.0f} µm"
-    yield "  95 % are within", within, largest
+    yield f"{name}: deviation, rms", _um(summary.rms_mm), f"mean {_um(summary.mean_mm, '+z.0f')}"
+    yield "  95 % are within", _um(summary.within_95_mm), f"largest {_um(summary.largest_mm)}"
 
 
 def _extrema_cells(extrema: Extrema, above: float) -> tuple[str, str]:
@@ -284,22 +269,16 @@ def _extrema_cells(extrema: Extrema, above: float) -> tuple[str, str]:
 def wave_table(waves: tuple[WaveEstimate, ...]) -> list[tuple[str, ...]]:
     """Return the rows of the table of printed waves, beginning with the largest wave of the formula."""
     rows: list[tuple[str, ...]] = []
-    for wave in sorted(waves, key=lambda wave: -abs(wave.wave.amplitude)):
-        first = (f"{wave.wavelength_mm:.2f}", f"{wave.direction_deg:+z.0f}", f"{1000.0 * abs(wave.wave.amplitude):.0f}")
-        if not wave.determined:
-            rows.append((*first, "not determined", "", "", ""))
-            continue
-        rows.append(
-            (
-                *first,
-                f"{wave.amplitude_ratio:.3f}",
-                "sets the scale" if wave.is_scale_reference else f"{wave.ratio_low:.3f} to {wave.ratio_high:.3f}",
-                f"{wave.phase_deg:+z.1f}",
-                "sets the position"
-                if wave.is_shift_reference
-                else f"{wave.phase_low_deg:+z.1f} to {wave.phase_high_deg:+z.1f}",
-            )
+    for wave in sorted(waves, key=lambda wave: -wave.amplitude_mm):
+        first = (f"{wave.wavelength_mm:.2f}", f"{wave.direction_deg:+z.0f}", f"{1000.0 * wave.amplitude_mm:.0f}")
+        ratio, phase = f"{wave.ratio_low:.3f} to {wave.ratio_high:.3f}", f"{wave.phase_low_deg:+z.1f}"
+        printed = (
+            f"{wave.amplitude_ratio:.3f}",
+            "sets the scale" if wave.is_scale_reference else ratio,
+            f"{wave.phase_deg:+z.1f}",
+            "sets the position" if wave.is_shift_reference else f"{phase} to {wave.phase_high_deg:+z.1f}",
         )
+        rows.append((*first, *(printed if wave.determined else ("not determined", "", "", ""))))
     return rows
 
 

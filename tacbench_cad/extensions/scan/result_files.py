@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tacbench_cad import __version__
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.colours import coloured, reach_mm
-from tacbench_cad.extensions.scan.comparison import Views
 from tacbench_cad.extensions.scan.record import SCAN_FILE
 from tacbench_cad.extensions.scan.result import WAVE_COLUMNS, ScanResult, wave_row
 from tacbench_cad.util.files import refusing, replacing, write_json
@@ -29,18 +28,12 @@ MAX_POINTS = 1_000_000
 SIMULATED = "simulated scan"
 
 
-def document_of(result: ScanResult, views: Views | None = None) -> dict[str, Any]:
-    """Return the values of ``scan.json``: those of the result, and those of its comparison with the G-code."""
-    return result.as_dict() | ({} if views is None else {"comparison": views.as_dict()})
-
-
-def write_result(result: ScanResult, folder: Path, views: Views | None = None) -> list[Path]:
+def write_result(result: ScanResult, folder: Path) -> list[Path]:
     """Write the files of a result, each completely or not at all.
 
     Args:
         result: The result.
         folder: The folder. It is created if it is missing.
-        views: The comparison with the G-code; None if there is none.
 
     Returns:
         The paths of the files.
@@ -51,7 +44,7 @@ def write_result(result: ScanResult, folder: Path, views: Views | None = None) -
     with refusing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / name for name in (SCAN_FILE, DEVIATION_FILE, WAVES_FILE, POINTS_FILE)]
-    write_json(paths[0], document_of(result, views))
+    write_json(paths[0], result.as_dict())
     write_map(result, paths[1])
     rows = [list(wave_row(wave).values()) for wave in result.fit.waves]
     _write_csv(paths[2], (*WAVE_COLUMNS, "simulated"), ([*row, result.cloud.simulated] for row in rows))

@@ -87,29 +87,18 @@ def waves_picture(result: ScanResult, path: Path) -> None:
     """
     with styled():
         figure = new_figure((7.2, 5.8))
-        _head(
-            figure,
-            described(result),
-            "how much of each wave was printed, with intervals of 95 %",
-            result.cloud.simulated,
-        )
+        about = "how much of each wave was printed, with intervals of 95 %"
+        _head(figure, described(result), about, result.cloud.simulated)
         ratio, phase = figure.add_axes((0.1, 0.45, 0.86, 0.44)), figure.add_axes((0.1, 0.09, 0.86, 0.26))
         for name, colour, marker, waves in _by_direction(result.fit.waves):
-            lengths = [wave.wavelength_mm for wave in waves]
-            style: dict[str, Any] = {
-                "color": colour,
-                "marker": marker,
-                "linestyle": "",
-                "markersize": 5.0,
-                "linewidth": 1.0,
-            }
-            ends = [(w.amplitude_ratio, w.ratio_low, w.ratio_high) for w in waves]
-            ratio.errorbar(lengths, [each[0] for each in ends], _bars(ends), label=name, **style)
+            style = {"color": colour, "marker": marker, "linestyle": "", "markersize": 5.0, "linewidth": 1.0}
+            ratios = [(w.wavelength_mm, w.amplitude_ratio, w.ratio_low, w.ratio_high) for w in waves]
+            error_bars(ratio, ratios, label=name, **style)
             # The phase of a wave that may be missing says nothing.
             printed = [wave for wave in waves if wave.ratio_low > 0.0]
-            angles = [(w.phase_deg, w.phase_low_deg, w.phase_high_deg) for w in printed]
-            if angles:
-                phase.errorbar([w.wavelength_mm for w in printed], [each[0] for each in angles], _bars(angles), **style)
+            error_bars(
+                phase, [(w.wavelength_mm, w.phase_deg, w.phase_low_deg, w.phase_high_deg) for w in printed], **style
+            )
         ratio.axhline(1.0, color=INK, linewidth=0.6, linestyle=":")
         phase.axhline(0.0, color=INK, linewidth=0.6, linestyle=":")
         known = [wave for wave in result.fit.waves if wave.determined]
@@ -138,18 +127,18 @@ def comparison_picture(views: Views, path: Path) -> None:
         InputError: The file's name has another ending, or the file cannot be written.
     """
     with styled():
-        block = views.block
-        count = 1 + len(views.views)
+        top, block = views.top, views.top.block
+        count = 1 + len(views.printed_mm)
         figure = new_figure((10.8, 11.6))
-        names = ["formula", *(view.name for view in views.views)]
+        names = ["formula", *views.printed_mm]
         _head(figure, f"{block.name}: {', '.join(names)}", "", views.simulated)
         heights = [
-            views.formula_mm,
-            *(np.where(view.heights_mm > 0.0, view.heights_mm, np.nan) for view in views.views),
+            top.formula_mm,
+            *(np.where(printed > 0.0, printed, np.nan) for printed in views.printed_mm.values()),
         ]
-        inside = views.formula_mm[views.inside]
+        inside = top.formula_mm[top.inside]
         low, high = float(inside.min()), float(inside.max())
-        errors = [views.error_mm(view) for view in views.views]
+        errors = [views.error_mm(name) for name in views.printed_mm]
         reach = 1000.0 * reach_mm(np.concatenate([error.ravel() for error in errors]))
         width, tall = 0.25, 0.255
         i, j = views.cut()
@@ -158,8 +147,8 @@ def comparison_picture(views: Views, path: Path) -> None:
             axes = figure.add_axes((left, 0.665, width, tall), anchor="SW")
             drawn = _map(axes, heights[column], block.size_mm, "cividis", (low, high))
             axes.set_title(names[column], loc="left")
-            axes.axhline(views.y_mm[j], color=ORANGE, linewidth=1.0, linestyle="--")
-            axes.axvline(views.x_mm[i], color=ORANGE, linewidth=1.0, linestyle="--")
+            axes.axhline(top.y_mm[j], color=ORANGE, linewidth=1.0, linestyle="--")
+            axes.axvline(top.x_mm[i], color=ORANGE, linewidth=1.0, linestyle="--")
             _scale_bar(axes, block.size_mm[0], "white")
             if column == count - 1:
                 colour_bar(axes, drawn, "height (mm)")
@@ -172,8 +161,8 @@ def comparison_picture(views: Views, path: Path) -> None:
                     colour_bar(axes, drawn, "height error (µm)", extend="both")
         _numbers(figure, views, names[1:])
         profiles = (
-            ("x", views.x_mm, [a[:, j] for a in heights], 0.19),
-            ("y", views.y_mm, [a[i] for a in heights], 0.045),
+            ("x", top.x_mm, [a[:, j] for a in heights], 0.19),
+            ("y", top.y_mm, [a[i] for a in heights], 0.045),
         )
         for axis, along, lines, bottom in profiles:
             axes = figure.add_axes((0.055, bottom, 0.92, 0.1))
@@ -195,6 +184,13 @@ def wavelength_axis(axes: Axes, low: float, high: float) -> None:
     shown = [tick for power in range(-2, 3) for digit in digits if low <= (tick := digit * 10.0**power) <= high]
     axes.set_xticks(shown, [f"{tick:g}" for tick in shown])
     axes.minorticks_off()
+
+
+def error_bars(axes: Axes, points: Sequence[tuple[float, float, float, float]], **style: Any) -> None:
+    """Draw points with their intervals: x, y, and the lower and the upper end of the interval of y."""
+    if points:
+        x, y, low, high = np.array(points).T
+        axes.errorbar(x, y, np.maximum([y - low, high - y], 0.0), **style)
 
 
 def _about(result: ScanResult) -> str:
@@ -288,12 +284,6 @@ def _by_direction(waves: Sequence[WaveEstimate]) -> list[tuple[str, str, str, li
         groups["along x" if near_x else "along y" if near_y else "in other directions"].append(wave)
     looks = zip((BLUE, ORANGE, GREEN), ("o", "s", "^"), groups.items(), strict=True)
     return [(name, colour, marker, members) for colour, marker, (name, members) in looks if members]
-
-
-def _bars(ends: Sequence[tuple[float, float, float]]) -> Floats:
-    """Return the lengths of error bars below and above, shape (2, n)."""
-    values = np.array(ends)
-    return np.asarray(np.maximum(np.stack([values[:, 0] - values[:, 1], values[:, 2] - values[:, 0]]), 0.0))
 
 
 def _numbers(figure: Figure, views: Views, names: Sequence[str]) -> None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
-from tacbench_cad.extensions.scan.cloud import Cloud, HeightGrid
+from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.spec import Block, Surface, Wave, WaveSum
 from tacbench_cad.util.errors import InputError, one_of, require_between
@@ -24,9 +24,6 @@ Wall = Literal["x-", "x+", "y-", "y+", "key"]
 WALLS: tuple[Wall, ...] = ("x-", "x+", "y-", "y+")
 #: The amplitude factor of a wave by its wavelength in mm.
 Transfer = Callable[[float], float]
-#: Objects that are not a block.
-Foreign = Literal["flat", "box", "sphere", "cylinder", "rough", "stairs", "plane waves"]
-FOREIGN: tuple[Foreign, ...] = get_args(Foreign)
 #: How far from the block outliers may lie, in mm.
 OUTLIERS_WITHIN_MM = 3.0
 
@@ -83,21 +80,12 @@ class ScanTruth:
 
     def with_random_pose(self, reach_mm: float = 50.0) -> ScanTruth:
         """Return the same truth with a pose drawn from the seed, over all rotations and shifts up to ``reach_mm``."""
+        from scipy.spatial.transform import Rotation
+
         rng = np.random.default_rng((self.seed, 1))
-        pose = replace(self.pose, rotation=random_rotation(rng), shift_mm=rng.uniform(-reach_mm, reach_mm, 3))
+        rotation = Rotation.from_quat(np.roll(rng.standard_normal(4), -1)).as_matrix()
+        pose = replace(self.pose, rotation=rotation, shift_mm=rng.uniform(-reach_mm, reach_mm, 3))
         return replace(self, pose=pose)
-
-
-def random_rotation(rng: np.random.Generator) -> Floats:
-    """Return a rotation, shape (3, 3), drawn evenly from all rotations."""
-    w, x, y, z = (lambda q: q / np.linalg.norm(q))(rng.standard_normal(4))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def stretch(
@@ -130,13 +118,6 @@ def printed_waves(block: Block, transfer_x: Transfer | None, transfer_y: Transfe
     )
 
 
-def _printed_surface(block: Block, truth: ScanTruth) -> Surface:
-    """Return the printed formula in mm. Without transfer functions, the texture need not be a sum of waves."""
-    if truth.transfer_x is None and truth.transfer_y is None:
-        return block.surface
-    return printed_waves(block, truth.transfer_x, truth.transfer_y)
-
-
 def _factor(wave: Wave, transfer_x: Transfer | None, transfer_y: Transfer | None) -> float:
     frequency = math.hypot(wave.f, wave.g)
     if frequency == 0.0:
@@ -160,7 +141,9 @@ def simulate_scan(block: Block, truth: ScanTruth) -> Cloud:
         InputError: The texture has no waves to change, or walls are wanted of a block that is not a rectangle.
     """
     rng = np.random.default_rng((truth.seed, 0))
-    surface = _printed_surface(block, truth)
+    surface: Surface = block.surface
+    if truth.transfer_x is not None or truth.transfer_y is not None:
+        surface = printed_waves(block, truth.transfer_x, truth.transfer_y)
 
     def height(x: Floats, y: Floats) -> Floats:
         return np.asarray(block.datum_mm + surface(x, y))
@@ -279,87 +262,3 @@ def _table(block: Block, width: float, count: int, rng: np.random.Generator) -> 
     tried = rng.uniform(-width, size + width, (int(1.2 * count / (1.0 - fraction)) + 200, 2))
     outside = tried[np.any((tried < 0.0) | (tried > size), axis=1)][:count]
     return np.column_stack([outside, np.zeros(len(outside))])
-
-
-def simulate_height_map(block: Block, truth: ScanTruth, step_mm: float = 0.1, turn_deg: float = 0.0) -> Cloud:
-    """Scan a block as printed with an instrument that measures heights on a grid, from above.
-
-    Args:
-        block: The design.
-        truth: What the printer and the scanner did. Of its pose, only ``stretch`` is used, without skew along z; walls,
-            the table and the number of points have no effect. Outliers are heights.
-        step_mm: The distance of neighbouring pixels.
-        turn_deg: The angle by which the block is turned under the instrument.
-
-    Returns:
-        The scan with its ``HeightGrid``. Pixels beside the block, in holes and beyond the
-        part that was seen are ``nan``.
-    """
-    rng = np.random.default_rng((truth.seed, 0))
-    seen = _seen(block, truth, rng)
-    surface = _printed_surface(block, truth)
-    plan = truth.pose.stretch[:2, :2]
-    turn = math.radians(turn_deg)
-    turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]) @ plan
-    width, depth = block.size_mm
-    corners = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]]) @ turned.T
-    low = corners.min(axis=0)
-    columns, rows = (np.ceil((corners.max(axis=0) - low) / step_mm)).astype(int) + 1
-    grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * step_mm + low
-    x, y = (grid @ np.linalg.inv(turned).T).T
-    inside = (x >= 0.0) & (x <= width) & (y >= 0.0) & (y <= depth) & seen(x, y)
-    z = np.full(len(x), np.nan)
-    z[inside] = truth.pose.stretch[2, 2] * (block.datum_mm + surface(x[inside], y[inside]))
-    z += truth.noise_mm * rng.standard_normal(len(z))
-    wrong = rng.random(len(z)) < truth.outlier_fraction
-    z[wrong & inside] += rng.uniform(-OUTLIERS_WITHIN_MM, OUTLIERS_WITHIN_MM, int(np.count_nonzero(wrong & inside)))
-    heights = HeightGrid(heights_mm=z.reshape(rows, columns), step_mm=(step_mm, step_mm))
-    source = f"scan simulator, seed {truth.seed}"
-    return Cloud(points_mm=heights.points_mm(), source=source, simulated=True, grid=heights)
-
-
-def simulate_foreign(
-    kind: Foreign, *, points: int = 50_000, noise_mm: float = 0.02, seed: int = 0, size_mm: float = 25.0
-) -> Cloud:
-    """Scan an object that is not a textured block: it must be refused.
-
-    Args:
-        kind: A flat plate, a box, a sphere, a cylinder, a rough surface, stairs, or a surface of random plane waves.
-        points: The number of points.
-        noise_mm: The standard deviation of the noise along z.
-        seed: The seed of the shape, the pose and the noise.
-        size_mm: The size of the object.
-    """
-    rng = np.random.default_rng((seed, 2, FOREIGN.index(one_of("kind", kind, FOREIGN))))
-    x, y = rng.uniform(0.0, size_mm, (2, points))
-    centre = size_mm / 2.0
-    if kind == "sphere":
-        direction = rng.standard_normal((points, 3))
-        shape = centre * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        shape[:, 2] = np.abs(shape[:, 2])
-    elif kind == "box":
-        shape = rng.uniform(0.0, size_mm, (points, 3)) * (1.0, 1.0, 0.3)
-        side = rng.integers(0, 5, points)
-        shape[side < 2, 0] = size_mm * side[side < 2]
-        middle = (side >= 2) & (side < 4)
-        shape[middle, 1] = size_mm * (side[middle] - 2)
-        shape[side == 4, 2] = 0.3 * size_mm
-    else:
-        shape = np.column_stack([x, y, _foreign_height(kind, x, y, size_mm, rng)])
-    shape[:, 2] += noise_mm * rng.standard_normal(points)
-    pose = ScanTruth(seed=seed).with_random_pose().pose
-    return Cloud(points_mm=pose.to_scan(shape), source=f"scan simulator, {kind}, seed {seed}", simulated=True)
-
-
-def _foreign_height(kind: Foreign, x: Floats, y: Floats, size_mm: float, rng: np.random.Generator) -> Floats:
-    if kind == "cylinder":
-        return np.sqrt(np.maximum((size_mm / 2.0) ** 2 - (x - size_mm / 2.0) ** 2, 0.0))
-    if kind == "stairs":
-        return np.asarray(np.floor(x / size_mm * 6.0) * rng.uniform(0.3, 0.8))
-    height = np.zeros(x.shape)
-    if kind in ("rough", "plane waves"):
-        count, shortest = (60, 0.5) if kind == "rough" else (4, 3.0)
-        for _ in range(count):
-            k, angle, phase = rng.uniform(0.0, 2.0 * math.pi / shortest), *rng.uniform(0.0, 2.0 * math.pi, 2)
-            height += np.sin(k * (x * math.cos(angle) + y * math.sin(angle)) + phase) / math.sqrt(count)
-    return height

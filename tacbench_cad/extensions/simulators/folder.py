@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -77,7 +76,7 @@ def export_to_simulators(blocks: Iterable[Block], targets: Sequence[str], out: P
 
 
 def _recover(out: Path) -> None:
-    """Clean up after a killed export: restore folders that were moved aside, and remove unfinished folders."""
+    """Clean up after an export that did not end: restore folders that were moved aside, remove unfinished folders."""
     for old in out.glob(f"{_OLD}*"):
         folder = out / old.name.removeprefix(_OLD)
         if folder.exists():
@@ -139,18 +138,11 @@ def _write(asset: SimulatorAsset, targets: Sequence[SimulatorTarget], out: Path)
         try:
             new.mkdir()
             files = _fill(asset, targets, record, folder, new)
-            for path in new.rglob("*"):
-                if path.is_file():
-                    _to_disk(path)
             if folder.exists():
                 folder.rename(old)
             new.rename(folder)
-        except BaseException:
-            shutil.rmtree(new, ignore_errors=True)
-            if old.exists() and not folder.exists():
-                old.rename(folder)
-            raise
-        shutil.rmtree(old, ignore_errors=True)
+        finally:
+            _recover(out)
     return Exported(texture=asset.name, folder=folder, files=files)
 
 
@@ -179,8 +171,3 @@ def _fill(
     sections = [(SIMULATOR_TARGETS[name].title, target["note"]) for name, target in ordered.items()]
     (new / README).write_text(readme(asset, sections), encoding="utf-8")
     return written
-
-
-def _to_disk(path: Path) -> None:
-    with path.open("rb+") as stream:
-        os.fsync(stream.fileno())

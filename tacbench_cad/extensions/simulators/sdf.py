@@ -9,17 +9,6 @@ from tacbench_cad.extensions.simulators.obj import mesh_error, write_with_mesh
 from tacbench_cad.extensions.simulators.urdf import METRES
 
 
-def _inertia_kg_m2(asset: SimulatorAsset) -> tuple[float, float, float]:
-    """Return the moments of inertia of a massive box with the size of the block, about its centre, in kg m^2."""
-    x, y, z = ((side / 1e3) ** 2 for side in (*asset.block.size_mm, asset.block.height_mm))
-    return (asset.mass_kg / 12.0 * (y + z), asset.mass_kg / 12.0 * (x + z), asset.mass_kg / 12.0 * (x + y))
-
-
-def _centre_m(asset: SimulatorAsset) -> str:
-    """Return the centre of the block's bounding box, in m."""
-    return " ".join(f"{side / 2e3:.9g}" for side in (*asset.block.size_mm, asset.block.height_mm))
-
-
 def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
     """Write ``NAME.sdf`` and ``NAME.obj``.
 
@@ -28,7 +17,11 @@ def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
         folder: An existing folder.
     """
     name = asset.name
-    xx, yy, zz = _inertia_kg_m2(asset)
+    sides_m = [side / 1e3 for side in (*asset.block.size_mm, asset.block.height_mm)]
+    centre = " ".join(f"{side / 2.0:.9g}" for side in sides_m)
+    # The moments of inertia of a massive box with the size of the block, about its centre.
+    x, y, z = (asset.mass_kg / 12.0 * side**2 for side in sides_m)
+    xx, yy, zz = y + z, x + z, x + y
     text = f"""\
 <?xml version="1.0"?>
 <!-- {asset.block.name}: metres, z up; origin at the lower corner of the underside -->
@@ -36,7 +29,7 @@ def write_sdf(asset: SimulatorAsset, folder: Path) -> TargetFiles:
   <model name="{name}">
     <link name="{name}">
       <inertial>
-        <pose>{_centre_m(asset)} 0 0 0</pose>
+        <pose>{centre} 0 0 0</pose>
         <mass>{asset.mass_kg:.6g}</mass>
         <inertia><ixx>{xx:.6g}</ixx><iyy>{yy:.6g}</iyy><izz>{zz:.6g}</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia>
       </inertial>

@@ -15,7 +15,6 @@ import numpy as np
 from tacbench_cad.extensions.simulators.asset import MAX_SAMPLES, HeightField, SimulatorAsset, TargetFiles, sampled
 from tacbench_cad.spec import Block, SampleGrid
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Floats
 
 #: The width of Taxim's pixels, in mm.
 PIXEL_MM = 0.0295
@@ -78,6 +77,8 @@ def _fine(block: Block) -> HeightField:
 
     If the block has a sample grid, they lie on the surface that joins its samples.
     """
+    from scipy.interpolate import make_interp_spline
+
     x, y = block.size_mm
     # Coordinates are rounded to 0.00001 mm. The rounded distances must not be wider than a pixel.
     nx, ny = (math.ceil(side / (PIXEL_MM - 2e-5)) + 1 for side in (x, y))
@@ -92,15 +93,6 @@ def _fine(block: Block) -> HeightField:
         return sampled(block, SampleGrid(nx=nx, ny=ny))
     own = sampled(block, block.sampling)
     fine_x, fine_y = np.linspace(0.0, x, nx), np.linspace(0.0, y, ny)
-    along_x = _between(own.z_mm.T, own.x_mm, fine_x)
-    return replace(own, x_mm=fine_x, y_mm=fine_y, z_mm=_between(along_x.T, own.y_mm, fine_y))
-
-
-def _between(rows: Floats, at: Floats, to: Floats) -> Floats:
-    """Interpolate rows linearly from the positions ``at``, shape (n,), to the positions ``to``, shape (m,).
-
-    The rows have shape (n, k), the result has shape (m, k).
-    """
-    i = np.clip(np.searchsorted(at, to, side="right") - 1, 0, len(at) - 2)
-    fraction = ((to - at[i]) / (at[i + 1] - at[i]))[:, None]
-    return np.asarray((1.0 - fraction) * rows[i] + fraction * rows[i + 1])
+    along_x = make_interp_spline(own.x_mm, own.z_mm, k=1, axis=1)(fine_x)
+    heights = make_interp_spline(own.y_mm, along_x, k=1, axis=0)(fine_y)
+    return replace(own, x_mm=fine_x, y_mm=fine_y, z_mm=heights)

@@ -124,17 +124,14 @@ def _block(texture: str, preset: str, scale: float, key_mm: float | None) -> Blo
 
 def _pictures(files: Sequence[Path], out: Path | None, no_picture: bool) -> list[Path]:
     """The paths of the pictures, in the order of the files; empty with ``--no-picture``."""
-    from tacbench_cad.util.plotting import picture_format
+    from tacbench_cad.util.plotting import picture_format, require_single_picture
 
     if out is not None and no_picture:
         raise InputError("out", str(out), "cannot be combined with --no-picture")
+    require_single_picture(out, len(files))
     if no_picture:
         return []
     if out is not None:
-        if len(files) > 1:
-            raise InputError(
-                "out", str(out), f"is the name of one picture, but there are {len(files)} files; leave out --out"
-            )
         picture_format(out)
         return [out]
     paths = [Path(f"{path.stem}_as-sliced.png") for path in files]

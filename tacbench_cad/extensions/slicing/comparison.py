@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, places_of, printed_heights, staircase
+from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, printed_heights, staircase
 from tacbench_cad.spec import (
     EDGE_MM,
     PITCH_MM,
@@ -37,6 +37,8 @@ STEEP = 1.0
 MISPLACED_MM = 0.1
 #: If the height error exceeds this fraction of the relief's standard deviation, the print shows another texture.
 UNLIKE = 0.5
+#: What to do if a block does not lie at the given position.
+_MOVED = "slice the plate without moving its blocks (PrusaSlicer: --dont-arrange), or name the place of this block"
 #: The search for a height on a steep wall: largest distance and step, in mm, and the largest number of points.
 _REACH_MM, _STEP_MM, _MAX_STEEP = 0.8, 0.02, 20_000
 #: The distance of the points with which quarter turns and textures are distinguished, in mm.
@@ -260,13 +262,7 @@ def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_m
     looks = [printed_heights(sliced, block, place, x, y) for place in frames]
     inside = without_edge(block, x, y)
     best = min(range(len(frames)), key=lambda i: _distance(block, block.texture, x, y, looks[i], inside))
-    fault = _unlike(sliced, block, x, y, looks[best], inside)
-    if fault is not None and frame is not None:
-        for place in sorted(places_of(sliced, block), key=lambda place: _away_mm(place, frame)):
-            if _unlike(sliced, block, x, y, printed_heights(sliced, block, place, x, y), inside) is None:
-                raise _moved(sliced, block, place, frame)
-    if fault is not None:
-        raise fault
+    _require_like(sliced, block, x, y, looks[best], inside)
     x, y = points_of(block, pitch_mm)
     formula = block.datum_mm + block.surface.grid(x, y)
     return AsSliced(
@@ -288,12 +284,14 @@ def _distance(block: Block, texture: Texture, x: Floats, y: Floats, printed: Flo
     return float(np.std((printed - formula)[inside]))
 
 
-def _unlike(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Bools) -> InputError | None:
-    """Return the error for a print that does not resemble the block; None if it does."""
+def _require_like(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats, inside: Bools) -> None:
+    """Check that a print resembles the block.
+
+    Raises:
+        InputError: It does not.
+    """
     if not printed[inside].any():
-        return InputError(
-            "frame", None, f"{sliced.path} prints nothing there; give the position of the block's corner on the bed"
-        )
+        raise InputError("frame", None, f"{sliced.path} prints nothing there; {_MOVED}")
     own = _distance(block, block.texture, x, y, printed, inside)
     others = {
         texture.name: _distance(block, texture, x, y, printed, inside)
@@ -304,30 +302,14 @@ def _unlike(sliced: Sliced, block: Block, x: Floats, y: Floats, printed: Floats,
     nearer = others[name] < 0.5 * own
     relief_sd = float(np.std(block.surface.grid(x, y)[inside]))
     if own <= UNLIKE * relief_sd and not (nearer and own > sliced.layer_mm):
-        return None
+        return
     hint = f", but only {others[name]:.3g} mm from {name}" if nearer else ""
-    return InputError(
+    raise InputError(
         "file",
         str(sliced.path),
         f"is for another part: the rms distance of its top is {own:.3g} mm from {block.texture.name}{hint}; "
-        "give the --texture, --preset and --scale of the sliced block",
+        f"give the --texture, --preset and --scale of the sliced block. With --frame, {_MOVED}",
     )
-
-
-def _moved(sliced: Sliced, block: Block, place: Frame, frame: Frame) -> InputError:
-    """Return the error for a plate on which the block lies at another place than the given one."""
-    turned = f",{90 * place.quarters}" if place.quarters else ""
-    return InputError(
-        "file",
-        str(sliced.path),
-        f"the blocks were moved: {block.texture.name} lies at {place.x_mm:.2f},{place.y_mm:.2f}{turned} and not at "
-        f"{frame.x_mm:g},{frame.y_mm:g}; slice the plate without moving its blocks (PrusaSlicer: --dont-arrange), or "
-        "give the --frame where this block lies now",
-    )
-
-
-def _away_mm(place: Frame, frame: Frame) -> float:
-    return math.hypot(place.x_mm - frame.x_mm, place.y_mm - frame.y_mm)
 
 
 def _rms(values: Floats) -> float | None:

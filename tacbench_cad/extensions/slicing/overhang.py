@@ -63,18 +63,9 @@ def overhangs(mesh: Mesh) -> Overhangs:
 
 
 def _widest_mm(mesh: Mesh, ceiling: Bools) -> float:
-    """Return the diameter of the largest circle in the ceilings, found by offsetting their outlines inwards."""
-    from manifold3d import CrossSection, FillRule, JoinType
+    """Return the diameter of the largest circle in the ceilings."""
+    import shapely
 
-    flat = mesh.triangle_points[ceiling][:, ::-1, :2]
-    if len(flat) == 0:
-        return 0.0
-    outline = CrossSection(list(flat), FillRule.NonZero)
-    low, high = 0.0, 1.0
-    while not outline.offset(-high, JoinType.Miter).is_empty():
-        low, high = high, 2.0 * high
-    while high - low > _WIDTH_MM / 2.0:
-        middle = (low + high) / 2.0
-        empty = outline.offset(-middle, JoinType.Miter).is_empty()
-        low, high = (low, middle) if empty else (middle, high)
-    return 2.0 * low
+    ceilings = shapely.union_all(shapely.polygons(mesh.triangle_points[ceiling][:, :, :2]))
+    radii = [shapely.maximum_inscribed_circle(part, _WIDTH_MM / 2.0).length for part in shapely.get_parts(ceilings)]
+    return 2.0 * max(radii, default=0.0)

@@ -90,18 +90,27 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
         InputError: The outline differs from that of the block.
     """
     beads = sliced.beads
+    low = sliced.floor_mm + _LOW_FRACTION * block.base_mm
     boxes = []
-    for walls in _low_walls(sliced, block):
-        ends = np.stack([beads.start_mm[walls], beads.end_mm[walls]])
-        half = beads.width_mm[walls, None] / 2.0
-        boxes.append([*(ends - half).min(axis=(0, 1)), *(ends + half).max(axis=(0, 1))])
+    for top in [top for top in sliced.layer_tops_mm if top <= low][1:] or [float(sliced.layer_tops_mm[0])]:
+        walls = np.flatnonzero(beads.wall & (np.abs(beads.top_mm - top) < 1e-3))
+        if len(walls):
+            ends = np.stack([beads.start_mm[walls], beads.end_mm[walls]])
+            half = beads.width_mm[walls, None] / 2.0
+            boxes.append([*(ends - half).min(axis=(0, 1)), *(ends + half).max(axis=(0, 1))])
     if not boxes:
         raise InputError(
             "file", str(sliced.path), "has no outer walls in its low layers; give the position with --frame X,Y"
         )
     x0, y0, x1, y1 = np.median(np.array(boxes), axis=0).tolist()
-    outline = (x1 - x0, y1 - y0)
-    frames = _frames_in((x0, y0, x1, y1), block)
+    outline, frames = (x1 - x0, y1 - y0), []
+    for quarters in range(4):
+        sides = block.size_mm if quarters % 2 == 0 else block.size_mm[::-1]
+        if max(abs(length - side) for length, side in zip(outline, sides, strict=True)) <= OUTLINE_MM:
+            corner = ((x0 + x1 - sides[0]) / 2.0, (y0 + y1 - sides[1]) / 2.0)
+            frames.append(
+                Frame(x_mm=corner[0], y_mm=corner[1], quarters=quarters, source="outer walls", outline_mm=outline)
+            )
     if not frames:
         own = " x ".join(f"{side:.4g}" for side in block.size_mm)
         raise InputError(
@@ -111,46 +120,6 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
             f"measures {own} mm; give the --texture, --preset and --scale of the sliced block, or --frame X,Y if there "
             "is more than one block on the plate",
         )
-    return frames
-
-
-def places_of(sliced: Sliced, block: Block) -> list[Frame]:
-    """Return the possible positions of blocks of this size: one for each quarter turn of each outline in a low layer.
-
-    In contrast to :func:`frames_of`, the G-code may contain several blocks.
-    """
-    beads, low = sliced.beads, list(_low_walls(sliced, block))
-    walls = low[len(low) // 2] if low else np.array([], dtype=np.int64)
-    apart = np.hypot(*(beads.start_mm[walls[1:]] - beads.end_mm[walls[:-1]]).T) > beads.width_mm[walls[1:]]
-    frames = []
-    for outline in np.split(walls, np.flatnonzero(apart) + 1) if len(walls) else []:
-        ends, half = np.stack([beads.start_mm[outline], beads.end_mm[outline]]), beads.width_mm[outline, None] / 2.0
-        x0, y0 = (ends - half).min(axis=(0, 1)).tolist()
-        x1, y1 = (ends + half).max(axis=(0, 1)).tolist()
-        frames += _frames_in((x0, y0, x1, y1), block)
-    return frames
-
-
-def _low_walls(sliced: Sliced, block: Block) -> Iterator[Ints]:
-    """Yield the outer walls of each layer below the relief, as indices, without the first layer if there are others."""
-    low = sliced.floor_mm + _LOW_FRACTION * block.base_mm
-    for top in [top for top in sliced.layer_tops_mm if top <= low][1:] or [float(sliced.layer_tops_mm[0])]:
-        walls = np.flatnonzero(sliced.beads.wall & (np.abs(sliced.beads.top_mm - top) < 1e-3))
-        if len(walls):
-            yield walls
-
-
-def _frames_in(box: tuple[float, float, float, float], block: Block) -> list[Frame]:
-    """Return the position of the block in a box x0, y0, x1, y1 for each quarter turn that fits."""
-    x0, y0, x1, y1 = box
-    outline, frames = (x1 - x0, y1 - y0), []
-    for quarters in range(4):
-        sides = block.size_mm if quarters % 2 == 0 else block.size_mm[::-1]
-        if max(abs(length - side) for length, side in zip(outline, sides, strict=True)) <= OUTLINE_MM:
-            corner = ((x0 + x1 - sides[0]) / 2.0, (y0 + y1 - sides[1]) / 2.0)
-            frames.append(
-                Frame(x_mm=corner[0], y_mm=corner[1], quarters=quarters, source="outer walls", outline_mm=outline)
-            )
     return frames
 
 

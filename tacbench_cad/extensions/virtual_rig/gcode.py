@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+#: A letter, its number, and what follows up to the next letter.
+_WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))?([^A-Z]*)")
 #: A letter, upper case, with its number; None if the number is missing or invalid.
 Word = tuple[str, float | None]
 
@@ -17,20 +18,13 @@ def words(line: str, *, flags: bool = False) -> list[Word] | None:
         flags: Whether letters may stand alone, as in Marlin's ``G28 X Y``. Invalid numbers are then ignored. Otherwise
             a word with a missing or invalid number ends the list, since the rest cannot be read.
     """
+    if line and not "A" <= line[0] <= "Z":
+        return None
     result: list[Word] = []
-    at = 0
-    while at < len(line):
-        if not "A" <= line[at] <= "Z":
+    for letter, number, rest in _WORD.findall(line):
+        if number and rest:
             return None
-        number = _NUMBER.match(line, at + 1)
-        if number is not None:
-            result.append((line[at], float(number.group())))
-            at = number.end()
-            continue
-        result.append((line[at], None))
-        if not flags:
+        result.append((letter, float(number) if number else None))
+        if not number and not flags:
             break
-        at += 1
-        while at < len(line) and not "A" <= line[at] <= "Z":
-            at += 1
     return result

@@ -96,11 +96,9 @@ class Setup(Checked):
 
     def board(self) -> Board:
         """Create the board with its firmware, carriage and faults, but without the load cell's faults."""
-        factory, axes = _FACTORIES[self.kind]
-        if self.origin == "switch":
-            if self.kind not in _AT_SWITCH:
-                raise InputError("origin", self.origin, f"is not an option of {self.kind}")
-            factory, axes = _AT_SWITCH[self.kind]
+        if (self.kind, self.origin) not in _BUILDS:
+            raise InputError("origin", self.origin, f"is not an option of {self.kind}")
+        factory, axes = _BUILDS[self.kind, self.origin]
         allowed = list(inspect.signature(factory).parameters)[1:]
         for key, value in self.firmware.items():
             if key not in allowed:
@@ -114,28 +112,28 @@ class Setup(Checked):
 
 
 def _axes(
-    z_low_mm: float, z_high_mm: float, switch_mm: float, xy_steps: float, z_steps: float
+    xy_low_mm: float, z_low_mm: float, switch_mm: float, xy_steps: float, z_steps: float
 ) -> tuple[MotorAxis, ...]:
-    """Return axes x and y from 0 to 200 mm with end stops at 0, and z with its end stop at the top."""
-    flat = MotorAxis(low_mm=0.0, high_mm=200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
-    return flat, flat, MotorAxis(low_mm=z_low_mm, high_mm=z_high_mm, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
+    """Return axes x and y of 200 mm with end stops at the low end, and z of 100 mm with its end stop at the top."""
+    flat = MotorAxis(low_mm=xy_low_mm, high_mm=xy_low_mm + 200.0, home=-1, switch_mm=switch_mm, steps_per_mm=xy_steps)
+    up = MotorAxis(low_mm=z_low_mm, high_mm=z_low_mm + 100.0, home=1, switch_mm=switch_mm, steps_per_mm=z_steps)
+    return flat, flat, up
 
 
-def _axes_at_switch() -> tuple[MotorAxis, ...]:
-    """Return the axes of GRBL's default build: all coordinates are negative, and the switches are at the ends."""
-    flat = MotorAxis(low_mm=-200.0, high_mm=0.0, home=-1, switch_mm=0.0, steps_per_mm=400.0)
-    return flat, flat, MotorAxis(low_mm=-100.0, high_mm=0.0, home=1, switch_mm=0.0, steps_per_mm=1600.0)
-
-
-#: GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there.
-_FACTORIES: Mapping[str, tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
-    "grbl": (Grbl, _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
-    "grblhal": (partial(Grbl, dialect=GRBLHAL), _axes(-100.0, 0.0, 1.0, 400.0, 1600.0)),
-    "marlin": (Marlin, _axes(0.0, 100.0, 0.0, 80.0, 400.0)),
-    "arduino": (Arduino, _axes(-100.0, 0.0, 0.0, 400.0, 400.0)),
-}
-#: The default builds of GRBL and grblHAL. The letter Z in ``[OPT:`` stands for HOMING_FORCE_SET_ORIGIN.
-_AT_SWITCH: Mapping[str, tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
-    "grbl": (partial(Grbl, dialect=replace(GRBL, options="[OPT:V,15,128]")), _axes_at_switch()),
-    "grblhal": (partial(Grbl, dialect=replace(GRBLHAL, options="[OPT:VNMSL,35,1024,3,0]")), _axes_at_switch()),
+#: The builds by firmware and origin. GRBL's machine frame has z = 0 at the top; Marlin's has z = 100 there. In the
+#: default builds of GRBL and grblHAL, with the origin at the switch, all coordinates are negative. The letter Z in
+#: ``[OPT:`` stands for HOMING_FORCE_SET_ORIGIN.
+_BUILDS: Mapping[tuple[str, str], tuple[Callable[..., Firmware], tuple[MotorAxis, ...]]] = {
+    ("grbl", "pulloff"): (Grbl, _axes(0.0, -100.0, 1.0, 400.0, 1600.0)),
+    ("grblhal", "pulloff"): (partial(Grbl, dialect=GRBLHAL), _axes(0.0, -100.0, 1.0, 400.0, 1600.0)),
+    ("marlin", "pulloff"): (Marlin, _axes(0.0, 0.0, 0.0, 80.0, 400.0)),
+    ("arduino", "pulloff"): (Arduino, _axes(0.0, -100.0, 0.0, 400.0, 400.0)),
+    ("grbl", "switch"): (
+        partial(Grbl, dialect=replace(GRBL, options="[OPT:V,15,128]")),
+        _axes(-200.0, -100.0, 0.0, 400.0, 1600.0),
+    ),
+    ("grblhal", "switch"): (
+        partial(Grbl, dialect=replace(GRBLHAL, options="[OPT:VNMSL,35,1024,3,0]")),
+        _axes(-200.0, -100.0, 0.0, 400.0, 1600.0),
+    ),
 }

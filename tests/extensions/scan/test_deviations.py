@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.scans import true_scan
+from helpers.scans import foreign_scan, true_scan
 
 from tacbench_cad.extensions.scan.cloud import HeightGrid
 from tacbench_cad.extensions.scan.deviations import Summary, noise_of_flat, noise_of_repeat, top_map, wall_points
@@ -15,7 +15,6 @@ from tacbench_cad.extensions.scan.simulating import (
     ScanTruth,
     low_pass,
     printed_waves,
-    simulate_foreign,
     simulate_scan,
     stretch,
 )
@@ -54,7 +53,7 @@ def test_a_repeated_scan_gives_the_noise_of_the_map() -> None:
 
 
 def test_a_flat_gives_the_noise_of_single_points() -> None:
-    assert noise_of_flat(simulate_foreign("flat", noise_mm=0.03)) == pytest.approx(0.03, rel=0.1)
+    assert noise_of_flat(foreign_scan("flat", noise_mm=0.03)) == pytest.approx(0.03, rel=0.1)
 
 
 def test_a_lost_wave_lowers_the_crests_and_moves_the_pins() -> None:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.scans import height_map
 
 from tacbench_cad.extensions.scan import reading
 from tacbench_cad.extensions.scan.reading import SAMPLED_POINTS, read_scan
-from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_height_map, simulate_scan
+from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.spec.block import Block
@@ -88,7 +89,7 @@ def test_the_mesh_of_a_block_is_sampled_evenly(tmp_path: Path) -> None:
 
 
 def test_height_maps(tmp_path: Path) -> None:
-    cloud = simulate_height_map(BLOCK, ScanTruth(noise_mm=0.0, holes=2), step_mm=0.25)
+    cloud = height_map(BLOCK, noise_mm=0.0, holes=2, step_mm=0.25)
     assert cloud.grid is not None
     heights = cloud.grid.heights_mm
     np.save(tmp_path / "a.npy", heights[::-1] * 1000.0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "scan_registration.py"
+BENCHMARK = Path(__file__).parents[3] / "benchmarks" / "scan_registration.py"
 
 
 def outcomes(part: str, count: int, folder: Path) -> list[Any]:

@@ -13,7 +13,7 @@ import pytest
 from helpers.scans import true_scan
 
 from tacbench_cad.extensions.scan.colours import coloured, reach_mm
-from tacbench_cad.extensions.scan.comparison import ComparisonView, Views
+from tacbench_cad.extensions.scan.comparison import Views
 from tacbench_cad.extensions.scan.deviations import top_map, wall_points
 from tacbench_cad.extensions.scan.limits import limits_of
 from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
@@ -153,16 +153,5 @@ def test_the_picture_counts_all_lost_crests_and_marks_some(tmp_path: Path) -> No
 
 def _views() -> Views:
     top = result().top
-    sliced, scanned = (
-        ComparisonView(name="as sliced", heights_mm=top.formula_mm + 0.03),
-        ComparisonView(name="as scanned", heights_mm=top.printed_mm),
-    )
-    return Views(
-        block=BLOCK,
-        x_mm=top.x_mm,
-        y_mm=top.y_mm,
-        formula_mm=top.formula_mm,
-        views=(sliced, scanned),
-        layer_mm=0.1,
-        simulated=True,
-    )
+    printed = {"as sliced": top.formula_mm + 0.03, "as scanned": top.printed_mm}
+    return Views(top=replace(top, layer_mm=0.1), printed_mm=printed, simulated=True)

@@ -64,7 +64,7 @@ def test_the_table_and_the_files_of_a_scan(scan: Path, folder: Path, capsys: Cap
 @pytest.mark.parametrize("word", ["all", "later"])
 def test_one_block_is_simulated_and_not_the_first_of_several(word: str, folder: Path, capsys: Capture) -> None:
     assert main(["scan", "--simulate", "scan.ply", "--block", word]) == 2
-    assert f"block = '{word}': means several blocks, but one is simulated" in capsys.readouterr().err
+    assert f"block = '{word}': must be a single one with --simulate" in capsys.readouterr().err
     assert not (folder / "scan.ply").exists()
 
 

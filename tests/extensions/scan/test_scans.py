@@ -103,7 +103,9 @@ def test_the_report_shows_the_scans(tmp_path: Path) -> None:
     collection = Collection.open([tmp_path])
     assert not report_section(Results(collection=collection, reports=())).parts
     document = {"kind": KIND, "schema": SCHEMA, "file": "scan.ply", "block": "b", "simulated": False}
-    (folder / SCAN_FILE).write_text(json.dumps(document | {"top": {"rms_mm": 0.05}}), encoding="utf-8")
+    (folder / SCAN_FILE).write_text(
+        json.dumps(document | {"top": {"rms_mm": 0.05}, "pin_shift_px": None, "seen_fraction": 1.0}), encoding="utf-8"
+    )
     section = Results(collection=collection, reports=()).added["scans"]
     parts = section.parts
     assert list(section.tables) == ["scans.csv"]

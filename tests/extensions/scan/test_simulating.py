@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 
 from tacbench_cad.extensions.scan.simulating import (
-    FOREIGN,
-    Foreign,
     ScanTruth,
     Wall,
     low_pass,
     printed_waves,
-    simulate_foreign,
-    simulate_height_map,
     simulate_scan,
     stretch,
 )
@@ -111,25 +107,6 @@ def test_the_seed_determines_the_scan() -> None:
     rotation = ScanTruth(seed=3).with_random_pose().pose.rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
-
-
-def test_a_height_map_shows_the_turned_block() -> None:
-    wanted = ScanTruth(noise_mm=0.0)
-    cloud = simulate_height_map(BLOCK, wanted, step_mm=0.2, turn_deg=90.0)
-    assert cloud.grid is not None
-    rows, columns = cloud.grid.heights_mm.shape
-    assert (columns, rows) == (151, 118)
-    assert len(cloud) == np.count_nonzero(np.isfinite(cloud.grid.heights_mm))
-    x, y, z = cloud.points_mm.T  # after a quarter turn, the x of the map is depth - y of the block
-    np.testing.assert_allclose(z, BLOCK.height_at(y, BLOCK.size_mm[1] - x), atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", FOREIGN)
-def test_foreign_objects_are_finite_and_repeatable(kind: Foreign) -> None:
-    cloud = simulate_foreign(kind, points=500, seed=4)
-    assert cloud.points_mm.shape == (500, 3)
-    assert np.all(np.isfinite(cloud.points_mm))
-    np.testing.assert_array_equal(cloud.points_mm, simulate_foreign(kind, points=500, seed=4).points_mm)
 
 
 def test_walls_of_a_disc_and_waves_of_a_spline_are_refused() -> None:
