@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shlex
 import sys
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,6 @@ from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolEr
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
-    from tacbench_cad.lab.acquire.events import ProgressFile
     from tacbench_cad.lab.acquire.person import Person
     from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.study.file import StudyFile
@@ -124,28 +123,20 @@ def command(
         raise InputError("--out DIR", None, "is missing; name the folder of the runs")
     if not page and (host != options.LOCAL or port or no_browser):
         raise InputError("--host, --port, --no-browser", None, "are only for --page")
-    settings = _Page(host=host, port=port, browser=not no_browser) if page else None
+    settings = {"host": host, "port": port, "browser": not no_browser} if page else None
     with located("" if study is None else f"{study}: ", fields="["):
         _press(chosen, folder, settings)
     print_next("check-runs", folder)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Page:
-    """The settings of the page: its address, its port, and whether it is opened in the browser."""
-
-    host: str
-    port: int
-    browser: bool
-
-
-def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
-    """Press the blocks of a study, check the runs, and report the outcome."""
+def _press(chosen: StudyFile, folder: Path, page: Mapping[str, Any] | None) -> None:
+    """Press the blocks of a study, check the runs, and report the outcome. ``page`` has the settings of its page."""
     from tacbench_cad.lab.acquire.events import ProgressFile
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
     from tacbench_cad.lab.acquire.session import acquire_study
     from tacbench_cad.lab.runs.checking import check_run
+    from tacbench_cad.util.entries import entries, load
     from tacbench_cad.util.packages import require
 
     # Frames are stored with this package. Without it, no file must be written.
@@ -162,8 +153,11 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
     with ExitStack() as stack:
         stack.callback(file.close)
         if page is not None:
-            link = stack.enter_context(_opened_page(page, folder, file, person))
-            person = link
+            pages = entries("tacbench.pages")
+            if not pages:
+                raise MissingToolError("no installed package has a page for acquire; leave out --page")
+            opened = load(next(iter(pages.values())))(folder, **page, file=file, terminal=person, say=note)
+            person = link = stack.enter_context(opened)
             receivers.append(link)
         stack.enter_context(file.finishing(f"{counted(len(chosen.study.blocks), 'run')} complete"))
         results = acquire_study(
@@ -181,16 +175,3 @@ def _press(chosen: StudyFile, folder: Path, page: _Page | None) -> None:
         if faulty:
             raise CheckFailedError(f"the runs are complete, but have faults: tacbench check-runs {shlex.join(faulty)}")
     click.echo(f"{counted(len(chosen.study.blocks), 'run')} complete in {folder}")
-
-
-def _opened_page(page: _Page, folder: Path, file: ProgressFile, person: Person) -> AbstractContextManager[Any]:
-    """Open the page that an installed package has. It answers for the person, and receives the progress updates."""
-    from tacbench_cad.util.entries import entries, load
-
-    pages = entries("tacbench.pages")
-    if not pages:
-        raise MissingToolError("no installed package has a page for acquire; leave out --page")
-    opened: AbstractContextManager[Any] = load(next(iter(pages.values())))(
-        folder, port=page.port, host=page.host, browser=page.browser, file=file, terminal=person, say=note
-    )
-    return opened

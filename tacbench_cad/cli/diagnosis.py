@@ -13,14 +13,12 @@ import hashlib
 import importlib
 import importlib.metadata
 import platform
+import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
-from tacbench_cad import __version__
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import MissingToolError, TacbenchError
 from tacbench_cad.util.packages import PACKAGES, has_module, install_command, version
 from tacbench_cad.util.processes import Workers, cpu_count, why_not_importable
@@ -40,79 +38,34 @@ class Finding:
         ok: Whether the check passed.
         detail: The versions, files or errors that the check met.
         repair: The command that repairs the installation; None if the check passed.
-        pip: The arguments of ``pip install`` for the repair; empty if pip cannot repair it.
     """
 
     name: str
     ok: bool
     detail: str
     repair: str | None = None
-    pip: tuple[str, ...] = field(default=(), metadata={"key": None})
 
 
-@dataclass(frozen=True, kw_only=True)
-class Diagnosis:
-    """The results of all checks of the installation.
-
-    Args:
-        packages: A row for each package, with its name, version, extra and use.
-        findings: The result of each check.
-    """
-
-    packages: tuple[dict[str, Any], ...]
-    findings: tuple[Finding, ...]
-
-    @property
-    def ok(self) -> bool:
-        """Whether all checks passed. A package of an extra may be missing."""
-        return all(finding.ok for finding in self.findings)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the document that ``tacbench doctor --json`` prints."""
-        return {
-            "version": __version__,
-            "python": platform.python_version(),
-            "system": f"{platform.system()} {platform.machine()}",
-            "ok": self.ok,
-            "packages": list(self.packages),
-            "findings": to_plain(self.findings),
-        }
-
-
-def diagnose() -> Diagnosis:
+def diagnose() -> list[Finding]:
     """Run all checks. Packages are imported in child processes, so that a broken package cannot end this process."""
     importlib.invalidate_caches()
-    packages = tuple(
-        {"name": package.distribution, "version": package.version, "extra": package.extra, "use": package.use}
-        for package in PACKAGES
-    )
     findings = [*base_findings(), *kernel_findings(), *library_findings()]
-    return Diagnosis(packages=packages, findings=(*findings, *import_findings(findings)))
+    return [*findings, *import_findings([finding.repair for finding in findings if finding.repair])]
 
 
 def base_findings() -> list[Finding]:
-    """Check that the packages of the base installation are installed."""
+    """Check that the packages of the base installation are installed. There is no lib3mf for Linux on ARM."""
     arm_linux = sys.platform == "linux" and platform.machine() in ("aarch64", "armv7l")
-    findings = []
-    for package in PACKAGES:
-        if package.extra is None and package.version is None:
-            without_wheel = package.distribution == "lib3mf" and arm_linux
-            findings.append(
-                Finding(
-                    name=package.distribution,
-                    ok=True,
-                    detail="is not available for ARM Linux, so 3MF files cannot be written or read here",
-                )
-                if without_wheel
-                else Finding(
-                    name=package.distribution,
-                    ok=False,
-                    detail="is not installed, but the base installation needs it",
-                    repair=f"pip install {package.distribution}",
-                    pip=(package.distribution,),
-                )
-            )
-    return findings
+    return [
+        Finding(
+            name=package.distribution,
+            ok=False,
+            detail="is not installed, but the base installation needs it",
+            repair=f"pip install {package.distribution}",
+        )
+        for package in PACKAGES
+        if package.extra is None and package.version is None and not (package.module == "lib3mf" and arm_linux)
+    ]
 
 
 def kernel_findings() -> list[Finding]:
@@ -123,20 +76,19 @@ def kernel_findings() -> list[Finding]:
     if own is None:
         wheel = f"{KERNEL}=={rival}" if rival else f"{KERNEL}>=7.9,<8"
         detail = f"cadquery is installed without {KERNEL}" + (f"; {RIVAL} cannot replace it" if rival else "")
-        return [_to_reinstall(wheel, detail, f'"{wheel}"')]
+        return [_to_reinstall(detail, f'"{wheel}"')]
     foreign, wheel = foreign_files(KERNEL), f"{KERNEL}=={own}"
     both = f"{KERNEL} {own} and {RIVAL} {rival} share the folder OCP" if rival else f"{KERNEL} {own}"
     if not foreign:
         detail = f"{both}; every file belongs to {KERNEL}" if rival else both
         return [Finding(name="kernel packages", ok=True, detail=detail)]
     detail = f"{both}; {len(foreign)} of the files of {KERNEL} are missing or overwritten, for example {foreign[0]}"
-    return [_to_reinstall(wheel, detail, wheel)]
+    return [_to_reinstall(detail, wheel)]
 
 
-def _to_reinstall(wheel: str, detail: str, quoted: str) -> Finding:
-    options = ("--force-reinstall", "--no-deps")
-    repair = " ".join(("pip install", *options, quoted))
-    return Finding(name="kernel packages", ok=False, detail=detail, repair=repair, pip=(*options, wheel))
+def _to_reinstall(detail: str, wheel: str) -> Finding:
+    repair = f"pip install --force-reinstall --no-deps {wheel}"
+    return Finding(name="kernel packages", ok=False, detail=detail, repair=repair)
 
 
 def foreign_files(distribution: str) -> list[str]:
@@ -161,13 +113,14 @@ def library_findings() -> list[Finding]:
     """Check that the system libraries of the kernel can be loaded; only on Linux with the kernel installed."""
     if sys.platform != "linux" or not has_module("OCP"):
         return []
-    missing = [name for name in LIBRARIES if not _loads(name)]
+    missing = [name for name in LIBRARIES if not loads(name)]
     detail = f"{', '.join(missing)} missing" if missing else ", ".join(LIBRARIES)
     repair = f"apt-get install -y {' '.join(LIBRARIES.values())}" if missing else None
     return [Finding(name="system libraries", ok=not missing, detail=detail, repair=repair)]
 
 
-def _loads(library: str) -> bool:
+def loads(library: str) -> bool:
+    """Return whether a system library can be loaded."""
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -175,13 +128,12 @@ def _loads(library: str) -> bool:
     return True
 
 
-def import_findings(before: Sequence[Finding]) -> list[Finding]:
+def import_findings(repairs: Sequence[str]) -> list[Finding]:
     """Check in child processes that each installed package can be imported.
 
     Args:
-        before: The results of the other checks. Their repairs probably help where an import fails.
+        repairs: The repairs of the other checks. They probably help where an import of a CAD package fails.
     """
-    repairs = [finding.repair for finding in before if finding.repair]
     installed = [package for package in PACKAGES if package.version is not None]
     with Workers(cpu_count()) as workers:
         jobs = [workers.submit(why_not_importable, (package.module,)) for package in installed]
@@ -208,21 +160,15 @@ def left_out_extras() -> dict[str, str]:
     return {extra: install_command(extra) for extra in dict.fromkeys(extras)}
 
 
-def repair(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
-    """Run the repairs of a diagnosis that pip can do. The user has to install system libraries.
-
-    Returns:
-        The arguments of each ``pip install`` command.
+def repair(findings: Sequence[Finding]) -> list[str]:
+    """Run the repairs that pip can do, and return their commands. The user has to install system libraries.
 
     Raises:
         MissingToolError: pip is not installed, or failed.
     """
-    done = []
-    for finding in diagnosis.findings:
-        if finding.ok or not finding.pip:
-            continue
-        command = [sys.executable, "-P", "-m", "pip", "install", "--disable-pip-version-check", *finding.pip]
-        if subprocess.run(command, stdout=sys.stderr.fileno(), check=False).returncode != 0:
-            raise MissingToolError(f"the repair failed; try to run it yourself: {finding.repair}")
-        done.append(finding.pip)
-    return done
+    commands = [finding.repair for finding in findings if (finding.repair or "").startswith("pip install ")]
+    for command in filter(None, commands):
+        pip = [sys.executable, "-P", "-m", "pip", "install", "--disable-pip-version-check", *shlex.split(command)[2:]]
+        if subprocess.run(pip, stdout=sys.stderr.fileno(), check=False).returncode != 0:
+            raise MissingToolError(f"the repair failed; try to run it yourself: {command}")
+    return [command for command in commands if command]

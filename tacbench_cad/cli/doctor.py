@@ -26,32 +26,38 @@ def command(repair: bool, json: bool) -> None:
       tacbench doctor --repair
       tacbench doctor --json
     """
+    import platform
+
+    from tacbench_cad import __version__
     from tacbench_cad.cli.diagnosis import diagnose, left_out_extras
     from tacbench_cad.cli.diagnosis import repair as repaired
+    from tacbench_cad.util.convert import to_plain
+    from tacbench_cad.util.packages import PACKAGES
 
-    diagnosis = diagnose()
-    if repair and not diagnosis.ok:
-        for arguments in repaired(diagnosis):
-            note(f"ran: pip install {' '.join(arguments)}")
-        diagnosis = diagnose()
-    facts = diagnosis.as_dict()
+    findings = diagnose()
+    if repair and not all(finding.ok for finding in findings):
+        for done in repaired(findings):
+            note(f"ran: {done}")
+        findings = diagnose()
+    ok = all(finding.ok for finding in findings)
+    about = {"version": __version__, "python": platform.python_version()}
+    about["system"] = f"{platform.system()} {platform.machine()}"
+    rows = [(package.distribution, package.version, package.extra, package.use) for package in PACKAGES]
+    heads = ("name", "version", "extra", "use")
     if json:
-        print_json(facts)
+        packages = [dict(zip(heads, row, strict=True)) for row in rows]
+        print_json({**about, "ok": ok, "packages": packages, "findings": to_plain(findings)})
     else:
         print_table(
-            f"tacbench {facts['version']}, Python {facts['python']}, {facts['system']}",
+            f"tacbench {about['version']}, Python {about['python']}, {about['system']}",
             ("package", "version", "extra", "for"),
-            [
-                (package["name"], package["version"] or "not installed", package["extra"] or "", package["use"])
-                for package in diagnosis.packages
-            ],
+            [(name, version or "not installed", extra or "", use) for name, version, extra, use in rows],
         )
-        for finding in diagnosis.findings:
+        for finding in findings:
             print_lines(f"{'ok' if finding.ok else 'BROKEN'}: {finding.name}: {finding.detail}")
             if finding.repair:
                 print_lines(f"  repair: {finding.repair}")
         print_lines(*(f"not installed: extra {extra}: {how}" for extra, how in left_out_extras().items()))
-    if not json:
-        print_next(*(("make",) if diagnosis.ok else ("doctor", "--repair")))
-    if not diagnosis.ok:
+        print_next(*(("make",) if ok else ("doctor", "--repair")))
+    if not ok:
         raise Exit(1)

@@ -16,11 +16,16 @@ if TYPE_CHECKING:
 
 
 @cache
-def entries(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group by their names, ours first. No other package can replace ours."""
+def groups() -> Any:
+    """Return the entry points of all groups, from which ``select`` chooses. They are read once: that takes some ms."""
     from importlib.metadata import entry_points
 
-    found = sorted(entry_points(group=group), key=lambda entry: entry.name)
+    return entry_points()
+
+
+def entries(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by their names, ours first. No other package can replace ours."""
+    found = sorted(groups().select(group=group), key=lambda entry: entry.name)
     own = {entry.name: entry for entry in found if is_own(entry)}
     return own | {entry.name: entry for entry in found if entry.name not in own}
 

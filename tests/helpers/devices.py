@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tacbench_cad.util.entries import entries
+from tacbench_cad.util.entries import groups
 
 
 def plug_camera(
@@ -38,4 +38,4 @@ def install_package(folder: Path, monkeypatch: pytest.MonkeyPatch, entry_points:
         (folder / f"{name}.py").write_text(source)
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.syspath_prepend(str(folder))
-    entries.cache_clear()
+    groups.cache_clear()

@@ -16,7 +16,7 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import GROUP, feature_of, fitted
 from tacbench_cad.lab.analysis.variance.table import variance_table
-from tacbench_cad.util.entries import entries
+from tacbench_cad.util.entries import groups
 from tacbench_cad.util.errors import InputError, MissingToolError
 
 DOCS = (Path(__file__).parents[3] / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -29,7 +29,7 @@ def brightness(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None
     points = f"[{GROUP}]\nbrightness = brightness:Brightness\ngone = gone_extension:Gone\n"
     install_package(tmp_path / "site", monkeypatch, points, brightness=source)
     yield
-    entries.cache_clear()
+    groups.cache_clear()
 
 
 @pytest.mark.usefixtures("brightness", "no_figures")

@@ -15,7 +15,7 @@ pytest.importorskip("cv2")
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.document import write_document
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.util.entries import entries
+from tacbench_cad.util.entries import groups
 
 
 def test_the_section_of_the_manual_is_in_the_document_and_its_table_beside_it(
@@ -32,7 +32,7 @@ def test_the_section_of_the_manual_is_in_the_document_and_its_table_beside_it(
         (tmp_path / "files").mkdir()
         document = write_document(results, tmp_path / "files")
     finally:
-        entries.cache_clear()
+        groups.cache_clear()
     sections = {section["title"]: section for section in document["sections"]}
     assert sections["Weather"]["anchor"] == "weather"
     assert sections["Weather"]["parts"][0]["rows"] == [[run.name, "21.5"]]

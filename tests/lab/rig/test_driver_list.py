@@ -13,7 +13,7 @@ from tacbench_cad.cli import rig
 from tacbench_cad.lab.rig import ports, video_nodes
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.rig.ports import PortCandidate
-from tacbench_cad.util.entries import entries
+from tacbench_cad.util.entries import groups
 from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
@@ -34,7 +34,7 @@ def sysfs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(video_nodes.video_nodes, "__defaults__", (folder,))
     monkeypatch.setattr(ports, "candidates", lambda: [PORT])
     yield folder
-    entries.cache_clear()
+    groups.cache_clear()
 
 
 def listed(capsys: Capture, *words: str) -> str:

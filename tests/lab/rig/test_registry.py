@@ -14,7 +14,7 @@ from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver, open_stage
 from tacbench_cad.lab.rig.registry import GROUPS, Driver
 from tacbench_cad.lab.study.spec import StageSettings
-from tacbench_cad.util.entries import entries
+from tacbench_cad.util.entries import groups
 from tacbench_cad.util.errors import InputError, MissingToolError
 
 OWN = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"][
@@ -27,7 +27,7 @@ LIMITS = ((0.0, 100.0), (0.0, 100.0), (0.0, 100.0))
 @pytest.fixture(autouse=True)
 def _forget_installed_packages() -> Iterator[None]:
     yield
-    entries.cache_clear()
+    groups.cache_clear()
 
 
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in GROUPS for name in OWN[GROUPS[kind]]])
