@@ -21,8 +21,6 @@ from tacbench_cad.util.types import Bools, Floats
 MAX_CELLS = 2_000_000
 #: The largest number of halvings. After more of them, rounding errors would exceed the differences.
 MAX_ROUNDS = 60
-#: The largest number of cells at a time where each cell has bounds of its own.
-MAX_LOCAL_CELLS = 200_000
 
 
 @dataclass(frozen=True)
@@ -154,6 +152,14 @@ class Function2D(Protocol):
         ...
 
 
+class Surface2D(Function2D, Protocol):
+    """A function of two variables that is fast on a grid."""
+
+    def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the partial derivative of the given orders on a grid of lines, shape (n, m)."""
+        ...
+
+
 def search_interval(function: Function1D, second: float, low: float, high: float, error: float) -> Extremes:
     """Find the extremes of a function of one variable over ``[low, high]``.
 
@@ -170,7 +176,7 @@ def search_interval(function: Function1D, second: float, low: float, high: float
 
 
 def search_rectangle(
-    function: Function2D,
+    function: Surface2D,
     second: tuple[float, float, float],
     u: tuple[float, float],
     v: tuple[float, float],
@@ -187,17 +193,14 @@ def search_rectangle(
         error: The error to prove.
         keep: The region to which the search is limited; None for the whole rectangle.
     """
-    top, at_top, gap_top = _highest_2d(function, 1.0, second, u, v, error, keep)
-    bottom, at_bottom, gap_bottom = _highest_2d(function, -1.0, second, u, v, error, keep)
-    return Extremes(-bottom, top, at_bottom, at_top, max(gap_top, gap_bottom))
-
-
-class Surface2D(Function2D, Protocol):
-    """A function of two variables that is fast on a grid."""
-
-    def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
-        """Return the partial derivative of the given orders on a grid of lines, shape (n, m)."""
-        ...
+    lines = tuple(
+        np.linspace(ends[0], ends[1], int(np.clip((ends[1] - ends[0]) * np.sqrt(most), 8, 400)) + 1)
+        for ends, most in ((u, second[0]), (v, second[2]))
+    )
+    shape = (len(lines[0]) - 1, len(lines[1]) - 1)
+    unknown = np.full(shape, np.inf)
+    bounds = [np.full(shape, each) for each in second]
+    return search_cells(function, (lines[0], lines[1]), bounds, (-unknown, unknown), error, keep)
 
 
 def search_cells(
@@ -215,7 +218,7 @@ def search_cells(
         lines: The lines of the grid along u, shape (n,), and along v, shape (m,).
         second: Bounds of ``|f_uu|``, ``|f_uv|``, ``|f_vv|`` on each cell, shape (n - 1, m - 1) each.
         limits: A lower and an upper bound of the surface on each cell.
-        error: The error to prove. It can become larger, because there are at most :data:`MAX_LOCAL_CELLS` cells.
+        error: The error to prove. It can become larger, because there are at most :data:`MAX_CELLS` cells.
         keep: The region to which the search is limited; None for the whole rectangle.
     """
     top, at_top, gap_top = _highest_in_cells(surface, 1.0, lines, second, limits[1], error, keep)
@@ -262,7 +265,7 @@ def _highest_in_cells(
         cells[7] = np.minimum(upper, limit)
         gap = max(float(cells[7].max()) - best, 0.0)
         alive = cells[7] > best + error
-        if gap <= error or 2 * np.count_nonzero(alive) > MAX_LOCAL_CELLS:
+        if gap <= error or 2 * np.count_nonzero(alive) > MAX_CELLS:
             break
         parts = []
         cells = cells[:, alive]
@@ -329,51 +332,6 @@ def _polish_1d(
             break
         best, place = value, float(t)
     return best, place
-
-
-def _highest_2d(
-    function: Function2D,
-    sign: float,
-    second: tuple[float, float, float],
-    u: tuple[float, float],
-    v: tuple[float, float],
-    error: float,
-    keep: Region | None,
-) -> tuple[float, tuple[float, float], float]:
-    """Highest value of ``sign * function``, where it is taken, and the proved gap."""
-    uu, uv, vv = second
-    count_u = int(np.clip((u[1] - u[0]) * np.sqrt(uu), 8, 400))
-    count_v = int(np.clip((v[1] - v[0]) * np.sqrt(vv), 8, 400))
-    half_u, half_v = (u[1] - u[0]) / (2 * count_u), (v[1] - v[0]) / (2 * count_v)
-    grid_u = u[0] + half_u * (2 * np.arange(count_u) + 1)
-    grid_v = v[0] + half_v * (2 * np.arange(count_v) + 1)
-    cu, cv = (part.ravel() for part in np.meshgrid(grid_u, grid_v, indexing="ij"))
-    best, place, gap = -np.inf, (u[0], v[0]), np.inf
-    for _ in range(2 * MAX_ROUNDS):
-        if keep is not None:
-            touched = keep.meets(cu, cv, half_u, half_v)
-            cu, cv = cu[touched], cv[touched]
-        if len(cu) == 0:
-            return best, place, error
-        value = sign * function(cu, cv)
-        best, place = _best_point(function, sign, best, place, value, cu, cv, half_u, half_v, keep)
-        best, place = _polish_2d(function, sign, best, place, u, v, keep)
-        upper = value + np.abs(function(cu, cv, (1, 0))) * half_u + np.abs(function(cu, cv, (0, 1))) * half_v
-        upper += 0.5 * uu * half_u**2 + uv * half_u * half_v + 0.5 * vv * half_v**2
-        gap = float(upper.max()) - best
-        if gap <= error:
-            break
-        alive = upper > best + error
-        if 2 * np.count_nonzero(alive) > MAX_CELLS:
-            break
-        cu, cv = cu[alive], cv[alive]
-        if uu * half_u**2 >= vv * half_v**2:
-            half_u /= 2.0
-            cu, cv = np.concatenate([cu - half_u, cu + half_u]), np.concatenate([cv, cv])
-        else:
-            half_v /= 2.0
-            cu, cv = np.concatenate([cu, cu]), np.concatenate([cv - half_v, cv + half_v])
-    return best, place, max(gap, 0.0)
 
 
 def _best_point(
