@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
 
 from housing.marks import Groove
 from housing.shapes import prism
 from tacbench_cad.geometry.kernel import box_mm, distinct, volume_mm3
-from tacbench_cad.spec.outlines import area_mm2, is_inside
+from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
@@ -125,7 +126,7 @@ def _level_faces(
     for hole in holes:
         point = _first_point(hole)
         # The groove around an island is outside the island, and so is the outer wire of that groove.
-        around = [i for i, (loop, _) in enumerate(islands) if is_inside(point, [loop])]
+        around = [i for i, (loop, _) in enumerate(islands) if shapely.contains_xy(shapely.Polygon(loop), *point)]
         place = 1 + min(around, key=lambda i: sizes[i]) if around else 0
         faces[place][1].append(hole)
     return faces

@@ -403,7 +403,7 @@ class Holder(Fixture):
         Chords replace a circle.
         """
         if (loop := self.pocket_loop) is not None:
-            return loop.chords(CHORD_MM, None)[0]
+            return loop.chords(CHORD_MM, None)[0].array
         (x, y), k = self.block.size_mm, self.pocket_key_mm
         cx, cy = self.clearance_mm if self.turns % 2 == 0 else self.clearance_mm[::-1]
         corner = [(x + cx, -cy)] if k == 0.0 else [(x + cx - k, -cy), (x + cx, -cy + k)]

@@ -11,9 +11,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from housing.lettering import HEIGHT_MM, stroke, width_mm, word
-from tacbench_cad.spec.outlines import area_mm2, is_inside
+from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.types import Floats
 
@@ -170,7 +171,7 @@ def datum_lines(size_mm: tuple[float, float]) -> list[Floats]:
 
 def is_engraved(point: Floats, grooves: Iterable[Groove]) -> bool:
     """Return whether a point, shape (2,), is in a groove."""
-    return any(is_inside(point, (groove.outer, *groove.islands)) for groove in grooves)
+    return any(shapely.contains_xy(shapely.Polygon(groove.outer, groove.islands), *point) for groove in grooves)
 
 
 def min_gap_mm(outlines: Sequence[Floats]) -> float:

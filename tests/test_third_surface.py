@@ -84,8 +84,8 @@ class Saddle(Surface):
         area = abs((p[1] - p[0])[0] * (p[2] - p[0])[1] - (p[2] - p[0])[0] * (p[1] - p[0])[1]) / 2.0
         return float(area * self(*middle.T).mean())
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
-        assert keep is None
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
+        assert region is None
         x, y = np.array([*u, min(max(self.c, u[0]), u[1])]), np.array([*v, min(max(self.d, v[0]), v[1])])
         z = self.grid(x, y)
         low, high = np.unravel_index(z.argmin(), z.shape), np.unravel_index(z.argmax(), z.shape)

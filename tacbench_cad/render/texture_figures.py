@@ -53,7 +53,7 @@ def _heights(block: Block) -> tuple[Floats, Floats, Floats]:
     x, y = (np.linspace(0.0, side, int(np.clip(24 * side, 400, 1600))) for side in block.size_mm)
     z = block.datum_mm + block.surface.grid(x, y)
     if block.region is not None:
-        z[block.region.excess(x[:, None], y[None, :]) > 0.0] = np.nan
+        z[block.region.distance(x[:, None], y[None, :]) > 0.0] = np.nan
     return x, y, z
 
 
@@ -153,7 +153,7 @@ def _cut_panel(
     points = (along, np.full_like(along, at)) if axis == "x" else (np.full_like(along, at), along)
     heights = block.height_at(*points)
     if block.region is not None:
-        heights = np.where(block.region.excess(*points) > 0.0, np.nan, heights)
+        heights = np.where(block.region.distance(*points) > 0.0, np.nan, heights)
     panel = figure.add_axes(place)
     panel.fill_between(along, 0.0, heights, color=colour, alpha=0.18, linewidth=0.0)
     panel.plot(along, heights, color=colour, linewidth=1.1)

@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region
+from tacbench_cad.spec.extremes import Extremes
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving, engrave
-from tacbench_cad.spec.outlines import Outline, outline_of
+from tacbench_cad.spec.outlines import LoopRegion, Outline, outline_of, without_key
 from tacbench_cad.spec.presets import PRESETS, VALUES, grid_of_same_step, with_table
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, SampleGrid, Tolerance, attainable_mm, highest_sample
 from tacbench_cad.spec.surface import Surface
@@ -250,20 +250,15 @@ class Block:
         width, depth = self.size_mm
         return self.texture.surface.mapped((x, y), z, self.origin_uv, "mm").over((0.0, width), (0.0, depth))
 
-    @property
-    def keep(self) -> HalfPlane | None:
-        """The half-plane ``x - y <= size x - key``, which the key leaves; None if the block has no key."""
-        return None if self.key_mm is None else HalfPlane(1.0, -1.0, self.size_mm[0] - self.key_mm)
-
-    @property
-    def region(self) -> Region | None:
+    @cached_property
+    def region(self) -> LoopRegion | None:
         """The part of the rectangle that belongs to the block; None for the whole rectangle."""
-        return self.keep if self.outline is None else self.outline
+        return self.outline if self.key_mm is None else without_key(self.size_mm, self.key_mm)
 
     @cached_property
     def extremes(self) -> Extremes:
         """The lowest and the highest value of :attr:`surface` over the top of the block, without the key, in mm."""
-        return extremes_on(self.surface, self.size_mm, self.key_mm, self.outline)
+        return extremes_on(self.surface, self.size_mm, self.region)
 
     @property
     def formula_datum_mm(self) -> float:
@@ -284,7 +279,7 @@ class Block:
         return self.formula_datum_mm
 
     def _grid_datum_mm(self, grid: SampleGrid) -> float:
-        return self.height_mm - highest_sample(self.surface, grid.lines(self.size_mm), self.keep)
+        return self.height_mm - highest_sample(self.surface, grid.lines(self.size_mm), self.region)
 
     @property
     def samples_mm(self) -> tuple[Floats, Floats]:
@@ -360,10 +355,8 @@ class Block:
     @property
     def footprint_mm2(self) -> float:
         """The area inside the outline of the underside, in mm^2."""
-        if self.outline is not None:
-            return self.outline.area_mm2
         x, y = self.size_mm
-        return x * y - (self.key_mm or 0.0) ** 2 / 2.0
+        return x * y if self.region is None else self.region.area_mm2
 
     def volume_mm3(self, datum_mm: float) -> float:
         """Return the volume below the formula in closed form, without the key and the label, in mm^3.
@@ -372,12 +365,8 @@ class Block:
             datum_mm: The height z of the formula's zero: :attr:`datum_mm` or :attr:`solid_datum_mm`.
         """
         x, y = self.size_mm
-        if self.outline is not None:
-            relief = self.outline.integral(self.surface)
-        else:
-            relief = self.surface.integral((0.0, x), (0.0, y))
-        if self.key_mm is not None:
-            relief -= self.surface.integral_triangle([(x - self.key_mm, 0.0), (x, 0.0), (x, self.key_mm)])
+        region = self.region
+        relief = self.surface.integral((0.0, x), (0.0, y)) if region is None else region.integral(self.surface)
         engraved = self.engraving.volume_mm3 if self.engraving else 0.0
         return datum_mm * self.footprint_mm2 + relief - engraved
 
@@ -464,32 +453,19 @@ class Block:
         return f"joins {self.sampling.nx} x {self.sampling.ny} samples{coarse}"
 
 
-def extremes_on(
-    surface: Surface, size_mm: tuple[float, float], key_mm: float | None, outline: Outline | None
-) -> Extremes:
-    """Return the lowest and the highest value of a surface in mm over a rectangle from (0, 0), without the key.
+def extremes_on(surface: Surface, size_mm: tuple[float, float], region: LoopRegion | None) -> Extremes:
+    """Return the lowest and the highest value of a surface in mm over a rectangle from (0, 0), or its part in a region.
 
     Args:
         surface: The surface.
         size_mm: The sides of the rectangle.
-        key_mm: The leg of the key at the corner (x, 0); None for no key.
-        outline: The outline inside of the rectangle; None for the whole rectangle.
+        region: The region inside of the rectangle; None for the whole rectangle.
     """
     x, y = size_mm
     whole = surface.extremes((0.0, x), (0.0, y))
-    if outline is not None:
-        ends = np.array([whole.at_low, whole.at_high])
-        return whole if np.all(outline.excess(*ends.T) <= 0.0) else surface.extremes((0.0, x), (0.0, y), outline)
-    if key_mm is None:
+    if region is None or np.all(region.distance(*np.transpose([whole.at_low, whole.at_high])) <= 0.0):
         return whole
-    parts = [
-        surface.extremes((0.0, x - key_mm), (0.0, y)),
-        surface.extremes((x - key_mm, x), (key_mm, y)),
-    ]
-    if max(part.high for part in parts) < whole.high or min(part.low for part in parts) > whole.low:
-        parts.append(surface.extremes((x - key_mm, x), (0.0, key_mm), HalfPlane(1.0, -1.0, x - key_mm)))
-    low, high = min(parts, key=lambda part: part.low), max(parts, key=lambda part: part.high)
-    return Extremes(low.low, high.high, low.at_low, high.at_high, max(part.error for part in parts))
+    return surface.extremes((0.0, x), (0.0, y), region)
 
 
 def _same(one: tuple[float, float], other: tuple[float, float]) -> bool:

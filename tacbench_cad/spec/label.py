@@ -177,7 +177,7 @@ class _Page:
     def _inside(self, outline: Outline, points: Floats) -> Bools:
         """Return which points of the page, shape (..., 2), are inside of an outline and not near it."""
         x, y = self.to_block(points[..., 0], points[..., 1])
-        excess = outline.excess(x.ravel(), y.ravel()).reshape(x.shape)
+        excess = outline.distance(x.ravel(), y.ravel()).reshape(x.shape)
         return np.asarray(excess <= 1e-9 - MARGIN_MM)
 
     def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:

@@ -84,7 +84,7 @@ class PressGrid:
             )
             raise InputError("size", f"{x:g} x {y:g} mm", allowed)
         if block.outline is not None:
-            excess = block.outline.excess(*self.positions_mm.T)
+            excess = block.outline.distance(*self.positions_mm.T)
             if excess.max() > 1e-9:
                 a, b = self.positions_mm[int(excess.argmax())]
                 raise InputError(
@@ -110,10 +110,8 @@ def beyond_top_mm(block: Block, points_mm: Floats) -> Floats:
     """
     (x, y), size = np.asarray(points_mm).T, block.size_mm
     beyond = np.maximum.reduce([-x, -y, x - size[0], y - size[1]])
-    if block.outline is not None:
-        beyond = np.maximum(beyond, block.outline.excess(x, y))
-    if block.key_mm is not None:
-        beyond = np.maximum(beyond, (x - y - (size[0] - block.key_mm)) / math.sqrt(2.0))
+    if block.region is not None:
+        beyond = np.maximum(beyond, block.region.distance(x, y))
     return np.asarray(beyond)
 
 

@@ -76,15 +76,15 @@ class SampleGrid:
         return x * np.arange(self.nx) / (self.nx - 1), y * np.arange(self.ny) / (self.ny - 1)
 
 
-def highest_sample(surface: Surface, samples: tuple[Floats, Floats], keep: Region | None) -> float:
+def highest_sample(surface: Surface, samples: tuple[Floats, Floats], region: Region | None) -> float:
     """Return the highest point of the triangulated samples. If there is a key, the points on its cut count as well."""
     x, y = samples
-    if keep is None and surface.is_separable:
+    if region is None and surface.is_separable:
         return float(surface.along_u(x).max() + surface.along_v(y).max())
     z = surface.grid(x, y)
-    if keep is None:
+    if region is None:
         return float(z.max())
-    excess = keep.excess(x[:, None], y[None, :])
+    excess = region.distance(x[:, None], y[None, :])
     highest = float(z[excess <= 0.0].max())
     edges: tuple[Callable[[Floats], tuple[Floats, Floats]], ...] = (
         lambda a: (a[:-1, :], a[1:, :]),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, search_interval
+from tacbench_cad.spec.extremes import Extremes, search_rectangle
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -106,6 +106,10 @@ class Sines:
             error: The largest allowed error of the two values, which is proved.
 
         Returns:
-            The values, and the points ``(t,)`` at which the sum has them.
+            The values, and the points ``(t, 0)`` at which the sum has them.
         """
-        return search_interval(self, self.bound(2), low, high, error)
+
+        def function(u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
+            return self(u, order[0]) * (0.0 if order[1] else 1.0)
+
+        return search_rectangle(function, (self.bound(2), 0.0, 0.0), (low, high), (0.0, 0.0), error)

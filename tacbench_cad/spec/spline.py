@@ -446,12 +446,12 @@ class SplineSurface(Surface):
             total -= (u1 - u0) * float(values @ (half * weight).ravel())
         return math.copysign(1.0, _area(corners)) * total
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, or over its part in a region.
 
         The error is at most :data:`EXTREMES_FRACTION` times the height of the surface, and it is proved.
         """
-        return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
+        return _extremes(self, (u[0], u[1]), (v[0], v[1]), region)
 
     def mapped(
         self,
@@ -577,9 +577,11 @@ def _area(corners: Sequence[tuple[float, float]]) -> float:
 
 
 @lru_cache(maxsize=64)
-def _extremes(surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], keep: Region | None) -> Extremes:
+def _extremes(
+    surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], region: Region | None
+) -> Extremes:
     part = surface if (surface.u.ends, surface.v.ends) == (u, v) else surface.over(u, v)
     lines = part.u.breaks, part.v.breaks
     second = [part.cell_bounds(*lines, order) for order in ((2, 0), (1, 1), (0, 2))]
     error = max(EXTREMES_FRACTION * float(np.ptp(part.poles)), surface.error / 10.0)
-    return search_cells(part, lines, second, part.cell_limits(*lines), error, keep)
+    return search_cells(part, lines, second, part.cell_limits(*lines), error, region)

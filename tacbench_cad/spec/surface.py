@@ -136,7 +136,7 @@ class Surface(Protocol):
         """Return the integral over a triangle with these corners ``(u, v)``."""
         ...
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, or over its part in a region."""
         ...
 

@@ -8,7 +8,7 @@ its numbers are lengths in mm, or have no unit as in the paper.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import ClassVar, Literal
@@ -16,7 +16,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, HalfPlane, Region, clipped_rectangle, search_rectangle
+from tacbench_cad.spec.extremes import Extremes, Region, search_rectangle
+from tacbench_cad.spec.outlines import Corners, LoopRegion, Polygons
 from tacbench_cad.spec.sines import EXTREMES_ERROR, Sines, Wave
 from tacbench_cad.spec.surface import Surface, Unit
 from tacbench_cad.util.types import Floats
@@ -141,6 +142,15 @@ class WaveSum(Surface):
                 total += weight * np.sin(f * uu + g * vv + (phase + turn))
         return total
 
+    def _at_few_coordinates(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the same for a separable sum, faster if many of the points have the same u or the same v."""
+        total = np.zeros(np.shape(u))
+        for sines, t, own, other in ((self.along_u, u, order[0], order[1]), (self.along_v, v, order[1], order[0])):
+            if other == 0:
+                coordinates, which = np.unique(t, return_inverse=True)
+                total += sines(coordinates, own)[which].reshape(total.shape)
+        return total
+
     def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
         """Return the values or a partial derivative on a grid. This is much faster than a call with a mesh grid.
 
@@ -233,7 +243,7 @@ class WaveSum(Surface):
             total += a * _mean_sine(*(f * u + g * v + phase for u, v in corners))
         return area * total
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], keep: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, with a proved error.
 
         The error is at most ``EXTREMES_ERROR`` if the sum is separable or all waves are parallel. Otherwise it is
@@ -242,37 +252,9 @@ class WaveSum(Surface):
         Args:
             u: The lower and upper end along u.
             v: The lower and upper end along v.
-            keep: A region to which the rectangle is cut; None for the whole rectangle.
+            region: A region to which the rectangle is cut; None for the whole rectangle.
         """
-        return _extremes(self, (u[0], u[1]), (v[0], v[1]), keep)
-
-    def _extremes_parallel(
-        self,
-        region: list[tuple[float, float]],
-        direction: tuple[float, float],
-        inner: Callable[[tuple[float, float], tuple[float, float]], tuple[float, float]] | None = None,
-    ) -> Extremes:
-        """Find the extremes over a connected region if all waves are parallel; the search runs along their direction.
-
-        Args:
-            region: The corners of a convex region, or the two ends of another region along the direction.
-            direction: The direction of the waves.
-            inner: Returns the point of the region nearest to a point, at right angles to the direction. None for a
-                convex region with these corners.
-        """
-        c, s = direction
-        along = Sines.of((w.amplitude, w.f * c + w.g * s, w.phase) for w in self.waves)
-        start = min(region, key=lambda point: c * point[0] + s * point[1])
-        end = max(region, key=lambda point: c * point[0] + s * point[1])
-        low, high = c * start[0] + s * start[1], c * end[0] + s * end[1]
-        found = along.extremes(low, high)
-
-        def place(t: float) -> tuple[float, float]:
-            fraction = 0.0 if high == low else (t - low) / (high - low)
-            between = (start[0] + fraction * (end[0] - start[0]), start[1] + fraction * (end[1] - start[1]))
-            return between if inner is None or fraction in (0.0, 1.0) else inner(between, direction)
-
-        return Extremes(found.low, found.high, place(found.at_low[0]), place(found.at_high[0]), found.error)
+        return _extremes(self, (u[0], u[1]), (v[0], v[1]), region)
 
     def mapped(
         self,
@@ -309,27 +291,30 @@ class WaveSum(Surface):
 
 # A study has many blocks of few textures, and each block asks for the same.
 @lru_cache(maxsize=256)
-def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], keep: Region | None) -> Extremes:
-    if keep is None and waves.is_separable:
+def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], region: Region | None) -> Extremes:
+    if region is None and waves.is_separable:
         return _sum_of(
             waves.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),
             waves.along_v.extremes(v[0], v[1], EXTREMES_ERROR / 2.0),
         )
-    if waves._common_direction is not None:
-        if keep is None or isinstance(keep, HalfPlane):
-            return waves._extremes_parallel(clipped_rectangle(u, v, keep), waves._common_direction)
-        return waves._extremes_parallel(keep.ends(waves._common_direction), waves._common_direction, keep.point_on)
+    direction = waves._common_direction
+    if direction is not None and (region is None or isinstance(region, LoopRegion)):
+        region = region or Polygons((Corners(((u[0], v[0]), (u[1], v[0]), (u[1], v[1]), (u[0], v[1]))),))
+        along = Sines.of((w.amplitude, w.f * direction[0] + w.g * direction[1], w.phase) for w in waves.waves)
+        line = along.extremes(*region.span(direction))
+        at_low, at_high = (region.point_at(direction, at[0]) for at in (line.at_low, line.at_high))
+        return Extremes(line.low, line.high, at_low, at_high, line.error)
     bounds = (waves.bound(2, 0), waves.bound(1, 1), waves.bound(0, 2))
-    error = EXTREMES_FRACTION * waves.amplitude_sum
-    return search_rectangle(waves, bounds, u, v, error, keep)
+    function = waves._at_few_coordinates if waves.is_separable else waves
+    return search_rectangle(function, bounds, u, v, EXTREMES_FRACTION * waves.amplitude_sum, region)
 
 
 def _sum_of(first: Extremes, second: Extremes) -> Extremes:
     return Extremes(
         first.low + second.low,
         first.high + second.high,
-        first.at_low + second.at_low,
-        first.at_high + second.at_high,
+        (first.at_low[0], second.at_low[0]),
+        (first.at_high[0], second.at_high[0]),
         first.error + second.error,
     )
 

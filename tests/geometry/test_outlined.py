@@ -34,7 +34,7 @@ def test_meshes_are_closed_and_exactly_as_high_as_the_block(outline: str, textur
     assert expected.volume_mm3 == pytest.approx(block.volume_mm3(block.datum_mm), rel=0.01)
     assert block.outline is not None and expected.certificate is not None
     assert expected.certificate.distance_mm <= 0.03
-    far = np.abs(block.outline.excess(*mesh.vertices[:, :2].T)[mesh.vertices[:, 2] == 0.0])
+    far = np.abs(block.outline.distance(*mesh.vertices[:, :2].T)[mesh.vertices[:, 2] == 0.0])
     assert far.max() < 1e-5
 
 

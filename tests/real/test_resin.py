@@ -154,7 +154,7 @@ def test_key_and_label_are_sliced(prusa_slicer: Run, written: Written, tmp_path:
     block = part.block
     assert block is not None
     assert block.engraving is not None
-    assert block.keep is not None
+    assert block.region is not None
     target = tmp_path / "part.sl1"
     with pytest.raises(AssertionError, match="overhang"):
         slices(prusa_slicer, written("keyed-4", "stl"), block, target)

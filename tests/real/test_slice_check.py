@@ -110,4 +110,4 @@ def test_prusaslicer_slices_other_outlines(prusa_slicer: Run, written: Written, 
     assert comparison.peaks.missed == comparison.valleys.missed == 0 < comparison.peaks.count
     inside = np.argwhere(comparison.inside)
     x, y = comparison.x_mm[inside[:, 0]], comparison.y_mm[inside[:, 1]]
-    assert block.outline is not None and block.outline.excess(x, y).max() < 0.0
+    assert block.outline is not None and block.outline.distance(x, y).max() < 0.0

@@ -167,10 +167,10 @@ def test_the_corner_of_the_key_does_not_count_for_the_height() -> None:
     assert plain.extremes.at_high[1] == pytest.approx(0.0, abs=1e-6)
     keyed = Block.of(SINGLE_PEAK, key_mm=7.0)
     x, y = keyed.extremes.at_high
-    assert keyed.keep is not None
-    assert float(keyed.keep.excess(x, y)) <= 1e-9
+    assert keyed.region is not None
+    assert float(keyed.region.distance(x, y)) <= 1e-9
     xs, ys = np.meshgrid(np.linspace(0, 23.3, 1201), np.linspace(0, 30, 1201))
-    inside = keyed.keep.excess(xs, ys) <= 0
+    inside = keyed.region.distance(xs, ys) <= 0
     sampled = keyed.surface(xs[inside], ys[inside]).max()
     assert sampled <= keyed.extremes.high + keyed.extremes.error
     assert sampled == pytest.approx(keyed.extremes.high, abs=1e-4)

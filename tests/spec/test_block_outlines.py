@@ -27,13 +27,13 @@ def test_extremes_and_volume_agree_with_dense_samples(outline: Outline, texture:
     x_side, y_side = block.size_mm
     steps = 900
     x, y = (side * (np.arange(steps) + 0.5) / steps for side in (x_side, y_side))
-    inside = outline.excess(x[:, None], y[None, :]) <= 0.0
+    inside = outline.distance(x[:, None], y[None, :]) <= 0.0
     heights = block.surface.grid(x, y)[inside]
     extremes = block.extremes
     assert extremes.low - extremes.error <= heights.min() <= extremes.low + 0.02 * block.relief_mm
     assert extremes.high - 0.02 * block.relief_mm <= heights.max() <= extremes.high + extremes.error
     for at, value in ((extremes.at_low, extremes.low), (extremes.at_high, extremes.high)):
-        assert float(outline.excess(*at)) <= 1e-9
+        assert float(outline.distance(*at)) <= 1e-9
         assert float(block.surface(*at)) == pytest.approx(value, abs=1e-7)
     cell = x_side * y_side / steps**2
     assert inside.sum() * cell == pytest.approx(outline.area_mm2, rel=2e-3)
@@ -114,7 +114,7 @@ def test_labels_stay_away_from_the_outline() -> None:
     block = Block.of(2, outline="ring:60,25", label=True)
     assert block.engraving is not None and block.outline is not None
     points = np.concatenate(block.engraving.contours)
-    assert float(block.outline.excess(*points.T).max()) < -1.5
+    assert float(block.outline.distance(*points.T).max()) < -1.5
 
 
 def test_the_last_cells_of_the_search_can_lie_outside_of_the_outline() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
 
-from tacbench_cad.spec.extremes import HalfPlane
+from tacbench_cad.spec.outlines import LoopRegion, without_key
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.spec.storage import surface_from, surface_values
 from tacbench_cad.util.errors import InputError
@@ -77,13 +77,13 @@ def test_integrals_agree_with_quadrature(surface: SplineSurface) -> None:
         assert surface.integral_triangle(triangle) == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.parametrize("keep", [None, HalfPlane(1.0, -1.0, 6.0)])
-def test_extremes_are_proved(surface: SplineSurface, keep: HalfPlane | None) -> None:
-    extremes = surface.extremes((0.0, 10.0), (0.0, 10.0), keep)
+@pytest.mark.parametrize("region", [None, without_key((10.0, 10.0), 4.0)])
+def test_extremes_are_proved(surface: SplineSurface, region: LoopRegion | None) -> None:
+    extremes = surface.extremes((0.0, 10.0), (0.0, 10.0), region)
     lines = np.linspace(0.0, 10.0, 801)
     z = surface.grid(lines, lines)
-    if keep is not None:
-        z = z[keep.excess(lines[:, None], lines[None, :]) <= 0.0]
+    if region is not None:
+        z = z[region.distance(lines[:, None], lines[None, :]) <= 0.0]
     assert extremes.high >= z.max() - extremes.error
     assert z.max() >= extremes.high - 0.01
     assert extremes.low <= z.min() + extremes.error

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
 
-from tacbench_cad.spec.extremes import HalfPlane
 from tacbench_cad.spec.families import catalogue
+from tacbench_cad.spec.outlines import without_key
 from tacbench_cad.spec.sines import EXTREMES_ERROR, Sines, Wave
 from tacbench_cad.spec.waves import EXTREMES_FRACTION, WaveSum
 from tacbench_cad.util.errors import InputError
@@ -140,15 +140,15 @@ def test_extremes_are_proved(kind: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", seeds(5, 50))
-def test_extremes_in_a_half_plane_ignore_other_points(kind: str, seed: int) -> None:
+def test_extremes_in_a_region_ignore_other_points(kind: str, seed: int) -> None:
     rng = np.random.default_rng(2000 + seed)
     waves = random_waves(rng, kind)
-    keep = HalfPlane(1.0, -1.0, 2.0)
-    extremes = waves.extremes((0.0, 5.0), (0.0, 4.0), keep)
+    region = without_key((5.0, 4.0), 3.0)
+    extremes = waves.extremes((0.0, 5.0), (0.0, 4.0), region)
     uu, vv = np.meshgrid(np.linspace(0, 5, 700), np.linspace(0, 4, 700))
-    counts = keep.excess(uu, vv) <= 0
+    counts = region.distance(uu, vv) <= 0
     assert waves(uu[counts], vv[counts]).max() <= extremes.high + extremes.error + 1e-12
-    assert float(keep.excess(*extremes.at_high)) <= 1e-9
+    assert float(region.distance(*extremes.at_high)) <= 1e-9
     assert float(waves(*extremes.at_high)) == pytest.approx(extremes.high, abs=1e-9)
     assert extremes.error <= max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) * (1 + 1e-12)
 
@@ -158,7 +158,7 @@ def test_extremes_of_equal_sums_are_computed_once() -> None:
     extremes = first.extremes((0.0, 4.0), (0.0, 5.0))
     assert second.extremes((0.0, 4.0), (0.0, 5.0)) is extremes
     assert second.extremes((0.0, 4.0), (0.0, 0.1)) != extremes
-    assert second.extremes((0.0, 4.0), (0.0, 5.0), HalfPlane(a=1.0, b=0.0, c=0.5)) != extremes
+    assert second.extremes((0.0, 4.0), (0.0, 5.0), without_key((4.0, 5.0), 3.9)) != extremes
 
 
 def test_the_extremes_of_the_papers_textures_over_a_whole_period() -> None:

@@ -176,7 +176,7 @@ def _factors(block: Block, model: PrinterModel) -> Floats:
     low[free], high[free] = 1.0 / MAX_FACTOR, MAX_FACTOR
     factors = np.clip(1.0 / np.where(free, transfer, 1.0), low, high)
     for _ in range(_STEPS if model.relief_rule == "formula" else 0):
-        extremes = extremes_on(multiplied(design, factors * transfer), block.size_mm, block.key_mm, block.outline)
+        extremes = extremes_on(multiplied(design, factors * transfer), block.size_mm, block.region)
         missing = block.relief_mm - (extremes.high - extremes.low)
         # How much the relief grows with the amplitude of each wave, while the extremes stay where they are.
         (x0, y0), (x1, y1) = extremes.at_low, extremes.at_high

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from tacbench_cad.extensions.printer_models.model import PrinterModel
-from tacbench_cad.spec import Block, Circle, Extremes, Outline, WaveSum, distance_along_normal, extremes_on
+from tacbench_cad.spec import Block, Circle, Extremes, Outline, WaveSum, distance_along_normal, extremes_on, without_key
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
@@ -138,7 +138,9 @@ class Print:
         if not isinstance(self.file.surface, WaveSum):
             own, by = self.file.extremes, self.model.scale[2]
             return replace(own, low=own.low * by, high=own.high * by)
-        return extremes_on(self.surface, self.size_mm, self.file.key_mm, self.outline)
+        key_mm = self.file.key_mm
+        region = self.outline if key_mm is None else without_key(self.size_mm, key_mm)
+        return extremes_on(self.surface, self.size_mm, region)
 
     def deviation_mm(self, block: Block, *, printable: bool = False) -> Floats:
         """Return the height of the print above the formula on a grid of points, after the best fit of a plane.
@@ -161,7 +163,7 @@ class Print:
         shift_x, shift_y = self.shift_mm(block)
         z = printed.grid(x + shift_x, y + shift_y) - design.grid(x, y)
         across, down = np.meshgrid(x, y, indexing="ij")
-        inside = np.ones(z.shape, bool) if block.region is None else block.region.excess(across, down) <= 0.0
+        inside = np.ones(z.shape, bool) if block.region is None else block.region.distance(across, down) <= 0.0
         plane = np.stack([np.ones_like(z), across, down], axis=-1)
         fitted = np.linalg.lstsq(plane[inside], z[inside], rcond=None)[0]
         return np.where(inside, z - plane @ fitted, np.nan)

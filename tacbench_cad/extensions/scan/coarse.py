@@ -206,7 +206,7 @@ class Search:
             x, y = c * px - s * py + centre[0], s * px + c * py + centre[1]
             beyond = (np.abs(x - centre[0]) > centre[0]) | (np.abs(y - centre[1]) > centre[1])
             if block.region is not None:
-                beyond |= block.region.excess(x, y) > 0.0
+                beyond |= block.region.distance(x, y) > 0.0
             z = np.zeros(x.shape)
             z[~beyond] = relief(x[~beyond], y[~beyond])[0] - block.datum_mm
             stack = np.stack([z, z * z, (~beyond).astype(np.float64)])

@@ -90,7 +90,7 @@ def assign(
     (sx, sy) = block.size_mm
     outside = np.maximum(np.maximum(-x, x - sx), np.maximum(-y, y - sy))
     if region is not None:
-        outside = np.maximum(outside, region.excess(x, y))
+        outside = np.maximum(outside, region.distance(x, y))
     best = np.full(len(x), limit_mm)
     face = np.full(len(x), NOTHING)
     error = np.full(len(x), np.nan)

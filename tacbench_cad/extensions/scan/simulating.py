@@ -202,7 +202,7 @@ def _seen(block: Block, truth: ScanTruth, rng: np.random.Generator) -> Callable[
     """Return the function that says which places of the plan were seen."""
 
     def on_block(x: Floats, y: Floats) -> Bools:
-        return np.ones(x.shape, dtype=bool) if block.region is None else block.region.excess(x, y) <= 0.0
+        return np.ones(x.shape, dtype=bool) if block.region is None else block.region.distance(x, y) <= 0.0
 
     angle = rng.uniform(0.0, 2.0 * math.pi)
     tried = rng.uniform((0.0, 0.0), block.size_mm, (20_000, 2))

@@ -317,7 +317,7 @@ class Net:
         """Return which vertices must not exceed the ceiling: those inside the outline."""
         if self.region is None:
             return np.ones(len(vertices), dtype=np.bool_)
-        return np.asarray(self.region.excess(self.x[vertices], self.y[vertices]) <= 0.0)
+        return np.asarray(self.region.distance(self.x[vertices], self.y[vertices]) <= 0.0)
 
     def raise_peak(self) -> None:
         """Put the peak at the ceiling."""

@@ -21,7 +21,7 @@ from tacbench_cad.geometry.meshing.top_volume import deviation_mm3, profiles_mm3
 from tacbench_cad.geometry.relief import upward
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
-from tacbench_cad.spec.outlines import Chords
+from tacbench_cad.spec.outlines import Polygons
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats, Indices
@@ -47,7 +47,7 @@ class OutlinedMesh:
     volume_slack_mm3: float
 
 
-def chords_of(block: Block) -> Chords:
+def chords_of(block: Block) -> Polygons:
     """Return the polygons for the outline of a block. The distance of the chords is within the mesh's tolerance."""
     assert block.outline is not None and isinstance(block.sampling, Tolerance)
     # One of the chords ends at the highest point of the block, if that lies on a circle.
@@ -74,7 +74,7 @@ def outlined_mesh(block: Block) -> OutlinedMesh:
     raise CheckFailedError("the distance of the top from the formula could not be proved")
 
 
-def _cut(block: Block, top: Top | NetTop, chords: Chords) -> OutlinedMesh:
+def _cut(block: Block, top: Top | NetTop, chords: Polygons) -> OutlinedMesh:
     from manifold3d import CrossSection, FillRule, Manifold
 
     height = float(np.float32(block.height_mm))
@@ -136,7 +136,7 @@ def _proved(block: Block, vertices: Floats, faces: Indices) -> Floats:
     return np.asarray(prove(block.surface, bounds, points, block.sampling.mm).max(axis=1))
 
 
-def _volume(block: Block, top: Top | NetTop, chords: Chords, vertices: Floats, upper: Indices) -> tuple[float, float]:
+def _volume(block: Block, top: Top | NetTop, chords: Polygons, vertices: Floats, upper: Indices) -> tuple[float, float]:
     """Return the volume without the label's pockets, and how much rounding can change it."""
     engraving = block.engraving
     spacing = float(np.spacing(np.float32(max(*block.size_mm, block.height_mm))))

@@ -14,7 +14,7 @@ import numpy as np
 from tacbench_cad.geometry.meshing.adaptive import NetTop
 from tacbench_cad.geometry.meshing.top import Profiles, Top
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.outlines import Chords
+from tacbench_cad.spec.outlines import Polygons
 from tacbench_cad.util.types import Floats, Indices
 
 #: The number of triangles that are evaluated together.
@@ -111,7 +111,7 @@ def _separable(block: Block, top: Top, profiles: Profiles) -> float:
     return float(volume)
 
 
-def profiles_mm3(datum_mm: float, top: Top, profiles: Profiles, chords: Chords) -> float:
+def profiles_mm3(datum_mm: float, top: Top, profiles: Profiles, chords: Polygons) -> float:
     """Return the volume below ``datum + a(x) + b(y)`` inside of polygons, as integrals along their sides.
 
     With the antiderivatives A and B, these are the integrals of ``A(x) dy`` and of ``-B(y) dx``.

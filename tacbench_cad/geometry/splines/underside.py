@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import shapely
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Wire
 
 from tacbench_cad.geometry.splines.topology import Point, Topology, plane, turned
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
-from tacbench_cad.spec.outlines import area_mm2, is_inside
+from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.util.types import Floats
 
 _DOWN: Point = (0.0, 0.0, -1.0)
@@ -48,7 +49,9 @@ def _owners(contours: tuple[Floats, ...]) -> list[int | None]:
     owners: list[int | None] = []
     for k, contour in enumerate(contours):
         around = [
-            n for n, other in enumerate(contours) if n != k and areas[n] > areas[k] and is_inside(contour[0], [other])
+            n
+            for n, other in enumerate(contours)
+            if areas[n] > areas[k] and shapely.contains_xy(shapely.Polygon(other), *contour[0])
         ]
         owners.append(min(around, key=areas.__getitem__) if around else None)
     return owners

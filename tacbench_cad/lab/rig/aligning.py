@@ -152,7 +152,7 @@ def highest_point_mm(block: Block) -> tuple[float, float]:
     y = np.linspace(0.0, depth, math.ceil(depth / _SAMPLE_MM) + 1)
     heights = block.height_at(x[None, :], y[:, None])
     if block.region is not None:
-        heights = np.where(block.region.excess(x[None, :], y[:, None]) <= 0.0, heights, -np.inf)
+        heights = np.where(block.region.distance(x[None, :], y[:, None]) <= 0.0, heights, -np.inf)
     rows, columns = np.nonzero(heights >= heights.max() - _EQUAL_MM)
     best = int(np.argmin((x[columns] - width / 2.0) ** 2 + (y[rows] - depth / 2.0) ** 2))
     return float(x[columns[best]]), float(y[rows[best]])

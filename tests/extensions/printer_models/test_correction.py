@@ -215,7 +215,7 @@ def test_the_print_of_an_outline_has_its_sides_and_the_height_of_the_formula(
     assert printed.size_mm == pytest.approx(block.size_mm, abs=1e-5)
     assert block.outline is not None and printed.outline is not None
     for own, loop in zip(printed.outline.loops, block.outline.loops, strict=True):
-        points, _ = own.chords(0.01, None)
+        points = own.chords(0.01, None)[0].array
         assert np.max(np.abs(loop.distance(*points.T))) < 1e-5
     assert printed.height_mm == pytest.approx(block.height_mm, abs=ROUNDING_MM)
     assert printed.shift_mm(block) == pytest.approx((0.0, 0.0), abs=1e-5 if texture != "ridges" else 0.1)
