@@ -11,7 +11,6 @@ from tacbench_cad.cli.common import next_paths, print_json, print_next
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
-from tacbench_cad.util.untrusted import read_document
 
 
 @options.command("report", "Analyse")
@@ -64,6 +63,7 @@ def command(
       tacbench report runs --variance results --classify classification
     """
     from tacbench_cad.lab.analysis.report.page import ReportOptions, write_report
+    from tacbench_cad.util.untrusted import read_document
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "cannot be combined with --classify; leave out one of them")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 from collections.abc import Iterable, Iterator
 
 
@@ -104,6 +103,8 @@ def nearest(word: str, allowed: Iterable[str]) -> str:
     Returns:
         ``'did you mean "scale"?'`` or ``'allowed: a, b, c'``.
     """
+    import difflib  # only for a wrong word
+
     words = list(allowed)
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
     if close:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -41,6 +40,8 @@ def short_name(name: str) -> str:
         return decimal(float(f"{float(text):.4g}")) if len(text.replace(".", "").lstrip("0")) > 6 else text
 
     short = re.sub(r"\d+\.\d+", rounded, name)[:_LONGEST_NAME]
+    import hashlib  # only for long names
+
     return name if short == name else f"{short}_{hashlib.sha256(name.encode()).hexdigest()[:6]}"
 
 

@@ -36,7 +36,7 @@ def test_no_help_loads_a_heavy_module_numpy_or_a_device_library() -> None:
     commands = [(name, "--help") for name in tacbench.list_commands(context)]
     groups = [("rig", name, "--help") for name in ("probe", "align", "calibrate-force")]
     (*helps, catalogue) = modules_after(*commands, *groups, ("textures",))
-    assert helps[-1] & {*HEAVY, "numpy", "cv2", "serial"} == set()
+    assert helps[-1] & {*HEAVY, "numpy", "cv2", "serial", "pydantic", "filelock"} == set()
     assert catalogue & set(HEAVY) == set()
 
 

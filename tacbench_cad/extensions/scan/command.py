@@ -21,9 +21,7 @@ from tacbench_cad.cli import (
     print_table,
     write_picture,
 )
-from tacbench_cad.extensions.scan.record import SCAN_FILE
 from tacbench_cad.util.errors import InputError, require_between
-from tacbench_cad.util.files import existing_file, locked, refusing, write_json
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
@@ -143,6 +141,7 @@ def command(
       tacbench scan scan.ply --block 4 --compare texture-4.gcode
     """
     from tacbench_cad.lab.study import block_in_file
+    from tacbench_cad.util.files import locked
 
     blocks, origin, run = _blocks(block, preset, scale, key_mm)
     if len(blocks) > 1 and (printed_from is not None or (simulate is not None and block is not None)):
@@ -171,7 +170,7 @@ def command(
         _show(result)
         note(f"wrote {', '.join(path.name for path in paths)} to {folder}")
         if run is not None:
-            note(f"wrote {run.folder / SCAN_FILE}")
+            note(f"wrote scan.json to {run.folder}")
         print_lines(str(result.verdict))
         if result.origin.printed_from is None:
             print_next("printer-model", folder, "-o", "my-printer.toml")
@@ -218,6 +217,7 @@ def _result(
     from tacbench_cad.extensions.slicing.comparison import compare
     from tacbench_cad.extensions.slicing.gcode import read_gcode
     from tacbench_cad.lab.study import own_name
+    from tacbench_cad.util.files import existing_file
 
     given = {name: values[name] for name in ("printer", "filament", "copy") if values[name] is not None}
     for name in given.keys() - {"copy"}:
@@ -263,8 +263,10 @@ def _result(
 
 
 def _write(result: ScanResult, folder: Path, run: Run | None, no_picture: bool) -> list[Path]:
+    from tacbench_cad.extensions.scan.record import SCAN_FILE
     from tacbench_cad.extensions.scan.result_files import write_result
     from tacbench_cad.extensions.scan.scan_pictures import comparison_picture, deviation_picture, waves_picture
+    from tacbench_cad.util.files import refusing, write_json
 
     has_waves, views = any(wave.determined for wave in result.fit.waves), result.comparison
     drawings = {
