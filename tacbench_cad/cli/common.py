@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from tacbench_cad.checks.report import Report
-    from tacbench_cad.lab.analysis.tables import Table as ResultTable
+    from tacbench_cad.lab.analysis.tables import Shown
     from tacbench_cad.lab.runs.checking import RunReport
 
 #: The next command names at most so many paths one by one; for more it has a word in capitals.
@@ -215,10 +215,10 @@ def ask_line(prompt: str, *, err: bool = False) -> str:
     return line.strip()
 
 
-def show_table(table: ResultTable) -> None:
+def show_table(table: Shown) -> None:
     """Print a table of results."""
     heads = [f">{head}" if right else head for head, right in zip(table.heads, table.right, strict=True)]
-    print_table(table.title, heads, table.texts())
+    print_table(table.title, heads, table.texts)
 
 
 def write_picture(path: Path, draw: Callable[[Path], object], *, required: bool = False) -> bool:

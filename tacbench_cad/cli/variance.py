@@ -170,5 +170,5 @@ def _print(view: VarianceView) -> None:
         show_table(shown)
     print_lines(*view.notes, *(f"warning: {text}" for text in view.warnings))
     tests = view.tables.get("permutation")
-    if tests and not tests.rows and len(view.collection.combinations) > 1:
+    if tests is not None and tests.empty and len(view.collection.combinations) > 1:
         note("no permutation test between printers: it needs two printers with two prints each of the same texture")

@@ -28,8 +28,7 @@ from .analysis.report.parts import ReportSection as ReportSection
 from .analysis.report.parts import list_part as list_part
 from .analysis.report.parts import long_part as long_part
 from .analysis.report.parts import text_part as text_part
-from .analysis.tables import Column as Column
-from .analysis.tables import Table as Table
+from .analysis.tables import Shown as Shown
 from .analysis.variance.grade import Grade as Grade
 from .analysis.variance.grade import grade as grade
 from .analysis.variance.result import VarianceResult as VarianceResult

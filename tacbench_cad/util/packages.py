@@ -59,6 +59,7 @@ PACKAGES: tuple[Package, ...] = (
     Package(distribution="websockets", module="websockets", extra="web", use="the messages of that page"),
     Package(distribution="pyserial", module="serial", extra="lab", use="stages and gauges on a serial port"),
     Package(distribution="opencv-python-headless", module="cv2", extra="lab", use="cameras and images of a data run"),
+    Package(distribution="pandas", module="pandas", extra="analysis", use="tables of results"),
     Package(distribution="scikit-learn", module="sklearn", extra="analysis", use="classifiers and their scores"),
     Package(distribution="joblib", module="joblib", extra=None, use="work in several processes"),
     Package(distribution="jinja2", module="jinja2", extra="analysis", use="the page of tacbench report"),

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.extensions.markers.displacements import MarkerFeatures
 from tacbench_cad.extensions.markers.markers import MarkerSettings
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
-from tacbench_cad.lab.analysis import Collection, Column, Exhibit, Feature, Row, Words
+from tacbench_cad.lab.analysis import Collection, Exhibit, Feature, Words
 from tacbench_cad.lab.runs import Region, Run
 from tacbench_cad.util.types import Floats
 
@@ -63,8 +64,7 @@ class MarkerDisplacements(MarkerSettings, Feature):
             name="displacements",
             caption="Displacements of the markers at the largest force, each from its "
             f"{self.markers.origin}; mean over positions, prints, repeats.",
-            columns=(Column("marker", int), *(Column(name, float) for name in ("x_px", "y_px", "dx_px", "dy_px"))),
-            rows=self._rows,
+            table=self._table,
             draw=self._draw,
         )
 
@@ -93,10 +93,11 @@ class MarkerDisplacements(MarkerSettings, Feature):
     def _places(self) -> Floats:
         return next(iter(self.markers.references_px.values()))
 
-    def _rows(self, mean: Floats) -> Iterator[Row]:
-        """Yield the mean displacement of each marker, and its position in the first run."""
-        for number, place in enumerate(np.hstack([self._places, mean.reshape(-1, 2)]).tolist(), start=1):
-            yield {"marker": number, **dict(zip(("x_px", "y_px", "dx_px", "dy_px"), place, strict=True))}
+    def _table(self, mean: Floats) -> pd.DataFrame:
+        """Return the mean displacement of each marker, and its position in the first run."""
+        frame = pd.DataFrame(np.hstack([self._places, mean.reshape(-1, 2)]), columns=["x_px", "y_px", "dx_px", "dy_px"])
+        frame.insert(0, "marker", np.arange(1, len(frame) + 1))
+        return frame
 
     def _draw(self, panels: Sequence[tuple[Axes, Floats]]) -> str:
         """Draw the displacements as arrows, longer than they are so that they can be seen well."""

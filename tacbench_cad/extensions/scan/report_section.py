@@ -12,26 +12,26 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH
 from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.lab.analysis import (
     ALL_LEVELS,
     Collection,
-    Column,
     ReportSection,
     Results,
-    Row,
-    Table,
+    Shown,
     VarianceView,
     list_part,
     long_part,
     parts_of,
+    records,
     text_part,
 )
 from tacbench_cad.util.errors import InputError
@@ -39,15 +39,8 @@ from tacbench_cad.util.text import counted, interval, short
 
 #: The title of the section, and the name of its table.
 TITLE, TABLE_FILE = "Scan and touch", "scans.csv"
-#: The columns of the table.
-COLUMNS = (
-    *(Column("run"), Column("texture"), Column("printer"), Column("filament")),
-    Column("top_rms_mm", float, "deviation, rms (µm)", text=lambda mm: short(1000.0 * mm)),
-    Column("pin_shift_px", float, "shift of the pins (px)", text=short),
-    Column("seen_fraction", float, "top scanned (%)", text=lambda fraction: f"{100.0 * fraction:.0f}"),
-    Column("from_others", float, "difference from other prints", text=short),
-    Column("scan_simulated", head="simulated scan"),
-)
+#: The values of a print that was scanned.
+Row = Mapping[str, Any]
 #: The two numbers of the scan that are compared with the presses.
 SCANNED = {"top_rms_mm": "the deviation from the formula", "pin_shift_px": "the computed shift of the pins"}
 #: The smallest number of prints beyond one for each group, from which a correlation has an interval.
@@ -79,9 +72,9 @@ def report_section(results: Results) -> ReportSection:
     Args:
         results: The results of the report.
     """
-    table, damaged = scan_table(results.collection, results.variance)
+    rows, damaged = scan_rows(results.collection, results.variance)
     parts = [text_part("Scans that cannot be read:"), list_part(damaged)] if damaged else []
-    if not table.rows:
+    if not rows:
         return ReportSection(title=TITLE, parts=parts)
     parts += [
         text_part(
@@ -89,21 +82,37 @@ def report_section(results: Results) -> ReportSection:
             "mean square between the frames of the print and those of the other prints of its texture, printer and "
             "filament; it contains sensor noise."
         ),
-        *(text_part(answer(table.rows, name)) for name in SCANNED),
-        long_part(table, TABLE_FILE),
+        *(text_part(answer(rows, name)) for name in SCANNED),
+        long_part(Shown("Scans of the prints", _shown(rows)), TABLE_FILE),
     ]
-    return ReportSection(title=TITLE, parts=parts, tables={TABLE_FILE: table})
+    return ReportSection(title=TITLE, parts=parts, tables={TABLE_FILE: pd.DataFrame(rows)})
 
 
-def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[Table, list[str]]:
-    """Return a table with a row for each print that was scanned, and the errors of unreadable records.
+def _shown(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return the table of the page."""
+    table = pd.DataFrame(rows)
+    return pd.DataFrame(
+        {
+            **{name: table[name] for name in ("run", "texture", "printer", "filament")},
+            "deviation, rms (µm)": (1000.0 * table["top_rms_mm"].astype(float)).map(short, na_action="ignore"),
+            "shift of the pins (px)": table["pin_shift_px"].map(short, na_action="ignore"),
+            "top scanned (%)": (100.0 * table["seen_fraction"].astype(float)).map("{:.0f}".format, na_action="ignore"),
+            "difference from other prints": table["from_others"].map(short, na_action="ignore"),
+            "simulated scan": table["scan_simulated"],
+        }
+    )
+
+
+def scan_rows(collection: Collection, variance: VarianceView | None) -> tuple[list[Row], list[str]]:
+    """Return a row for each print that was scanned, and the errors of unreadable records.
 
     Args:
         collection: The study.
         variance: The variance table; None if there is none.
     """
     distances = _distances(collection, variance)
-    rows, damaged = [], []
+    rows: list[Row] = []
+    damaged: list[str] = []
     for number, run in enumerate(collection.runs):
         path = run.folder / SCAN_FILE
         if not path.is_file():
@@ -131,14 +140,14 @@ def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[T
                 "scan_simulated": "yes" if record.simulated else "",
             }
         )
-    return Table.of(COLUMNS, rows, "Scans of the prints"), damaged
+    return rows, damaged
 
 
 def _distances(collection: Collection, variance: VarianceView | None) -> dict[tuple[str, str, int], float]:
     """Return the mean distance of each print from the others over the force levels."""
     table = variance.tables.get("print_distances") if variance else None
     values: dict[tuple[str, str, int], list[float]] = defaultdict(list)
-    for row in table.rows if table else ():
+    for row in () if table is None else records(table):
         if row["force_level"] != ALL_LEVELS and row["from_others"] is not None:
             values[f"{row['printer']}_{row['filament']}", row["texture"], row["copy"]].append(row["from_others"])
     return {key: float(np.mean(of_levels)) for key, of_levels in values.items()}

@@ -32,15 +32,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
-from tacbench_cad.lab.analysis.classification.result import level_column
+from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.comparison_sides import PrintAccuracy, Side
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent, truth
+from tacbench_cad.lab.analysis.tables import Shown, frame_of, intervals, percent, records
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
@@ -51,30 +52,6 @@ LEVEL, POWER = 0.95, 0.80
 _MAX_NAMES = 6
 #: The value of ``texture`` in a row over all textures.
 ALL_TEXTURES = "all"
-
-
-def _prints(row: Row) -> str:
-    return f"{row['prints_a']} pairs" if row["paired"] else f"{row['prints_a']}, {row['prints_b']}"
-
-
-#: The columns of ``comparison.csv``.
-COLUMNS = (
-    Column("hold_out", head="held out"),
-    Column("texture"),
-    Column("accuracy_a", float, "A", text=percent),
-    Column("accuracy_b", float, "B", text=percent),
-    Column("difference", float, "B minus A", text=lambda value: f"{100.0 * value:+.1f}"),
-    Column("low", float),
-    Column("high", float),
-    Column("smallest_difference", float, "detectable", text=percent),
-    Column("paired", truth),
-    Column("prints_a", int),
-    Column("prints_b", int),
-)
-_SHOWN = (
-    *("texture", "accuracy_a", "accuracy_b", "difference"),
-    *(interval_column(signed=True, empty=TOO_FEW), "smallest_difference"),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,17 +120,29 @@ class Comparison:
         return tuple(dict.fromkeys((*self.a.record.simulated, *self.b.record.simulated)))
 
     @property
-    def table(self) -> Table:
+    def table(self) -> pd.DataFrame:
         """The rows as they are stored in ``comparison.csv``."""
-        return Table.of(COLUMNS, self.rows)
+        return frame_of(self.rows, [field.name for field in fields(Difference)])
 
     @property
-    def shown(self) -> Table:
+    def shown(self) -> Shown:
         """The rows as they are printed, with the better sensor of each row."""
-        table = Table.of((*COLUMNS, Column("verdict", head="")), self.rows)
-        units = Column("prints", head=self.units, derived=_prints, right=True)
-        title = f"A: {self.a.name}, B: {self.b.name}; in %, {self.estimator}"
-        return table.select(level_column(self.unknown_groups), *_SHOWN, units, "verdict", title=title)
+        table = self.table
+        prints = [f"{row.prints_a} pairs" if row.paired else f"{row.prints_a}, {row.prints_b}" for row in self.rows]
+        frame = pd.DataFrame(
+            {
+                "held out": [shown_level(level, self.unknown_groups) for level in table["hold_out"]],
+                "texture": table["texture"],
+                "A": table["accuracy_a"].map(percent),
+                "B": table["accuracy_b"].map(percent),
+                "B minus A": table["difference"].map(lambda value: f"{100.0 * value:+.1f}"),
+                "95 % interval": intervals(table, signed=True, empty=TOO_FEW),
+                "detectable": table["smallest_difference"].map(percent),
+                self.units: prints,
+                "": [row.verdict for row in self.rows],
+            }
+        )
+        return Shown(f"A: {self.a.name}, B: {self.b.name}; in %, {self.estimator}", frame)
 
     @property
     def unknown_groups(self) -> tuple[str, ...]:
@@ -175,7 +164,7 @@ class Comparison:
             "estimator": self.estimator,
             "simulated": list(self.simulated),
             "notes": list(self.notes),
-            "rows": Table.of((*COLUMNS, Column("verdict")), self.rows).records(),
+            "rows": records(self.table.assign(verdict=[row.verdict for row in self.rows])),
         }
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.compare import ALL_TEXTURES, Comparison
+from tacbench_cad.lab.analysis.tables import write_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,7 +26,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     """
     from tacbench_cad.lab.analysis.figures import save, styled
 
-    path = comparison.table.write(folder / "comparison.csv", comparison.simulated)
+    path = write_csv(folder / "comparison.csv", comparison.table, comparison.simulated)
     with styled():
         return [path, *save(draw_comparison(comparison), folder / "comparison", comparison.simulated)]
 

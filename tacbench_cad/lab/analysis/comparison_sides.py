@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.tables import Column, Row, Table
+from tacbench_cad.lab.analysis.tables import read_csv
 from tacbench_cad.util.errors import InputError
-
-_PREDICTIONS = tuple(Column(name) for name in ("estimator", "hold_out", "run", "press", "texture", "predicted"))
 
 
 class PrintAccuracy(NamedTuple):
@@ -76,18 +74,18 @@ def read_side(folder: Path, name: str, estimator: str | None = None) -> tuple[Si
     if chosen not in record.estimators:
         raise InputError("estimator", chosen, f"must be one of {', '.join(record.estimators)}, as in {folder}")
     side = Side(name=name, record=record, accuracies={})
-    predictions: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
-    for row in Table.read(folder / "predictions.csv", _PREDICTIONS).rows:
-        if row["estimator"] == chosen:
-            unit = f"{row['run']} {row['press']}" if side.unit == "samples" else row["run"]
-            predictions[row["hold_out"], row["texture"], unit].append(row)
-    if not predictions:
-        raise InputError("predictions", str(folder / "predictions.csv"), f"has no row of the estimator {chosen}")
+    path = folder / "predictions.csv"
+    rows = read_csv(path, ("estimator", "hold_out", "run", "press", "texture", "predicted"))
+    rows = rows[rows["estimator"] == chosen]
+    if rows.empty:
+        raise InputError("predictions", str(path), f"has no row of the estimator {chosen}")
+    unit = rows["run"] + " " + rows["press"].astype(str) if side.unit == "samples" else rows["run"]
+    rows = rows.assign(unit=unit, right=rows["predicted"] == rows["texture"])
     accuracies: dict[tuple[str, str], dict[str, PrintAccuracy]] = defaultdict(dict)
-    for (hold_out, texture, unit), rows in predictions.items():
-        correct = sum(row["predicted"] == texture for row in rows)
-        presses = len({row["press"] for row in rows})
-        accuracies[hold_out, texture][unit] = PrintAccuracy(correct / len(rows), presses)
+    for key, of_unit in rows.groupby(["hold_out", "texture", "unit"], sort=False):
+        hold_out, texture, name_of_unit = map(str, key)
+        accuracy = PrintAccuracy(float(of_unit["right"].mean()), int(of_unit["press"].nunique()))
+        accuracies[hold_out, texture][name_of_unit] = accuracy
     return replace(side, accuracies=accuracies), chosen
 
 

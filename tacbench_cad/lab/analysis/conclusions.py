@@ -19,11 +19,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
+import pandas as pd
 
-from tacbench_cad.lab.analysis.tables import Column, Row, Table
+from tacbench_cad.lab.analysis.tables import Shown, frame_of, records
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, name_of
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, ratio_interval
 from tacbench_cad.lab.analysis.variance.presses import CellKey
@@ -49,13 +50,6 @@ _OF_REPEATS = "times the variance of repeats"
 _OF_OTHER = "times the other's variance"
 RIGHT = "% predicted correctly"
 
-#: The columns of ``printer_answers.csv`` and ``texture_answers.csv``.
-COLUMNS: tuple[Column, ...] = (
-    *(Column("question"), Column("about")),
-    *(Column("figure", float), Column("low", float), Column("high", float)),
-    *(Column("unit"), Column("answer")),
-)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
@@ -80,20 +74,24 @@ class Answer:
     answer: str
 
 
-def shown(table: Table) -> Table:
-    """Format the rows of ``printer_answers.csv`` or ``texture_answers.csv``; each question appears only once."""
-    rows: list[Row] = []
-    for row in table.rows:
-        again = any(row["question"] == other["question"] for other in table.rows[: len(rows)])
-        figure = "" if row["figure"] is None else f"{short(row['figure'])} {row['unit']}"
-        ends = "" if row["low"] is None else interval(row["low"], row["high"])
-        question = "" if again else row["question"]
-        rows.append(
-            {"question": question, "about": row["about"], "figure": figure, "ends": ends, "answer": row["answer"]}
-        )
-    heads = {"question": "question", "about": "", "figure": "figure", "ends": "95 % interval", "answer": "answer"}
-    columns = tuple(Column(name, head=head) for name, head in heads.items())
-    return Table(columns=columns, rows=tuple(rows), title="answers to the main questions")
+def answer_table(answers: Iterable[Answer]) -> pd.DataFrame:
+    """Return the table of ``printer_answers.csv`` or ``texture_answers.csv``."""
+    return frame_of(answers, [field.name for field in fields(Answer)])
+
+
+def shown_answers(answers: pd.DataFrame) -> Shown:
+    """Format the table of answers; each question appears only once."""
+    rows = records(answers)
+    frame = pd.DataFrame(
+        {
+            "question": answers["question"].mask(answers["question"].duplicated(), ""),
+            "": answers["about"],
+            "figure": ["" if row["figure"] is None else f"{short(row['figure'])} {row['unit']}" for row in rows],
+            "95 % interval": ["" if row["low"] is None else interval(row["low"], row["high"]) for row in rows],
+            "answer": answers["answer"],
+        }
+    )
+    return Shown("answers to the main questions", frame)
 
 
 def print_answers(result: VarianceResult) -> Iterator[Answer]:

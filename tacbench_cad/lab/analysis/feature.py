@@ -7,7 +7,7 @@ package adds one in one file. It is fitted to a study, and then transforms the f
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.tables import Column, Row
 from tacbench_cad.lab.analysis.variance.moments import small_map
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.region import Region
@@ -25,6 +24,7 @@ from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
 #: The group of entry points that name the features.
@@ -59,15 +59,13 @@ class Exhibit:
     Args:
         name: The name of the files, without suffix.
         caption: The caption of the figure.
-        columns: The columns of the table, beside those that name the cell.
-        rows: Returns the rows of the table for the mean numbers of one cell.
+        table: Returns the table for the mean numbers of one cell.
         draw: Draws the mean numbers of each cell into its panel, and returns the label of the colour scale.
     """
 
     name: str
     caption: str
-    columns: tuple[Column, ...]
-    rows: Callable[[Floats], Iterable[Row]]
+    table: Callable[[Floats], pd.DataFrame]
     draw: Callable[[Sequence[tuple[Axes, Floats]]], str]
 
 

@@ -12,7 +12,7 @@ from helpers.studies import Frame, write_study
 pytest.importorskip("cv2")
 
 from tacbench_cad.extensions.scan.record import KIND, SCAN_FILE, SCHEMA
-from tacbench_cad.extensions.scan.report_section import answer, rank_correlation, report_section, scan_table
+from tacbench_cad.extensions.scan.report_section import answer, rank_correlation, report_section, scan_rows
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.variance.table import variance_table
@@ -87,14 +87,14 @@ def test_the_table_joins_each_scan_with_its_print(tmp_path: Path) -> None:
         (folder / SCAN_FILE).write_text(json.dumps(document), encoding="utf-8")
     (folders[0] / SCAN_FILE).write_text("{}", encoding="utf-8")
     collection = Collection.open([tmp_path])
-    table, damaged = scan_table(collection, VarianceView.of(variance_table(collection)))
+    rows_of, damaged = scan_rows(collection, VarianceView.of(variance_table(collection)))
     assert len(damaged) == 1 and str(folders[0] / SCAN_FILE) in damaged[0]
-    second, third = table.rows
+    second, third = rows_of
     assert (second["run"], second["top_rms_mm"], second["scan_simulated"]) == (folders[1].name, 0.02, "yes")
     # The means of the three prints are 100, 102 and 120 counts.
     assert third["from_others"] == pytest.approx(19.0**2, rel=0.02)
     assert second["from_others"] == pytest.approx(8.0**2, rel=0.05)
-    assert scan_table(collection, None)[0].rows[0]["from_others"] is None
+    assert scan_rows(collection, None)[0][0]["from_others"] is None
 
 
 def test_the_report_shows_the_scans(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from helpers.studies import PRINTERS, write_run, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.tables import records
 from tacbench_cad.lab.analysis.variance.table import variance_table
 from tacbench_cad.lab.analysis.variance.view import VarianceView
 
@@ -46,7 +47,7 @@ def test_each_pair_is_the_variance_over_both_textures(tmp_path: Path, ddof: int)
 def test_the_diagonal_is_the_table_and_each_pair_is_written_once(tmp_path: Path) -> None:
     write_study(tmp_path, textures=(1, 2, 3))
     result = variance_table(Collection.open([tmp_path]))
-    rows = VarianceView.of(result).tables["between_textures"].records()
+    rows = records(VarianceView.of(result).tables["between_textures"])
     assert len(rows) == 2 * 2 * (3 + 3)
     for row in rows:
         if row["texture"] == row["other_texture"]:

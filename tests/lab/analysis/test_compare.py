@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ threadpoolctl = pytest.importorskip("threadpoolctl")
 from tacbench_cad.cli import classify as classify_command
 from tacbench_cad.cli import compare as command
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.compare import ALL_TEXTURES, COLUMNS, Difference, compare
+from tacbench_cad.lab.analysis.compare import ALL_TEXTURES, Difference, compare
 from tacbench_cad.lab.analysis.comparison_files import draw_comparison
 from tacbench_cad.lab.analysis.comparison_sides import PrintAccuracy, Side, read_side, side_names
 from tacbench_cad.util.errors import InputError
@@ -274,7 +274,7 @@ def test_the_command_takes_runs_and_distinguishes_a_seeing_sensor_from_a_blind_o
     assert document["simulated"] == ["sensor: a formula"]
     with (folder / "out" / "comparison.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert list(rows[0]) == [*(column.name for column in COLUMNS), "simulated"]
+    assert list(rows[0]) == [*(field.name for field in fields(Difference)), "simulated"]
     of_press = {row["texture"]: row for row in rows if row["hold_out"] == "press"}
     assert float(of_press["all"]["accuracy_a"]) > 0.9 > 0.8 > float(of_press["all"]["accuracy_b"])
     assert float(of_press["all"]["high"]) < 0.0 and of_press["all"]["paired"] == "true"

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from helpers.studies import GRID, noise_image, texture_image, write_study
@@ -32,7 +33,7 @@ from tacbench_cad.lab.analysis.report.parts import table_part
 from tacbench_cad.lab.analysis.report.report_figures import draw_frames
 from tacbench_cad.lab.analysis.report.report_html import macro, read_image, render_page
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.analysis.tables import Shown
 from tacbench_cad.lab.runs.checking import Finding, RunReport
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -378,7 +379,7 @@ def test_a_texture_whose_frames_all_have_findings_is_shown_too(tmp_path: Path) -
 
 
 def test_table_cells_are_escaped() -> None:
-    table = Table.of((Column("<h>"), Column("n")), [{"<h>": "<script>alert(1)</script>", "n": 1234}], "a < b")
+    table = Shown("a < b", pd.DataFrame({"<h>": ["<script>alert(1)</script>"], "n": [1234]}))
     document = {"version": "1", "folder": "f", "title": "t", "simulated": ["<i>"], "notice": "<b>", "summary": []}
     text = render_page({**document, "figures": [], "table": table_part(table), "sections": []}, Path())
     assert "<script>" not in text and "a &lt; b" in text and "<b>" not in text and "<i>" not in text

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 pytest.importorskip("sklearn")
@@ -29,7 +30,7 @@ from tacbench_cad.lab.analysis.report.summary import (
     summary,
     textures_sentence,
 )
-from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.analysis.tables import Shown, frame_of
 from tacbench_cad.lab.analysis.variance.cells import FRAMES, Cell
 from tacbench_cad.lab.analysis.variance.view import Settings, VarianceView
 from tacbench_cad.lab.runs.checking import Finding, RunReport
@@ -70,7 +71,7 @@ def variance(study: Collection, *rows: Answer, floor_from: str = FRAMES) -> Vari
         for texture in study.textures
     ]
     how = {"colour": False, "resolution": 1.0, "ddof": 0, "seed": 0, "registered": False, "left_out": (), "data": ""}
-    tables = {"printer_answers": Table.of(conclusions.COLUMNS, rows)}
+    tables = {"printer_answers": conclusions.answer_table(rows)}
     return VarianceView(collection=study, settings=Settings(**how), cells=tuple(cells), tables=tables)
 
 
@@ -101,9 +102,9 @@ def classification(study: Collection, hold_out: str, recall: Sequence[float], *r
         folder=Path("classification"),
         record=record,
         methods="",
-        answers=Table.of(conclusions.COLUMNS, rows),
-        scores=Table.of(COLUMNS, [score]),
-        confusion=Table.of(CONFUSION_COLUMNS, confusion),
+        answers=conclusions.answer_table(rows),
+        scores=frame_of([score], COLUMNS),
+        confusion=frame_of(confusion, CONFUSION_COLUMNS),
     )
 
 
@@ -142,12 +143,12 @@ def test_summary_of_a_complete_study(complete: Results) -> None:
 
 def test_values_of_a_texture_are_in_the_first_row(complete: Results) -> None:
     table = complete.shown_textures
-    assert list(table.texts())[:2] == [
+    assert table.texts[:2] == [
         ["texture-1", "ender-3 pla-plus", "2", "4", "4", "3 to 5", "1", "90.0", "80 to 95"],
         ["", "Bambu P1P PLA-", "2", "4", "4", "3 to 5", "1", "", ""],
     ]
     assert table.heads[-2] == "predicted correctly, on unseen prints (%)"
-    assert [record["recall_low"] for record in complete.textures.records()] == [0.8] * 4
+    assert complete.textures["recall_low"].tolist() == [0.8] * 4
 
 
 @pytest.mark.parametrize(
@@ -262,14 +263,13 @@ def test_simulated_data_are_not_published(make_study: Callable[..., Collection],
 
 
 def test_tables_fit_on_paper(complete: Results) -> None:
-    columns = [Column("estimator"), *(Column(f"texture-{n}", float) for n in range(20))]
-    row = {"estimator": "forest", **{f"texture-{n}": float(n) for n in range(20)}}
-    pieces = list(wide_parts(Table.of(columns, [row], "recall"), "confusion.csv"))
+    row = pd.DataFrame({"estimator": ["forest"], **{f"texture-{n}": [float(n)] for n in range(20)}})
+    pieces = list(wide_parts(Shown("recall", row), "confusion.csv"))
     assert [len(piece["heads"]) for piece in pieces] == [9, 9, 5]
     assert all(piece["rows"][0][0] == "forest" and piece["title"] == "recall" for piece in pieces)
     assert [text for piece in pieces for text in piece["rows"][0][1:]] == [str(n) for n in range(20)]
-    assert [piece["heads"] for piece in wide_parts(Table.of(columns[:1], [row]), "")] == [["estimator"]]
-    long = long_part(Table.of(columns[:1], [row] * 60, "findings"), "findings.csv")
+    assert [piece["heads"] for piece in wide_parts(Shown("", row[["estimator"]]), "")] == [["estimator"]]
+    long = long_part(Shown("findings", pd.concat([row] * 60)), "findings.csv")
     assert len(long["rows"]) == 50 and long["title"] == "findings (the first 50 of 60)"
 
 

@@ -3,65 +3,52 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 
-from tacbench_cad.lab.analysis.tables import Column, Table, percent, shown, truth
+from tacbench_cad.lab.analysis.tables import Shown, frame_of, intervals, percent, read_csv, records, shown, write_csv
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import interval
 
-
-@dataclass(frozen=True)
-class Score:
-    where: SimpleNamespace
-    accuracy: float | None
-    low: float | None
-    high: float | None
-    images: int
-    paired: bool
-
-
-COLUMNS = (
-    Column("printer", source="where.printer"),
-    Column("accuracy", float, "accuracy (%)", text=percent),
-    Column("low", float),
-    Column("high", float),
-    Column("images", int),
-    Column("paired", truth),
-    Column("interval", head="95 % interval", derived=lambda row: interval(row["low"], row["high"]), right=True),
+TABLE = pd.DataFrame(
+    {
+        "printer": ['a, "b"', "007"],
+        "accuracy": [2 / 3, math.nan],
+        "low": [0.1, math.nan],
+        "high": [1.0, math.nan],
+        "images": [12_345, 0],
+        "paired": [True, False],
+    }
 )
-SCORES = (
-    Score(SimpleNamespace(printer='a, "b"'), 2 / 3, 0.1, 1.0, 12_345, True),
-    Score(SimpleNamespace(printer="c"), None, None, None, 0, False),
-)
-TABLE = Table.of(COLUMNS, SCORES, "scores")
 
 
 def test_a_table_read_again_has_the_same_rows(tmp_path: Path) -> None:
-    path = TABLE.write(tmp_path / "scores.csv")
+    path = write_csv(tmp_path / "scores.csv", TABLE)
     assert path.read_text(encoding="utf-8").splitlines() == [
         "printer,accuracy,low,high,images,paired",
         '"a, ""b""",0.6666666666666666,0.1,1.0,12345,true',
-        "c,,,,0,false",
+        "007,,,,0,false",
     ]
-    assert Table.read(path, COLUMNS, "scores") == TABLE
-    assert Table.read(path, COLUMNS[2:3]).rows == ({"low": 0.1}, {"low": None})
+    assert records(read_csv(path, ("accuracy", "low"))) == records(TABLE)
+
+
+def test_force_levels_are_numbers_or_all(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "x.csv", frame_of([{"force_level": 1}, {"force_level": "all"}], ("force_level",)))
+    assert read_csv(path)["force_level"].tolist() == [1, "all"]
 
 
 @pytest.mark.parametrize(("simulated", "text"), [((), "false"), (("sensor: a formula",), "true")])
 def test_each_row_contains_whether_the_data_are_simulated(
     simulated: tuple[str, ...], text: str, tmp_path: Path
 ) -> None:
-    lines = TABLE.write(tmp_path / "scores.csv", simulated).read_text(encoding="utf-8").splitlines()
+    lines = write_csv(tmp_path / "scores.csv", TABLE, simulated).read_text(encoding="utf-8").splitlines()
     assert [line.rsplit(",", 1)[1] for line in lines] == ["simulated", text, text]
-    assert Table.read(tmp_path / "scores.csv", COLUMNS, "scores") == TABLE
 
 
-def test_the_records_are_stored() -> None:
-    assert TABLE.records()[0] == {
+def test_records_are_plain_values() -> None:
+    first, second = records(TABLE)
+    assert first == {
         "printer": 'a, "b"',
         "accuracy": 2 / 3,
         "low": 0.1,
@@ -69,23 +56,22 @@ def test_the_records_are_stored() -> None:
         "images": 12_345,
         "paired": True,
     }
-    assert Table.of(COLUMNS, TABLE.records()) == Table.of(COLUMNS, SCORES)
+    assert second["accuracy"] is None and type(first["images"]) is int and type(first["paired"]) is bool
+    assert list(frame_of([], ("a", "b")).columns) == ["a", "b"]
 
 
-def test_the_text_shows_chosen_columns_of_chosen_rows() -> None:
-    table = TABLE.select("printer", "accuracy", "interval", "images", "paired", title="chosen")
-    assert table.title == "chosen"
-    assert table.heads == ["printer", "accuracy (%)", "95 % interval", "images", "paired"]
-    assert table.right == [False, True, True, True, True]
-    assert list(table.texts("-")) == [
-        ['a, "b"', "66.7", "0.1 to 1", "12,345", "yes"],
-        ["c", "-", "none", "0", "no"],
-    ]
-    assert [row["printer"] for row in table.where(lambda row: row["images"] == 0).rows] == ["c"]
+def test_shown_texts_and_alignment() -> None:
+    frame = TABLE[["printer", "images", "paired"]].assign(accuracy=TABLE["accuracy"].map(percent))
+    table = Shown("chosen", frame.assign(ends=intervals(TABLE, signed=True)))
+    assert table.heads == ["printer", "images", "paired", "accuracy", "ends"]
+    assert table.texts == [['a, "b"', "12,345", "yes", "66.7", "+10 to +100"], ["007", "0", "no", "", "none"]]
+    assert table.right == [False, True, False, True, True]
+    assert Shown("empty", frame.head(0)).texts == []
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(True, "yes"), (1234, "1,234"), (0.123456, "0.1235"), (12345.6, "12,346"), ("x", "x")]
+    ("value", "text"),
+    [(True, "yes"), (1234, "1,234"), (0.123456, "0.1235"), (12345.6, "12,346"), ("x", "x"), (None, ""), (math.nan, "")],
 )
 def test_values_in_texts_are_short(value: object, text: str) -> None:
     assert shown(value) == text
@@ -96,10 +82,10 @@ def test_values_in_texts_are_short(value: object, text: str) -> None:
     [
         (None, "cannot be read: No such file"),
         (b"printer,accuracy\nx,0.5\n", "has no column low"),
-        (b"", "is empty; it needs a header line"),
-        (b"printer,accuracy,low,high,images,paired\nx,much,,,1,true\n", "could not convert string to float: 'much'"),
-        (b"printer,accuracy,low,high,images,paired\nx,0.5,,,1,maybe\n", "'maybe' is neither true nor false"),
-        (b"printer\xff", "not UTF-8|not valid UTF-8"),
+        (b"", "No columns to parse"),
+        (b"printer,accuracy,low\nx,much,0.5\n", "contains a wrong value in column accuracy"),
+        (b"printer,accuracy,low\nx,0.5,1\ny,1,1,1\n", "cannot be read"),
+        (b"printer\xff", "not UTF-8"),
     ],
 )
 def test_a_damaged_file_is_refused_by_name(tmp_path: Path, content: bytes | None, message: str) -> None:
@@ -107,10 +93,5 @@ def test_a_damaged_file_is_refused_by_name(tmp_path: Path, content: bytes | None
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InputError, match=message) as error:
-        Table.read(path, COLUMNS)
+        read_csv(path, ("printer", "accuracy", "low"))
     assert str(path) in str(error.value)
-
-
-def test_values_that_are_not_numbers_are_empty(tmp_path: Path) -> None:
-    path = Table.of((Column("x", float),), [{"x": math.nan}, {"x": None}, {"x": 1e-300}]).write(tmp_path / "x.csv")
-    assert path.read_text(encoding="utf-8") == 'x\n""\n""\n1e-300\n'

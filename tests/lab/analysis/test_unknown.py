@@ -136,4 +136,4 @@ def test_a_report_contains_only_known_information(study: Any) -> None:
         assert word not in text
     with_prints = str(macro("methods.j2", "design")(study("label", "print")))
     assert "The samples show 3 prints of 2 textures." in " ".join(with_prints.split())
-    assert not open_points(collection, colour=False, ddof=0).rows
+    assert open_points(collection, colour=False, ddof=0).frame.empty

@@ -21,7 +21,7 @@ from tacbench_cad.lab.analysis.classification.settings import ClassificationSett
 from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.conclusions import Answer
-from tacbench_cad.lab.analysis.tables import percent
+from tacbench_cad.lab.analysis.tables import percent, write_csv
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.util.convert import to_plain
@@ -227,5 +227,5 @@ def _paper_counts(presses: PressTable, settings: ClassificationSettings) -> Iter
 
 def write_tables(result: Result, out: Path) -> list[Path]:
     """Write the tables, and for a single classification also its settings."""
-    paths = [table.write(out / name, result.collection.simulated) for name, table in result.tables.items()]
+    paths = [write_csv(out / name, table, result.collection.simulated) for name, table in result.tables.items()]
     return paths if result.parameter else [*paths, result.record.write(out)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification.accuracy import FoldScore, is_whole
@@ -20,51 +21,43 @@ from tacbench_cad.lab.analysis.classification.settings import (
 )
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.conclusions import COLUMNS as ANSWER_COLUMNS
-from tacbench_cad.lab.analysis.conclusions import Answer, shown
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, interval_column, percent
+from tacbench_cad.lab.analysis.conclusions import Answer, answer_table, shown_answers
+from tacbench_cad.lab.analysis.tables import Shown, frame_of, intervals, percent, records
 from tacbench_cad.util.convert import to_plain
 
-_WHO = (
-    Column("protocol"),
-    Column("estimator"),
-    Column("train_on", head="trained on"),
-    Column("tested_on"),
-    Column("hold_out", head="held out"),
-)
-_ACCURACY = Column("accuracy", float, text=percent, right=True)
-_ENDS = (Column("low", float, text=percent), Column("high", float, text=percent))
-_DEVIATION = Column("standard_deviation", float, text=percent, right=True)
-_COUNTS = (Column("trials", int), Column("images", int))
-#: The columns of ``classification.csv``.
-COLUMNS = (*_WHO, _ACCURACY, *_ENDS, *_COUNTS)
-#: The columns of ``confusion.csv``.
-CONFUSION_COLUMNS = (*_WHO, Column("texture"), Column("predicted"), Column("count", int), Column("fraction", float))
-#: The columns of ``predictions.csv``.
-PREDICTION_COLUMNS = (
-    *(*_WHO, Column("trial", int), Column("run"), Column("press", int), Column("augmentation"), Column("texture")),
-    Column("predicted"),
-)
-#: The columns of ``sweep.csv``.
-SWEEP_COLUMNS = (
-    *(*_WHO, Column("parameter"), Column("value", float)),
-    *(_ACCURACY, *_ENDS, _DEVIATION, *_COUNTS),
-)
-#: The keys of a score in JSON.
-SCORE_COLUMNS = (*_WHO, _ACCURACY, _DEVIATION, *_ENDS, Column("units"), *_COUNTS, Column("recall"))
+#: The columns that name a row: how it was trained, and on what it was tested.
+WHO = ("protocol", "estimator", "train_on", "tested_on", "hold_out")
+#: The columns of ``classification.csv``, ``sweep.csv``, and the keys of a score in JSON.
+COLUMNS = (*WHO, "accuracy", "low", "high", "trials", "images")
+SWEEP_COLUMNS = (*COLUMNS[:8], "standard_deviation", *COLUMNS[8:])
+SCORE_COLUMNS = (*WHO, "accuracy", "standard_deviation", "low", "high", "units", "trials", "images", "recall")
+#: The columns of ``confusion.csv`` and of ``predictions.csv``.
+CONFUSION_COLUMNS = (*WHO, "texture", "predicted", "count", "fraction")
+PREDICTION_COLUMNS = (*WHO, "trial", "run", "press", "augmentation", "texture", "predicted")
 
 
-def level_column(unknown_groups: Sequence[str]) -> Column:
-    """Return the column of hold-out levels for readers, see :func:`.splits.shown_level`."""
-    return Column("hold_out", head="held out", text=lambda level: shown_level(level, unknown_groups))
+def shown_scores(scores: pd.DataFrame, unknown_groups: Sequence[str], title: str, parameter: str = "") -> Shown:
+    """Return a table of accuracies for readers.
 
-
-def shown_scores(unknown_groups: Sequence[str]) -> tuple[str | Column, ...]:
-    """Return the printed columns of a score."""
-    return (
-        *("estimator", level_column(unknown_groups), "train_on", "tested_on", "accuracy", "standard_deviation"),
-        *(interval_column(empty=TOO_FEW), "units", "trials", "images"),
-    )
+    Args:
+        scores: The accuracies, with :data:`COLUMNS` and perhaps more columns.
+        unknown_groups: See :attr:`.Collection.unknown_groups`.
+        title: The title.
+        parameter: The setting of a sweep, whose column is ``value``.
+    """
+    frame = scores[["estimator", "train_on", "tested_on"]].copy()
+    frame.insert(1, "held out", [shown_level(level, unknown_groups) for level in scores["hold_out"]])
+    if parameter:
+        frame = frame.drop(columns="tested_on").assign(**{parameter: scores["value"].map("{:g}".format)})
+    for name in ("accuracy", "standard_deviation"):
+        if name in scores:
+            frame[name] = scores[name].map(percent)
+    frame["95 % interval"] = intervals(scores, empty=TOO_FEW)
+    for name in ("units", "trials", "images"):
+        if name in scores and not (parameter and name != "images"):
+            frame[name] = scores[name]
+    names = {name: str(name).replace("_", " ") for name in frame} | {"train_on": "trained on"}
+    return Shown(title, frame.rename(columns=names))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,53 +96,51 @@ class Result:
         return 1.0 / len(self.textures)
 
     @property
-    def tables(self) -> dict[str, Table]:
+    def tables(self) -> dict[str, pd.DataFrame]:
         """The stored tables, by the names of their files.
 
         Training rows of the paper's protocol are in the first two tables, but not in the predictions.
         """
         if self.parameter:
-            return {"sweep.csv": self._swept}
+            return {"sweep.csv": self._swept[[*WHO, "parameter", "value", *SWEEP_COLUMNS[5:]]]}
         return {
-            "classification.csv": Table.of(COLUMNS, self.scores),
-            "confusion.csv": Table.of(CONFUSION_COLUMNS, self._confusions()),
-            "predictions.csv": Table.of(PREDICTION_COLUMNS, self._predictions()),
-            "texture_answers.csv": Table.of(ANSWER_COLUMNS, self.answers),
+            "classification.csv": frame_of(self.scores, COLUMNS),
+            "confusion.csv": frame_of(self._confusions(), CONFUSION_COLUMNS),
+            "predictions.csv": pd.concat([pd.DataFrame(columns=list(PREDICTION_COLUMNS)), *self._predictions()]),
+            "texture_answers.csv": answer_table(self.answers),
         }
 
     @property
-    def shown(self) -> Iterator[Table]:
+    def shown(self) -> Iterator[Shown]:
         """The tables that are printed."""
         unknown = self.collection.unknown_groups
         protocol = shown_protocol(self.settings.protocol, unknown)
         title = f"protocol {protocol}, in %; chance is {100.0 * self.chance:.1f}"
         if self.parameter:
-            value = Column("value", head=self.parameter, text=lambda value: f"{value:g}")
-            shown_columns = shown_scores(unknown)
-            yield self._swept.select(*shown_columns[:3], value, *shown_columns[4:7], "images", title=title)
+            yield shown_scores(self._swept, unknown, title, self.parameter)
             return
         if self.answers:
-            yield shown(Table.of(ANSWER_COLUMNS, self.answers))
+            yield shown_answers(answer_table(self.answers))
         if beside_paper(self):
             yield self._paper_shown()
-        yield Table.of(SCORE_COLUMNS, self.scores).select(*shown_scores(unknown), title=title)
-        yield recall_table(Table.of(CONFUSION_COLUMNS, self._confusions()), unknown)
+        yield shown_scores(frame_of(self.scores, SCORE_COLUMNS), unknown, title)
+        yield recall_table(frame_of(self._confusions(), CONFUSION_COLUMNS), unknown)
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
         protocol = shown_protocol(self.settings.protocol, self.collection.unknown_groups)
         settings = {**to_plain(self.settings), "protocol": protocol}
         head = {"simulated": list(self.collection.simulated), "settings": settings}
+        scores = records(frame_of(self.scores, SCORE_COLUMNS))
         if self.parameter:
-            pairs = zip(self.values, self._swept.select(*SCORE_COLUMNS).records(), strict=True)
-            points = [{self.parameter: value, **row} for value, row in pairs]
+            points = [{self.parameter: value, **row} for value, row in zip(self.values, scores, strict=True)]
             return {**head, "parameter": self.parameter, "points": points, "notes": list(self.notes)}
         return {
             **head,
             "textures": list(self.textures),
             "chance": self.chance,
             "texture_answers": to_plain(self.answers),
-            "scores": Table.of(SCORE_COLUMNS, self.scores).records(),
+            "scores": scores,
             "beside_paper": to_plain(beside_paper(self)),
             "notes": list(self.notes),
         }
@@ -171,80 +162,61 @@ class Result:
         )
 
     @property
-    def _swept(self) -> Table:
+    def _swept(self) -> pd.DataFrame:
         """The rows of a sweep with all columns."""
         number = float if self.parameter == "resolution" else int
-        rows = [
-            {"parameter": self.parameter, "value": number(value), **row}
-            for value, row in zip(self.values, Table.of(SCORE_COLUMNS, self.scores).rows, strict=True)
-        ]
-        return Table(columns=SWEEP_COLUMNS, rows=tuple(rows))
+        values = [number(value) for value in self.values]
+        return frame_of(self.scores, SCORE_COLUMNS).assign(parameter=self.parameter, value=values)
 
-    def _confusions(self) -> Iterator[Row]:
+    def _confusions(self) -> Iterator[dict[str, Any]]:
         for score in self.scores:
-            who = {column.name: getattr(score, column.name) for column in _WHO}
+            who = {name: getattr(score, name) for name in WHO}
             fractions = score.fractions
             for (i, j), count in np.ndenumerate(score.confusion):
-                yield {
-                    **who,
-                    "texture": self.textures[i],
-                    "predicted": self.textures[j],
-                    "count": int(count),
-                    "fraction": None if np.isnan(fractions[i, j]) else float(fractions[i, j]),
-                }
+                names = {"texture": self.textures[i], "predicted": self.textures[j]}
+                yield {**who, **names, "count": int(count), "fraction": float(fractions[i, j])}
 
-    def _predictions(self) -> Iterator[Row]:
-        names = [run.info.printed.name for run in self.collection.runs]
-        runs, numbers = self.collection.run.tolist(), self.collection.number.tolist()
-        truth = self.collection.texture.tolist()
-        copies = self.settings.augmentation.names
+    def _predictions(self) -> Iterator[pd.DataFrame]:
+        """Yield the tables of predictions of each outcome."""
+        names = np.array([run.info.printed.name for run in self.collection.runs])[self.collection.run]
+        protocol = shown_protocol(self.settings.protocol, self.collection.unknown_groups)
         for outcome in self.outcomes:
-            if outcome.hold_out == "train":
-                continue
-            who = {"protocol": shown_protocol(self.settings.protocol, self.collection.unknown_groups)}
-            who |= {column.name: getattr(outcome, column.name) for column in _WHO[1:]}
-            rows = (outcome.press.tolist(), outcome.copied.tolist(), outcome.predicted.tolist())
-            for press, copied, predicted in zip(*rows, strict=True):
-                yield {
-                    **who,
-                    "trial": outcome.trial,
-                    "run": names[runs[press]],
-                    "press": numbers[press],
-                    "augmentation": copies[copied],
-                    "texture": truth[press],
-                    "predicted": self.textures[predicted],
-                }
+            if outcome.hold_out != "train":
+                yield pd.DataFrame(
+                    {
+                        "protocol": protocol,
+                        **{name: getattr(outcome, name) for name in WHO[1:]},
+                        "trial": outcome.trial,
+                        "run": names[outcome.press],
+                        "press": self.collection.number[outcome.press],
+                        "augmentation": np.array(self.settings.augmentation.names)[outcome.copied],
+                        "texture": self.collection.texture[outcome.press],
+                        "predicted": np.array(self.textures)[outcome.predicted],
+                    }
+                )
 
-    def _paper_shown(self) -> Table:
-        def two_digits(value: float) -> str:
-            return f"{value:.2f}"
-
-        heads = [f"{column}, {whose}" for column in PAPER_COLUMNS["as-published"] for whose in ("ours", "paper")]
+    def _paper_shown(self) -> Shown:
         rows = []
         for row in beside_paper(self):
-            values = [value for pair in zip(row.ours, row.paper, strict=True) for value in pair]
-            rows.append({**dict(zip(heads, values, strict=True)), "estimator": row.estimator, "train_on": row.train_on})
-        columns = [Column(head, float, text=two_digits, right=True) for head in heads[:-1]]
+            cells = {"estimator": row.estimator, "trained on": row.train_on}
+            for column, *values in zip(PAPER_COLUMNS["as-published"], row.ours, row.paper, strict=True):
+                texts = ["" if value is None else f"{value:.2f}" for value in values]
+                cells |= {f"{column}, {whose}": text for whose, text in zip(("ours", "paper"), texts, strict=True)}
+            rows.append(cells)
         title = "your results beside the paper's table, in % (computed as in the authors' notebooks; other copies: "
-        title += "without copy 1)"
-        return Table.of((*_WHO[1:3], *columns), rows, title)
+        return Shown(title + "without copy 1)", pd.DataFrame(rows).drop(columns="other copies, paper"))
 
 
-def recall_table(confusion: Table, unknown_groups: Sequence[str]) -> Table:
+def recall_table(confusion: pd.DataFrame, unknown_groups: Sequence[str]) -> Shown:
     """Return the recall of each texture at complete hold-out levels, from the rows of ``confusion.csv``."""
-    recalls: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for row in confusion.rows:
-        if is_whole(row["tested_on"], row["train_on"]) and row["texture"] == row["predicted"]:
-            who = {name: row[name] for name in ("estimator", "hold_out", "train_on")}
-            recalls.setdefault(tuple(who.values()), who)[row["texture"]] = row["fraction"]
-    textures = dict.fromkeys(row["texture"] for row in confusion.rows)
-    columns = (
-        _WHO[1],
-        level_column(unknown_groups),
-        _WHO[2],
-        *(Column(name, float, head=name, text=percent, right=True) for name in textures),
-    )
-    return Table.of(columns, recalls.values(), "recall of each texture (%)")
+    recalls: dict[tuple[str, ...], dict[str, str]] = {}
+    for row in records(confusion[confusion["texture"] == confusion["predicted"]]):
+        if is_whole(row["tested_on"], row["train_on"]):
+            level = shown_level(row["hold_out"], unknown_groups)
+            who = {"estimator": row["estimator"], "held out": level, "trained on": row["train_on"]}
+            of_row = recalls.setdefault(tuple(who.values()), who)
+            of_row[row["texture"]] = "" if row["fraction"] is None else percent(row["fraction"])
+    return Shown("recall of each texture (%)", pd.DataFrame(recalls.values()))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,12 +24,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
 from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
 from tacbench_cad.lab.analysis.classification.splits import shown_level
-from tacbench_cad.lab.analysis.tables import Column, Table, interval_column, percent
+from tacbench_cad.lab.analysis.tables import Shown, intervals, percent
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Ints
@@ -37,13 +38,6 @@ from tacbench_cad.util.untrusted import read_table
 
 #: The columns that a file of predictions must have.
 COLUMNS = ("fold", "run", "force_level", "repeat", "position", "predicted")
-
-
-_SHOWN = (
-    Column("name", head="of"),
-    Column("fraction", head="accuracy", text=percent, right=True),
-    *(interval_column(empty=TOO_FEW), Column("right"), Column("presses")),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,23 +111,25 @@ class Score:
     confusion: Ints
 
     @property
-    def shown(self) -> Iterator[Table]:
+    def shown(self) -> Iterator[Shown]:
         """The tables that are printed."""
         rows = {"all folds": self.accuracy, **self.folds}
         rows |= {f"{texture} (recall)": accuracy for texture, accuracy in self.recall.items()}
-        named_rows = tuple({"name": name, **to_plain(accuracy)} for name, accuracy in rows.items())
+        frame = pd.DataFrame(map(vars, rows.values()))
         unknown = self.split.unknown_groups
         level = shown_level(self.split.hold_out, unknown)
         title = f"{self.split.protocol}{f', {level}' if level != self.split.hold_out else ''}: accuracy (%)"
-        columns = (*_SHOWN, Column("prints", head="runs" if "prints" in unknown else "prints"))
-        yield Table(columns=columns, rows=named_rows, title=title)
-        textures = self.split.textures
-        counts = zip(textures, self.confusion.tolist(), strict=True)
-        yield Table(
-            columns=(Column("texture", head=""), *map(Column, textures)),
-            rows=tuple({"texture": name, **dict(zip(textures, row, strict=True))} for name, row in counts),
-            title="pressed (rows) and predicted (columns)",
-        )
+        columns = {
+            "of": list(rows),
+            "accuracy": frame["fraction"].map(percent),
+            "95 % interval": intervals(frame, empty=TOO_FEW),
+            **{name: frame[name] for name in ("right", "presses")},
+            "runs" if "prints" in unknown else "prints": frame["prints"],
+        }
+        yield Shown(title, pd.DataFrame(columns))
+        counts = pd.DataFrame(self.confusion, columns=self.split.textures)
+        counts.insert(0, "", self.split.textures)
+        yield Shown("pressed (rows) and predicted (columns)", counts)
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""

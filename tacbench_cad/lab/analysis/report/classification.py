@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
+
 from tacbench_cad.lab.analysis.classification.classify import Progress
 from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.conclusions import COLUMNS as ANSWER_COLUMNS
 from tacbench_cad.lab.analysis.report.report_html import macro
-from tacbench_cad.lab.analysis.tables import Table
+from tacbench_cad.lab.analysis.tables import read_csv
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.util.files import locked
 
@@ -32,9 +33,9 @@ class Classification:
     folder: Path
     record: ClassificationRecord
     methods: str
-    answers: Table
-    scores: Table
-    confusion: Table
+    answers: pd.DataFrame
+    scores: pd.DataFrame
+    confusion: pd.DataFrame
 
     @classmethod
     def read(cls, folder: Path) -> Classification:
@@ -44,15 +45,15 @@ class Classification:
             InputError: A file is missing or damaged, or a setting is missing.
         """
         record = ClassificationRecord.read(folder)
-        scores = Table.read(folder / "classification.csv", COLUMNS)
-        levels = list(dict.fromkeys(row["hold_out"] for row in scores.rows))
+        scores = read_csv(folder / "classification.csv", COLUMNS)
+        levels = list(dict.fromkeys(scores["hold_out"]))
         return cls(
             folder=folder,
             record=record,
             methods=macro("methods.j2", "classification")(record, levels),
-            answers=Table.read(folder / "texture_answers.csv", ANSWER_COLUMNS),
+            answers=read_csv(folder / "texture_answers.csv"),
             scores=scores,
-            confusion=Table.read(folder / "confusion.csv", CONFUSION_COLUMNS),
+            confusion=read_csv(folder / "confusion.csv", CONFUSION_COLUMNS),
         )
 
     @property

@@ -12,6 +12,7 @@ from tacbench_cad.lab.analysis.report.report_figures import FRAMES, SUMMARY, dra
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.sections import sections
 from tacbench_cad.lab.analysis.report.summary import next_steps, summary
+from tacbench_cad.lab.analysis.tables import records, write_csv
 from tacbench_cad.util.files import write_json
 
 #: The file names of the document and of the table to quote, in the folder beside the page.
@@ -41,11 +42,11 @@ def write_document(results: Results, files: Path) -> dict[str, Any]:
         **{name: table for section in results.added.values() for name, table in section.tables.items()},
     }
     for name, table in tables.items():
-        table.write(files / name, study.simulated)
+        write_csv(files / name, table, study.simulated)
     for path in (files / f"{stem}{suffix}" for stem in (SUMMARY, FRAMES) for suffix in (".png", ".pdf")):
         path.unlink(missing_ok=True)
     captions = {SUMMARY: draw_summary(results, files), FRAMES: draw_frames(results, files)}
-    answers = results.variance.tables["printer_answers"].records() if results.variance else []
+    answers = records(results.variance.tables["printer_answers"]) if results.variance else []
     document = {
         "version": __version__,
         "folder": files.name,
@@ -55,9 +56,9 @@ def write_document(results: Results, files: Path) -> dict[str, Any]:
         "summary": [{"topic": topic, "text": text} for topic, text in summary(results).items()],
         "steps": next_steps(results),
         "figures": [figure_part(stem, caption, TABLE_FILE) for stem, caption in captions.items() if caption],
-        "table": {**table_part(results.shown_textures, TABLE_FILE), "records": results.textures.records()},
+        "table": {**table_part(results.shown_textures, TABLE_FILE), "records": records(results.textures)},
         "printer_answers": answers,
-        "texture_answers": results.leak_free.answers.records() if results.leak_free else [],
+        "texture_answers": records(results.leak_free.answers) if results.leak_free else [],
         "sections": sections(results, files),
     }
     write_json(files / DOCUMENT_FILE, document)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.analysis.tables import Shown, frame_of
 from tacbench_cad.lab.analysis.variance.cells import parts_of
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.lab.study.spec import UNKNOWN
@@ -21,6 +22,8 @@ from tacbench_cad.util.text import counted
 
 #: The largest number of simulated parts that the page names.
 _MAX_PARTS = 6
+#: The counts in the table of the quality of each run.
+_COUNTS = ("planned", "presses", "out_of_band", "references", "stationary")
 
 
 def title(collection: Collection) -> str:
@@ -122,7 +125,7 @@ def devices_in_words(collection: Collection, what: str) -> str:
     return ", ".join(dict.fromkeys(words))
 
 
-def design_table(collection: Collection) -> Table:
+def design_table(collection: Collection) -> pd.DataFrame:
     """Return the numbers of prints and presses of each printer-filament and texture at each force level."""
     rows = []
     for combination in collection.combinations:
@@ -133,8 +136,7 @@ def design_table(collection: Collection) -> Table:
                 counts = {f"presses_level_{level}": presses[level] for level in collection.levels}
                 prints = len(np.unique(collection.copy[there])) if collection.has("print") else None
                 rows.append({**parts_of(combination), "texture": texture, "prints": prints, **counts})
-    levels = [Column(f"presses_level_{n}", head=f"presses, level {n}" if n else "presses") for n in collection.levels]
-    return Table.of((*_columns("printer", "filament", "texture", "prints"), *levels), rows, "Prints and presses")
+    return pd.DataFrame(rows)
 
 
 def record_tables(collection: Collection) -> dict[str, Any]:
@@ -145,52 +147,50 @@ def record_tables(collection: Collection) -> dict[str, Any]:
         ``empty`` is a table of the fields that are empty in some records; ``alike`` is a table of the other fields
         with one row for all equal records; ``damaged`` is a list of errors, one for each unreadable record.
     """
-    records: list[tuple[str, PrintRecord]] = []
+    printed: list[tuple[str, PrintRecord]] = []
     damaged: list[str] = []
     for run in collection.runs:
         try:
-            records.append((run.info.printed.name, run.print_record))
+            printed.append((run.info.printed.name, run.print_record))
         except InputError as error:
             damaged.append(str(error))
-    rows = [{"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in records]
-    empty = Counter(field for _, record in records for field in record.empty)
-    filled = [field for field in FIELDS if any(record.values.get(field) for _, record in records)]
+    rows = [{"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in printed]
+    empty = Counter(field for _, record in printed for field in record.empty)
+    filled = [field for field in FIELDS if any(record.values.get(field) for _, record in printed)]
     alike = Counter(tuple(row[field] for field in filled) for row in rows if filled)
+    expected = {field: "; ".join(SCORES.get(field, (FIELDS[field],))) for field in empty}
+    of_empty = [(field, expected[field], count, len(printed)) for field, count in empty.items()]
     return {
-        "total": len(records),
-        "all": Table.of(_columns("run", *FIELDS), rows),
-        "empty": _table(
+        "total": len(printed),
+        "all": frame_of(rows, ("run", *FIELDS)),
+        "empty": Shown(
             "Empty fields of the print records",
-            ("field", "expected content", "empty in", "of records"),
-            ((field, "; ".join(SCORES.get(field, (FIELDS[field],))), n, len(records)) for field, n in empty.items()),
+            pd.DataFrame(of_empty, columns=["field", "expected content", "empty in", "of records"]),
         ),
-        "alike": _table(
+        "alike": Shown(
             "Print records; equal records share a row",
-            (*filled, "prints"),
-            ((*values, count) for values, count in alike.items()),
+            pd.DataFrame([(*values, count) for values, count in alike.items()], columns=[*filled, "prints"]),
         ),
         "damaged": damaged,
     }
 
 
-def quality_table(reports: Iterable[RunReport]) -> Table:
+def quality_table(reports: Iterable[RunReport]) -> pd.DataFrame:
     """Return a table with the result of `tacbench check-runs` for each run."""
-    counts = _columns("planned", "presses", "out_of_band", "references", "stationary")
-    findings = Column("findings", source=lambda report: len(report.findings))
-    return Table.of(
-        (Column("run", source="name"), *counts, findings),
-        reports,
-        "Runs with findings, missing presses or forces outside their band",
-    )
+    rows = [
+        {**{name: getattr(of, name) for name in _COUNTS}, "run": of.name, "findings": len(of.findings)}
+        for of in reports
+    ]
+    return frame_of(rows, ("run", *_COUNTS, "findings"))
 
 
-def findings_table(reports: Iterable[RunReport], limit: int | None = None) -> Table:
+def findings_table(reports: Iterable[RunReport], limit: int | None = None) -> pd.DataFrame:
     """Return the findings of all runs, at most ``limit`` of each run."""
     findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings[:limit]]
-    return Table.of(_columns("run", "kind", "where", "text"), findings, f"Findings, at most {limit} for each run")
+    return frame_of(findings, ("run", "kind", "where", "text"))
 
 
-def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
+def open_points(collection: Collection, colour: bool, ddof: int) -> Shown:
     """Return the points that the paper's text leaves open, the choice made here, and the option of the other choice.
 
     Points that are unknown for imported runs have no row.
@@ -230,17 +230,8 @@ def open_points(collection: Collection, colour: bool, ddof: int) -> Table:
             "--force-level",
         ),
     )
-    heads = ("open point", "choice in this report", "option of the other choice")
-    return _table("Choices in this report", heads, (row for row in rows if row))
-
-
-def _columns(*names: str) -> tuple[Column, ...]:
-    return tuple(Column(name) for name in names)
-
-
-def _table(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    records: list[Mapping[str, Any]] = [dict(zip(heads, row, strict=True)) for row in rows]
-    return Table(columns=_columns(*heads), rows=tuple(records), title=title)
+    heads = ["open point", "choice in this report", "option of the other choice"]
+    return Shown("Choices in this report", pd.DataFrame([row for row in rows if row], columns=heads))
 
 
 def _plain(entry: Any) -> Any:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-from tacbench_cad.lab.analysis.tables import Table
+import pandas as pd
+
+from tacbench_cad.lab.analysis.tables import Shown
 
 #: The number of columns of numbers that fit on a sheet of paper, and the number of rows shown of a long table.
 _MAX_COLUMNS, MAX_ROWS = 8, 50
@@ -26,7 +28,7 @@ class ReportSection:
 
     title: str
     parts: Sequence[Part] = ()
-    tables: Mapping[str, Table] = field(default_factory=dict)
+    tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
 
 def text_part(words: object, kind: str = "text") -> Part:
@@ -39,7 +41,7 @@ def list_part(texts: Iterable[str]) -> Part:
     return {"kind": "list", "items": list(texts)}
 
 
-def table_part(table: Table, file: str = "") -> Part:
+def table_part(table: Shown, file: str = "") -> Part:
     """Return a table with formatted values.
 
     Args:
@@ -51,24 +53,24 @@ def table_part(table: Table, file: str = "") -> Part:
         "title": table.title,
         "heads": table.heads,
         "right": table.right,
-        "rows": list(table.texts()),
+        "rows": table.texts,
         "files": [file] if file else [],
     }
 
 
-def long_part(table: Table, file: str) -> Part:
+def long_part(table: Shown, file: str) -> Part:
     """Return a table with at most ``MAX_ROWS`` rows."""
-    count = len(table.rows)
+    count = len(table.frame)
     title = table.title if count <= MAX_ROWS else f"{table.title} (the first {MAX_ROWS} of {count:,})"
-    return table_part(replace(table, rows=table.rows[:MAX_ROWS], title=title), file)
+    return table_part(Shown(title, table.frame.head(MAX_ROWS)), file)
 
 
-def wide_parts(table: Table, file: str) -> Iterator[Part]:
+def wide_parts(table: Shown, file: str) -> Iterator[Part]:
     """Split a table with a column for each texture into several tables that are narrow enough for a sheet of paper."""
-    first = [*table.right, True].index(True)
-    for start in range(first, max(len(table.columns), first + 1), _MAX_COLUMNS):
-        columns = (*table.columns[:first], *table.columns[start : start + _MAX_COLUMNS])
-        yield table_part(replace(table, columns=columns), file)
+    first, frame = [*table.right, True].index(True), table.frame
+    for start in range(first, max(len(frame.columns), first + 1), _MAX_COLUMNS):
+        columns = [*range(first), *range(start, min(start + _MAX_COLUMNS, len(frame.columns)))]
+        yield table_part(Shown(table.title, frame.iloc[:, columns]), file)
 
 
 def figure_part(stem: str, caption: str, *tables: str) -> Part:

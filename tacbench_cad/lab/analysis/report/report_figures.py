@@ -14,6 +14,7 @@ from tacbench_cad.lab.analysis.conclusions import TOLD_APART
 from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure, save, styled
 from tacbench_cad.lab.analysis.report.facts import press_words
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
+from tacbench_cad.lab.analysis.tables import records
 from tacbench_cad.lab.analysis.variance.cells import name_of, short_texture
 from tacbench_cad.lab.analysis.variance.variance_figures import MAX_OVER_ESTIMATE, draw_point, log_axes, look_of
 from tacbench_cad.lab.rig.sensor import Frame, is_image
@@ -52,7 +53,7 @@ def draw_summary(results: Results, folder: Path) -> str:
         if handles:
             figure.legend(handles=handles, loc="outside upper left", ncols=5, fontsize=6.5)
         save(figure, folder / SUMMARY, results.collection.simulated)
-    intervals = any(row[name] is not None for row in results.textures.rows for name in ("low", "recall_low"))
+    intervals = bool(results.textures[["low", "recall_low"]].notna().to_numpy().any())
     bars = " Bars: 95 % intervals with prints as their unit." if intervals else ""
     return f"{'; '.join(panels).capitalize()}.{bars}"
 
@@ -80,7 +81,7 @@ def _draw_recall(axes: Axes, results: Results) -> None:
     """Draw how many presses of each texture the first estimator predicts correctly at the quoted hold-out level."""
     assert results.leak_free is not None  # because there is a confusion matrix
     names = results.collection.textures
-    rows = {row["texture"]: row for row in results.textures.rows}
+    rows = {row["texture"]: row for row in records(results.textures)}
     for x, row in enumerate(rows[name] for name in names):
         if row["recall"] is None:
             continue

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+
+import pandas as pd
 
 from tacbench_cad.lab.analysis.classification.accuracy import is_whole
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
@@ -15,7 +17,7 @@ from tacbench_cad.lab.analysis.conclusions import WHICH_TEXTURES
 from tacbench_cad.lab.analysis.report.classification import Classification
 from tacbench_cad.lab.analysis.report.facts import press_words, record_tables
 from tacbench_cad.lab.analysis.report.parts import ReportSection, text_part
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, percent
+from tacbench_cad.lab.analysis.tables import Shown, frame_of, percent, records
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, name_of, parts_of, shown_levels
 from tacbench_cad.lab.analysis.variance.grade import Grade
 from tacbench_cad.lab.analysis.variance.view import VarianceView
@@ -29,10 +31,8 @@ UNSEEN = "copy"
 _OF_CELL = ("force_level", "variance", "low", "high", "noise_alone")
 #: The columns of ``textures.csv``, the table to quote.
 COLUMNS = (
-    *(Column("texture"), Column("printer"), Column("filament")),
-    *(Column("prints", int), Column("presses", int)),
-    *(Column(_OF_CELL[0]), *(Column(name, float) for name in _OF_CELL[1:])),
-    *(Column("hold_out"), Column("recall", float), Column("recall_low", float), Column("recall_high", float)),
+    *("texture", "printer", "filament", "prints", "presses", *_OF_CELL),
+    *("hold_out", "recall", "recall_low", "recall_high"),
 )
 
 
@@ -101,7 +101,7 @@ class Results:
     @cached_property
     def hold_out(self) -> str:
         """The hold-out level to quote: unseen prints, or else unseen sessions, or else the easiest computed level."""
-        levels = {row["hold_out"] for row in self.leak_free.scores.rows} if self.leak_free else set()
+        levels = set(self.leak_free.scores["hold_out"]) if self.leak_free else set()
         return next((level for level in (UNSEEN, "session", *UNITS) if level in levels), "")
 
     @property
@@ -113,36 +113,38 @@ class Results:
         may_leak = shown_level(self.hold_out, self.collection.unknown_groups) != self.hold_out
         return quoted if may_leak else f"held out: {quoted}"
 
-    def score(self, hold_out: str) -> Row | None:
+    def score(self, hold_out: str) -> Mapping[str, Any] | None:
         """Return the accuracy of the first estimator at a hold-out level, over all held-out groups; None if missing."""
+        rows = self._quoted(self.leak_free.scores, hold_out) if self.leak_free else []
+        return next(iter(rows), None)
+
+    def _quoted(self, table: pd.DataFrame, hold_out: str) -> list[dict[str, Any]]:
+        """Return the rows of the first estimator at a hold-out level, over all held-out groups."""
         first = self.leak_free.record.estimators[0] if self.leak_free else ""
-        rows = self.leak_free.scores.rows if self.leak_free else ()
-        whole = (row for row in rows if row["estimator"] == first and is_whole(row["tested_on"], row["train_on"]))
-        return next((row for row in whole if row["hold_out"] == hold_out), None)
+        mine = table[(table["estimator"] == first) & (table["hold_out"] == hold_out)]
+        return [row for row in records(mine) if is_whole(row["tested_on"], row["train_on"])]
 
     @cached_property
     def confusion(self) -> Mapping[str, Mapping[str, float]]:
         """For each texture, the fraction of its presses by predicted texture: first estimator, quoted level."""
         fractions: dict[str, dict[str, float]] = {}
-        if self.leak_free:
-            for row in self.leak_free.confusion.rows:
-                quoted = (row["estimator"], row["hold_out"]) == (self.leak_free.record.estimators[0], self.hold_out)
-                if quoted and is_whole(row["tested_on"], row["train_on"]) and row["fraction"] is not None:
-                    fractions.setdefault(row["texture"], {})[row["predicted"]] = row["fraction"]
+        for row in self._quoted(self.leak_free.confusion, self.hold_out) if self.leak_free else ():
+            if row["fraction"] is not None:
+                fractions.setdefault(row["texture"], {})[row["predicted"]] = row["fraction"]
         return fractions
 
     @cached_property
-    def texture_answers(self) -> Mapping[str, Row]:
+    def texture_answers(self) -> Mapping[str, Mapping[str, Any]]:
         """The answer for each texture on unseen prints. If nothing is known, the only key is "", with the reason."""
-        rows = self.leak_free.answers.rows if self.leak_free else ()
+        rows = records(self.leak_free.answers) if self.leak_free else []
         return {row["about"] or "": row for row in rows if row["question"] == WHICH_TEXTURES}
 
     @cached_property
-    def textures(self) -> Table:
+    def textures(self) -> pd.DataFrame:
         """The main table, with a row for each texture and printer-filament."""
         study = self.collection
         cells = {(cell.texture, cell.combination): cell for cell in self.cells_at(self.level or 0)}
-        rows: list[Row] = []
+        rows: list[dict[str, Any]] = []
         held_out = quoted_level(self.hold_out, study.unknown_groups)
         for texture in study.textures:
             answer = self.texture_answers.get(texture)
@@ -166,45 +168,37 @@ class Results:
                             "recall_high": None if ends[1] is None else ends[1] / 100.0,
                         }
                     )
-        return Table(columns=COLUMNS, rows=tuple(rows))
+        return frame_of(rows, COLUMNS)
 
     @property
-    def shown_textures(self) -> Table:
+    def shown_textures(self) -> Shown:
         """The main table as the page shows it, without empty columns."""
-        study = self.collection
-        rows = self.textures.rows
-        firsts = {row["texture"]: row for row in reversed(rows)}
-        known = {name for row in rows for name, value in row.items() if value is not None}
+        study, table = self.collection, self.textures
+        known = {name for name in table if table[name].notna().any()}
+        again = table["texture"].duplicated()  # values of a texture are shown in its first row only
 
-        def once(name: str, text: Callable[[Row], str]) -> Callable[[Row], str]:
-            """Show a value that belongs to the texture, not to the printer, only in the first row of the texture."""
-            return lambda row: text(row) if row[name] is not None and firsts[row["texture"]] is row else ""
+        def ends(low: str, high: str, factor: float = 1.0) -> pd.Series[str]:
+            pairs = zip(table[low], table[high], strict=True)
+            texts = ["" if pd.isna(a) else interval(factor * a, factor * b) for a, b in pairs]
+            return pd.Series(texts, index=table.index)
 
-        def printer(row: Row) -> str:
-            return name_of(f"{row['printer']}_{row['filament']}")
-
-        def ends(low: str, high: str, times: float = 1.0) -> Callable[[Row], str]:
-            return lambda row: interval(*(None if row[end] is None else times * row[end] for end in (low, high)))
-
-        def recall_ends(row: Row) -> str:
-            return TOO_FEW if row["recall_low"] is None else ends("recall_low", "recall_high", 100.0)(row)
-
-        columns = [Column("texture", derived=once("texture", lambda row: str(row["texture"])))]
+        columns: dict[str, Any] = {"texture": table["texture"].mask(again, "")}
         if len(study.combinations) > 1:
-            columns.append(Column("name", head="printer, filament", derived=printer))
-        columns += [Column("prints")] if "prints" in known else []
-        columns.append(Column("presses", head=press_words(study)[1]))
+            columns["printer, filament"] = (table["printer"] + "_" + table["filament"]).map(name_of)
+        if "prints" in known:
+            columns["prints"] = table["prints"]
+        columns[press_words(study)[1]] = table["presses"]
         title = "each texture"
         if self.variance and self.level is not None and "variance" in known:
-            columns.append(Column("variance", head=f"variance ({self.variance.unit})", text=short))
-            columns.append(Column("ends", head="95 % interval", derived=ends("low", "high"), right=True))
-            columns += [Column("noise_alone", text=short)] if "noise_alone" in known else []
+            columns[f"variance ({self.variance.unit})"] = table["variance"].map(short, na_action="ignore")
+            columns["95 % interval"] = ends("low", "high").replace("", "none")
+            if "noise_alone" in known:
+                columns["noise alone"] = table["noise_alone"].map(short, na_action="ignore")
             title += f"; variance: {study.pressing.level_name(self.level)}, ddof {self.variance.settings.ddof}"
         if "recall" in known:
-            recall = once("recall", lambda row: percent(row["recall"]))
-            head = f"predicted correctly, {self.shown_hold_out} (%)"
-            columns.append(Column("right", head=head, derived=recall, right=True))
+            recall = table["recall"].map(percent).mask(again, "")
+            columns[f"predicted correctly, {self.shown_hold_out} (%)"] = recall
             if self.hold_out == UNSEEN:
-                both = once("recall", recall_ends)
-                columns.append(Column("recall_ends", head="95 % interval", derived=both, right=True))
-        return replace(self.textures, columns=tuple(columns), title=title)
+                texts = ends("recall_low", "recall_high", 100.0).replace("", TOO_FEW)
+                columns["its 95 % interval"] = texts.where(recall != "", "")
+        return Shown(title, pd.DataFrame(columns))

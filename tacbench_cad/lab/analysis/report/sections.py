@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import conclusions
-from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
-from tacbench_cad.lab.analysis.classification.result import level_column, recall_table
+from tacbench_cad.lab.analysis.classification.result import recall_table, shown_scores
 from tacbench_cad.lab.analysis.classification.settings import shown_protocol
 from tacbench_cad.lab.analysis.report import facts
 from tacbench_cad.lab.analysis.report.cite import citations
@@ -27,15 +27,11 @@ from tacbench_cad.lab.analysis.report.parts import (
 from tacbench_cad.lab.analysis.report.report_html import macro
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.summary import next_steps
-from tacbench_cad.lab.analysis.tables import interval_column
+from tacbench_cad.lab.analysis.tables import Shown
 from tacbench_cad.util.text import counted
 
 #: The largest number of findings of a run on the page; the CSV file contains all of them.
 MAX_FINDINGS = 5
-_SCORES = (
-    *("train_on", "tested_on", "accuracy"),
-    *(interval_column(empty=TOO_FEW), "trials", "images"),
-)
 #: The figures of a classification, by their files' names.
 _CLASSIFICATION_FIGURES = {
     "hold_out_levels": "Accuracy at the hold-out levels, from easy to hard: presses, positions, forces, copies, "
@@ -78,7 +74,7 @@ def _steps(results: Results) -> Iterator[Part]:
 
 def _design(results: Results) -> Iterator[Part]:
     yield text_part(macro("methods.j2", "design")(results.collection))
-    yield table_part(facts.design_table(results.collection), "design.csv")
+    yield table_part(Shown("Prints and presses", _readable(facts.design_table(results.collection))), "design.csv")
 
 
 def _quality(results: Results) -> Iterator[Part]:
@@ -100,10 +96,18 @@ def _quality(results: Results) -> Iterator[Part]:
         f"finding; there {'is' if findings == 1 else 'are'} {counted(findings, 'finding')} in total."
     )
     if findings:
-        yield long_part(facts.findings_table(reports, MAX_FINDINGS), "findings.csv")
+        title = f"Findings, at most {MAX_FINDINGS} for each run"
+        yield long_part(Shown(title, facts.findings_table(reports, MAX_FINDINGS)), "findings.csv")
     incomplete = facts.quality_table([r for r in reports if r.findings or r.out_of_band or r.presses < r.planned])
-    if incomplete.rows:
-        yield long_part(incomplete, "data_quality.csv")
+    if len(incomplete):
+        title = "Runs with findings, missing presses or forces outside their band"
+        yield long_part(Shown(title, _readable(incomplete)), "data_quality.csv")
+
+
+def _readable(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table with readable headings, without columns that have no value."""
+    heads = {name: str(name).replace("_level_", ", level ").replace("_", " ") for name in table}
+    return table.dropna(axis="columns", how="all").rename(columns=heads)
 
 
 def _variance(results: Results) -> Iterator[Part]:
@@ -124,10 +128,10 @@ def _variance(results: Results) -> Iterator[Part]:
             yield figure_part("variance/components", "Where the variance comes from.")
     yield from map(text_part, view.notes)
     distances = view.tables.get("print_distances")
-    if distances is not None and distances.rows:
-        first = sorted(distances.rows, key=lambda row: -row["from_others"])
+    if distances is not None and len(distances):
+        first = _readable(distances.sort_values("from_others", ascending=False, kind="stable"))
         title = f"How far each print is from the other prints of its texture (mean square, {view.unit}), largest first"
-        yield long_part(replace(distances, rows=tuple(first), title=title), "variance/print_distances.csv")
+        yield long_part(Shown(title, first), "variance/print_distances.csv")
 
 
 def _published(results: Results) -> Iterator[Part]:
@@ -198,12 +202,12 @@ def _one_classification(classification: Classification, folder: Path) -> Iterato
     name, record = classification.folder.name, classification.record
     if record.notes:
         yield list_part(record.notes)
-    if classification.answers.rows:
-        yield table_part(conclusions.shown(classification.answers), f"{name}/texture_answers.csv")
+    if len(classification.answers):
+        yield table_part(conclusions.shown_answers(classification.answers), f"{name}/texture_answers.csv")
     chance = f"chance is {100.0 * classification.chance:.1f} %"
     title = f"Accuracy (%), protocol {shown_protocol(record.protocol, record.unknown_groups)}; {chance}"
-    columns = ("estimator", level_column(record.unknown_groups), *_SCORES)
-    yield table_part(classification.scores.select(*columns, title=title), f"{name}/classification.csv")
+    scores = shown_scores(classification.scores, record.unknown_groups, title)
+    yield table_part(scores, f"{name}/classification.csv")
     yield from wide_parts(recall_table(classification.confusion, record.unknown_groups), f"{name}/confusion.csv")
     for stem, caption in _CLASSIFICATION_FIGURES.items():
         for path in sorted((folder / name).glob(f"{stem}*.png")):
@@ -224,7 +228,7 @@ def _methods(results: Results) -> Iterator[Part]:
     settings = results.variance.settings if results.variance else None
     colour, ddof = (settings.colour, settings.ddof) if settings else (False, 0)
     points = facts.open_points(results.collection, colour, ddof)
-    if points.rows:
+    if len(points.frame):
         yield text_part("Points that the paper's text leaves open", "heading")
         yield table_part(points)
     yield text_part("Citations", "heading")
@@ -236,9 +240,9 @@ def _records(results: Results) -> Iterator[Part]:
     if records["damaged"]:
         yield text_part("Print records that cannot be read:")
         yield list_part(records["damaged"])
-    if records["alike"].rows:
+    if len(records["alike"].frame):
         yield table_part(records["alike"], "print_records.csv")
-    if records["empty"].rows:
+    if len(records["empty"].frame):
         yield text_part(
             f"Some of {counted(records['total'], 'print record')} have empty fields. A fact that was not written down "
             "cannot explain a difference between prints later."

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, REPEATABLE
 from tacbench_cad.lab.analysis.report.facts import press_words, unknown_names
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
-from tacbench_cad.lab.analysis.tables import Row, percent
+from tacbench_cad.lab.analysis.tables import percent, records
 from tacbench_cad.lab.analysis.variance.cells import FRAMES, name_of, short_texture
 from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.lab.runs.quality import JUDGED
@@ -18,6 +19,8 @@ from tacbench_cad.util.text import counted, interval, short
 
 #: The largest number of names in a sentence; the sentence only counts the others.
 _MAX_NAMES = 3
+#: A row of a table of answers.
+Row = Mapping[str, Any]
 _ESTIMATORS = {"forest": "a random forest", "network": "a network"}
 _UNSAID = "cannot be said: "
 #: The words of the sentence about the textures, by the first words of the answer.
@@ -86,9 +89,10 @@ def quality_sentence(results: Results) -> str:
         parts.append(f"the check found {counted(findings.total(), 'problem')} in {runs} ({kinds})")
     else:
         parts.append("the check found no problem")
-    rows = [row for row in results.textures.rows if row["noise_alone"] is not None and row["variance"]]
-    if rows and results.variance:
-        fraction = sum(row["noise_alone"] for row in rows) / sum(row["variance"] for row in rows)
+    table = results.textures
+    known = table[table["noise_alone"].notna() & (table["variance"] > 0.0)]
+    if len(known) and results.variance:
+        fraction = float(known["noise_alone"].sum() / known["variance"].sum())
         bound = "" if results.variance.floor_sources == [FRAMES] else "at most "
         parts.append(f"sensor noise alone causes {bound}{min(100.0, 100.0 * fraction):.0f} % of the variance")
     elif results.variance:
@@ -249,7 +253,7 @@ def _open_steps(results: Results) -> Iterator[str]:
 
 def _printer_rows(results: Results) -> list[Row]:
     """Return the answers to the question whether each printer is repeatable."""
-    rows = results.variance.tables["printer_answers"].rows if results.variance else ()
+    rows = records(results.variance.tables["printer_answers"]) if results.variance else []
     return [row for row in rows if row["question"] == IS_REPEATABLE]
 
 

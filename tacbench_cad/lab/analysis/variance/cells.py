@@ -58,9 +58,9 @@ class Cell:
     texture: str
     force_level: Level
     variance: _Variance
-    floor: _Variance | None
-    low: _Variance | None
-    high: _Variance | None
+    floor: _Variance | None = None
+    low: _Variance | None = None
+    high: _Variance | None = None
     prints: _Count
     presses: _Count
     noise_alone: float | None = None

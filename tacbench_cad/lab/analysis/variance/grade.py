@@ -17,13 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
+
+import pandas as pd
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.published import texture_number
-from tacbench_cad.lab.analysis.tables import Column, Table
+from tacbench_cad.lab.analysis.tables import Shown
 from tacbench_cad.lab.analysis.variance.cells import Cell, Level, squared
 from tacbench_cad.lab.analysis.variance.grade_limits import limits, to_two_repeats
 from tacbench_cad.util.errors import InputError
@@ -142,27 +143,25 @@ class Grade:
     limits: tuple[str, ...]
 
     @property
-    def table(self) -> Table:
+    def table(self) -> Shown:
         """The textures with their figures and the published figures."""
-        names = list(published.PAPER_ROW_NAMES.values())
-
-        def beside(place: int, texture: GradedTexture) -> str:
-            of = texture.published[place]
-            return f"{of.variance:.2f} {of.ours_is or '-'}"
-
-        columns = (
-            Column("texture"),
-            Column("prints"),
-            Column("variance", head=f"variance of repeats ({self.units})", text=short),
-            Column("interval", head="95 % interval", source=lambda t: interval(t.low, t.high), right=True),
-            Column(
-                "noise_alone", source=lambda t: "none" if t.noise_alone is None else short(t.noise_alone), right=True
-            ),
-            *(Column(name, source=partial(beside, place), right=True) for place, name in enumerate(names)),
+        frame = pd.DataFrame(
+            {
+                "texture": texture.texture,
+                "prints": texture.prints,
+                f"variance of repeats ({self.units})": short(texture.variance),
+                "95 % interval": interval(texture.low, texture.high),
+                "noise alone": "none" if texture.noise_alone is None else short(texture.noise_alone),
+                **{
+                    name: f"{of.variance:.2f} {of.ours_is or '-'}"
+                    for name, of in zip(published.PAPER_ROW_NAMES.values(), texture.published, strict=True)
+                },
+            }
+            for texture in self.textures
         )
         level = f"force level {self.force_level}"
         title = f"{self.printer}, {self.filament}: {level}; published figures, and whether yours is less or more"
-        return Table.of(columns, self.textures, title)
+        return Shown(title, frame)
 
 
 def grade(cells: Sequence[Cell], collection: Collection, left_out: Sequence[str] = ()) -> tuple[Grade, ...]:

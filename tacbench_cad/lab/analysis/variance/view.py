@@ -6,18 +6,21 @@ report reads the CSV files again and shows the same tables.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import pandas as pd
+
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Words
 from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.tables import Column, Row, Table, read_settings, write_settings
+from tacbench_cad.lab.analysis.tables import Shown, read_csv, read_settings, records, write_csv, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
     FRAMES,
@@ -33,7 +36,7 @@ from tacbench_cad.lab.analysis.variance.components import LIMIT_FACTOR
 from tacbench_cad.lab.analysis.variance.notes import relation_to_paper, variance_warnings
 from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.result import Protocol, VarianceResult
-from tacbench_cad.lab.analysis.variance.result_tables import AS_PUBLISHED_FILES, CELL, COLUMNS, REMOVED, tables_of
+from tacbench_cad.lab.analysis.variance.result_tables import AS_PUBLISHED_FILES, CELL, REMOVED, VARIANCE, tables_of
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted, interval, short
@@ -77,14 +80,14 @@ class VarianceView:
         collection: The study.
         settings: The settings.
         cells: The cells.
-        tables: The tables by the names in ``COLUMNS``. If they were read from files, tables that are never shown
+        tables: The tables by the names of their CSV files. If they were read from files, tables that are never shown
             are missing.
     """
 
     collection: Collection
     settings: Settings
     cells: tuple[Cell, ...]
-    tables: Mapping[str, Table]
+    tables: Mapping[str, pd.DataFrame]
 
     @classmethod
     def of(cls, result: VarianceResult, seatings: Sequence[Seating] = ()) -> VarianceView:
@@ -133,18 +136,16 @@ class VarianceView:
             names += ("printer_answers", "components", "permutation", *["registration"] * settings.registered)
             # Earlier versions did not write this file.
             names += ["print_distances"] * (folder / "print_distances.csv").is_file()
-        tables = {name: Table.read(folder / f"{name}.csv", COLUMNS[name]) for name in names}
+        tables = {name: read_csv(folder / f"{name}.csv") for name in names}
+        removed = tables["floor_removed"].rename(columns={name: field or name for name, field in REMOVED.items()})
+        both = pd.concat(
+            [tables["variance"], removed.drop(columns=tables["variance"].columns, errors="ignore")], axis=1
+        )
+        fields = {field.name for field in dataclasses.fields(Cell)}
         try:
-            cells = tuple(
-                Cell(
-                    **cell,
-                    floor_from=removed["floor_from"] or "",
-                    floor_removed=removed["floor_removed"],
-                    **{attribute: removed[name] for name, attribute in REMOVED.items()},
-                )
-                for cell, removed in zip(tables["variance"].rows, tables["floor_removed"].rows, strict=True)
-            )
-        except (InputError, TypeError, ValueError) as error:
+            rows = [{name: value for name, value in row.items() if name in fields} for row in records(both)]
+            cells = tuple(Cell(**{**row, "floor_from": row["floor_from"] or ""}) for row in rows)
+        except (InputError, TypeError, KeyError, ValueError) as error:
             raise InputError("table", str(folder / "variance.csv"), f"contains a wrong value: {error}") from None
         collection = collection.viewed(settings.series)
         return cls(collection=collection, settings=settings, cells=cells, tables=tables)
@@ -160,12 +161,13 @@ class VarianceView:
             "motion": self.settings.series,
         }
         names = [name for name in self.tables if optional.get(name, True)]
-        paths = [self.tables[name].write(folder / f"{name}.csv", self.collection.simulated) for name in names]
+        simulated = self.collection.simulated
+        paths = [write_csv(folder / f"{name}.csv", self.tables[name], simulated) for name in names]
         return [*paths, write_settings(folder / SETTINGS_FILE, self.settings)]
 
     def document(self) -> dict[str, Any]:
         """Return the document of ``--json``."""
-        keys = [column.name for column in COLUMNS["variance"]]
+        removed = records(self.tables["floor_removed"][["variance", "floor_removed", "low", "high"]])
         return {
             "simulated": list(self.collection.simulated),
             "protocol": self.settings.protocol,
@@ -175,15 +177,12 @@ class VarianceView:
             **{key: getattr(self.settings, key) for key in ("features", "series", "roi", "outside")},
             "numbers": self.settings.words.numbers,
             "variance": [
-                {
-                    **{key: getattr(cell, key) for key in (*keys, "floor_from")},
-                    "ddof_1": {name: removed[name] for name in ("variance", "floor_removed", "low", "high")},
-                }
-                for cell, removed in zip(self.cells, self.tables["floor_removed"].rows, strict=True)
+                {**{key: getattr(cell, key) for key in (*VARIANCE, "floor_from")}, "ddof_1": of_cell}
+                for cell, of_cell in zip(self.cells, removed, strict=True)
             ],
             **{
-                name: self.tables[name].records()
-                for name in self.tables
+                name: records(table)
+                for name, table in self.tables.items()
                 if name not in (*AS_PUBLISHED_FILES, self.settings.exhibit)
             },
             "warnings": list(self.warnings),
@@ -240,26 +239,21 @@ class VarianceView:
             notes.append(relation_to_paper(self.settings.protocol))
         return notes
 
-    @property
-    def answers(self) -> Table:
-        """The answers about the printers in plain words; the protocol ``as-published`` has none."""
-        return conclusions.shown(self.tables["printer_answers"])
-
-    def shown(self) -> Iterator[tuple[str, Table]]:
+    def shown(self) -> Iterator[tuple[str, Shown]]:
         """Yield the shown tables, each with the name of the CSV file that has all digits."""
         if self.settings.protocol == "paper":
-            yield "printer_answers", self.answers
+            yield "printer_answers", conclusions.shown_answers(self.tables["printer_answers"])
         for level in shown_levels(self.cells):
             yield "variance", self._level_table(level)
         if self.settings.protocol == "as-published":
             return
         yield "components", self._component_table()
-        if self.tables["permutation"].rows:
+        if len(self.tables["permutation"]):
             yield "permutation", self._test_table()
         if self.settings.registered:
             yield "registration", self._seating_table()
 
-    def _level_table(self, level: Level) -> Table:
+    def _level_table(self, level: Level) -> Shown:
         """Return the variance table at one level: a few rows for each printer-filament, a column for each texture."""
         collection = self.collection
         by_key = {(cell.combination, cell.texture): cell for cell in self.cells if cell.force_level == level}
@@ -279,24 +273,22 @@ class VarianceView:
         what, title = "variance", "variance"
         if self.settings.protocol == "as-published":
             what, title = "variance of repeats", "variance of the repeats on one print"
-        rows: list[Row] = []
+        rows: list[dict[str, str]] = []
         for combination in collection.combinations:
             cells = {t: by_key[combination, t] for t in collection.textures if (combination, t) in by_key}
             if not cells:
                 continue
             counts = {name: _range([getattr(cell, name) for cell in cells.values()]) for name in ("prints", "presses")}
-            values = {texture: number(cell.variance) for texture, cell in cells.items()}
-            rows.append({"name": name_of(combination), "what": what, **values, **counts})
+            values = {short_texture(texture): number(cell.variance) for texture, cell in cells.items()}
+            rows.append({"printer, filament": name_of(combination), "": what, **values, **counts})
             bound = any(cell.floor_from == REPEATS for cell in cells.values())
             for name, text in lines.items():
-                texts = {texture: text(cell) for texture, cell in cells.items()}
+                texts = {short_texture(texture): text(cell) for texture, cell in cells.items()}
                 if any(texts.values()):
-                    rows.append({"what": f"{name}, at most" if bound and name == "noise alone" else name, **texts})
-        columns = [Column("name", head="printer, filament"), Column("what", head="")]
-        columns += [Column(texture, head=short_texture(texture), right=True) for texture in collection.textures]
-        columns += [Column(name, right=True) for name in ("prints", "presses")]
+                    rows.append({"": f"{name}, at most" if bound and name == "noise alone" else name, **texts})
+        columns = ["printer, filament", "", *map(short_texture, collection.textures), "prints", "presses"]
         title = f"{title}, {self._level_name(level)} ({self.unit}{self._kind}, ddof {self.settings.ddof})"
-        return _filled(columns, rows, title)
+        return Shown(title, pd.DataFrame(rows, columns=columns))
 
     @property
     def _kind(self) -> str:
@@ -308,52 +300,68 @@ class VarianceView:
         kind += f"; {self.settings.words.title}" if self.settings.words.title else ""
         return kind + (f"; inside {self.settings.roi}" if self.settings.roi else "")
 
-    def _component_table(self) -> Table:
+    def _component_table(self) -> Shown:
         """Return the components and ISO 5725's standard deviations, with a column for each level."""
-        by_key = {(row["force_level"], row["component"]): row for row in self.tables["components"].rows}
+        by_key = {(row["force_level"], row["component"]): row for row in records(self.tables["components"])}
         levels = shown_levels(self.cells)
-        rows = [
-            {"name": text, **{str(level): _component(by_key[level, name]) for level in levels}}
-            for name, text in _COMPONENTS.items()
-        ]
+        rows = {text: [_component(by_key[level, name]) for level in levels] for name, text in _COMPONENTS.items()}
         for name in ("repeatability", "intermediate", "reproducibility"):
-            texts = {}
-            for level in levels:
-                value = by_key[level, name]["variance"]
-                sd = None if value is None else math.sqrt(value)
-                texts[str(level)] = "" if sd is None else f"{short(sd)} (limit {short(LIMIT_FACTOR * sd)})"
-            rows.append({"name": f"{name} SD ({self.settings.units})", **texts})
-        columns = [Column("name", head="")]
-        columns += [Column(str(level), head=self._level_name(level), right=True) for level in levels]
-        return _filled(columns, rows, f"variance components of the nested design ({self.unit}, unbiased) and ISO 5725")
+            deviations = [
+                None if variance is None else math.sqrt(variance)
+                for level in levels
+                for variance in [by_key[level, name]["variance"]]
+            ]
+            rows[f"{name} SD ({self.settings.units})"] = [
+                "" if sd is None else f"{short(sd)} (limit {short(LIMIT_FACTOR * sd)})" for sd in deviations
+            ]
+        frame = pd.DataFrame.from_dict(rows, orient="index", columns=[self._level_name(level) for level in levels])
+        title = f"variance components of the nested design ({self.unit}, unbiased) and ISO 5725"
+        return Shown(title, frame.reset_index(names=""))
 
-    def _test_table(self) -> Table:
+    def _test_table(self) -> Shown:
         table = self.tables["permutation"]
-        pooled = table.where(lambda row: row["force_level"] == ALL_LEVELS)
-        return (pooled if pooled.rows else table).select(
-            Column("force", derived=lambda row: self._level_name(row["force_level"])),
-            Column("first", text=name_of),
-            Column("second", text=name_of),
-            Column("prints", derived=lambda row: f"{row['prints_first']}, {row['prints_second']}", right=True),
-            *("ratio", "p", "p_holm", "least_p"),
-            title="do two printers have the same variance between prints? (permutation test of prints)",
+        pooled = table[table["force_level"] == ALL_LEVELS]
+        table = pooled if len(pooled) else table
+        frame = pd.DataFrame(
+            {
+                "force": [self._level_name(level) for level in table["force_level"]],
+                "first": table["first"].map(name_of).tolist(),
+                "second": table["second"].map(name_of).tolist(),
+                "prints": [f"{a}, {b}" for a, b in zip(table["prints_first"], table["prints_second"], strict=True)],
+                "ratio": table["ratio"].map(short, na_action="ignore").tolist(),
+                "p": table["p"].map(short).tolist(),
+                "p for all pairs": table["p_holm"].map(short).tolist(),
+                "smallest possible p": table["least_p"].map(short).tolist(),
+            }
         )
+        return Shown("do two printers have the same variance between prints? (permutation test of prints)", frame)
 
-    def _seating_table(self) -> Table:
+    def _seating_table(self) -> Shown:
         """Return the variance of each cell with and without differences in placement, and the largest offsets."""
-        cells: dict[tuple[Any, ...], dict[str, Any]] = {}
-        for row in self.tables["registration"].rows:
-            cell = cells.setdefault(tuple(row[column.name] for column in CELL), {**row, "x_mm": None, "y_mm": None})
-            for axis in ("x_mm", "y_mm"):
-                offsets = [abs(values[axis]) for values in (cell, row) if values[axis] is not None]
-                cell[axis] = max(offsets, default=None)
-        table = Table(columns=COLUMNS["registration"], rows=tuple(cells.values()))
-        return table.select(
-            Column("force", derived=lambda row: self._level_name(row["force_level"])),
-            *("printer", "filament", "texture", "variance", "seating", "variance_without_seating"),
-            *(Column(f"{axis}_mm", head=f"largest offset {axis} (mm)", text=lambda mm: f"{mm:.3f}") for axis in "xy"),
-            title="registration: the part of the variance that differences in placement explain (not in the paper)",
+        table = self.tables["registration"]
+        offsets = {axis: pd.to_numeric(table[axis]).abs() for axis in ("x_mm", "y_mm")}
+        cells = (
+            table.assign(**offsets)
+            .groupby(list(CELL), sort=False, as_index=False)
+            .agg(
+                dict.fromkeys(("variance", "seating", "variance_without_seating"), "first")
+                | dict.fromkeys(("x_mm", "y_mm"), "max")
+            )
         )
+        figures = {"variance": "variance", "seating": "seating", "without seating": "variance_without_seating"}
+        frame = pd.DataFrame(
+            {
+                "force": [self._level_name(level) for level in cells["force_level"]],
+                **{name: cells[name] for name in ("printer", "filament", "texture")},
+                **{head: cells[name].map(short) for head, name in figures.items()},
+                **{
+                    f"largest offset {axis} (mm)": cells[f"{axis}_mm"].map("{:.3f}".format, na_action="ignore")
+                    for axis in "xy"
+                },
+            }
+        )
+        title = "registration: the part of the variance that differences in placement explain (not in the paper)"
+        return Shown(title, frame)
 
     def _level_name(self, level: Level) -> str:
         return self.collection.pressing.level_name(level)
@@ -380,7 +388,7 @@ def write_all(result: VarianceResult, folder: Path, seatings: Sequence[Seating] 
         return [*VarianceView.of(result, seatings).write(folder), *draw_all(result, folder)]
 
 
-def _component(row: Row) -> str:
+def _component(row: Mapping[str, Any]) -> str:
     if row["variance"] is None:
         return str(row["note"] or "not estimated")
     ends = f" ({interval(row['low'], row['high'])})" if row["low"] is not None else ""
@@ -392,9 +400,3 @@ def _component(row: Row) -> str:
 def _range(values: Sequence[int]) -> str:
     low, high = min(values), max(values)
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
-
-
-def _filled(columns: Sequence[Column], rows: Sequence[Row], title: str) -> Table:
-    """Return a table of texts; missing values of a row are empty."""
-    empty = dict.fromkeys((column.name for column in columns), "")
-    return Table(columns=tuple(columns), rows=tuple({**empty, **row} for row in rows), title=title)
