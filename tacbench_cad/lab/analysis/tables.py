@@ -148,7 +148,8 @@ def read_csv(path: Path, columns: Sequence[str] = ()) -> pd.DataFrame:
     missing = [name for name in columns if name not in frame]
     if missing:
         raise InputError("table", str(path), f"has no column {missing[0]}; run the analysis again")
-    wrong = [name for name in frame if name not in _TEXTS and not pd.api.types.is_numeric_dtype(frame[name])]
+    numbers_of = frame.drop(columns=list(_TEXTS), errors="ignore").dropna(axis="columns", how="all")
+    wrong = [name for name in numbers_of if not pd.api.types.is_numeric_dtype(frame[name])]
     if wrong:
         raise InputError("table", str(path), f"contains a wrong value in column {wrong[0]}; run the analysis again")
     if "force_level" in frame:

@@ -217,7 +217,7 @@ def test_classes_of_unknown_prints_are_not_called_prints() -> None:
     assert not comparison.rows[0].paired and comparison.shown.heads[-2] == "samples"
     assert "the prints are unknown, so the samples are compared" in comparison.notes[0]
     assert not any("same prints" in note or "pairs" in note for note in comparison.notes)
-    assert next(comparison.shown.texts())[0] == "random split, may leak"
+    assert comparison.shown.texts[0][0] == "random split, may leak"
     assert compare(first, first, "forest and network").rows[0].paired
     texts = [text for axes in draw_comparison(comparison).axes for text in shown_texts(axes)]
     assert any("random split" in text and "may leak" in text for text in texts)

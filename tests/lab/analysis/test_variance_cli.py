@@ -14,7 +14,7 @@ from helpers.studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance.view import COLUMNS, VarianceView
+from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -61,10 +61,14 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     result = rows(out / "variance.csv")
     assert len(result) == 3 * 2 * 2
     assert {row["force_level"] for row in result} == {"1", "2", "all"}
-    for name, columns in (
-        (name, columns) for name, columns in COLUMNS.items() if name not in ("displacements", "motion")
-    ):
-        assert list(rows(out / f"{name}.csv")[0]) == [*(column.name for column in columns), "simulated"]
+    for name in (*TABLES, "registration"):
+        heads = list(rows(out / f"{name}.csv")[0])
+        assert heads[-1] == "simulated" and len(set(heads)) == len(heads)
+    cell = ["printer", "filament", "texture", "force_level"]
+    numbers = ["variance", "floor", "low", "high", "prints", "presses", "noise_alone", "quantity", "published"]
+    assert list(result[0]) == [*cell, *numbers, "simulated"]
+    removed = ["variance", "floor", "floor_from", "floor_removed", "low", "high"]
+    assert list(rows(out / "floor_removed.csv")[0]) == [*cell, *removed, "simulated"]
     assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
     for words in (
         "simulated: sensor (see run.json)\n",
@@ -96,7 +100,7 @@ def test_json_equals_the_csv(study: Path, written: tuple[Path, str], capsys: pyt
 
 def test_the_output_of_saved_results_is_the_same(study: Path, written: tuple[Path, str]) -> None:
     view = VarianceView.read(written[0], Collection.open([study]))
-    texts = [" ".join(row).split() for _, table in view.shown() for row in table.texts()]
+    texts = [" ".join(row).split() for _, table in view.shown() for row in table.texts]
     lines = [line.split() for line in written[1].splitlines()]
     assert len(texts) > 20 and all(text in lines for text in texts)
     assert all(f"warning: {text}" in written[1].splitlines() for text in view.warnings)

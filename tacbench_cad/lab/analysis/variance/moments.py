@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,45 +13,8 @@ from tacbench_cad.util.types import Floats
 
 #: The number of values that are converted at a time: 1 MB, which fits into the processor's cache.
 CHUNK = 1 << 17
-#: The number of stationary frames in memory at a time.
-FRAMES = 32
 #: The longest side of a map for figures, in pixels.
 MAP_SIDE = 320
-
-
-@dataclass(eq=False)
-class Running:
-    """The count, mean and sum of squares of all arrays added so far. The arrays themselves are not kept.
-
-    Args:
-        count: The number of arrays.
-        mean: The mean of the arrays, shape (pixels,).
-        squares: The sum of squared deviations from the mean, mean over pixels.
-        merged: The part of ``squares`` that comes from differences between the added groups.
-    """
-
-    count: int = 0
-    mean: Floats = field(default_factory=lambda: np.zeros(0))
-    squares: float = 0.0
-    merged: float = 0.0
-
-    def add(self, count: int, mean: Floats, squares: float) -> None:
-        """Add a group of arrays with its count, mean and squares."""
-        if not self.count:
-            self.count, self.mean, self.squares = count, mean.copy(), squares
-            return
-        total = self.count + count
-        squared = 0.0
-        for begin in range(0, len(mean), CHUNK // 4):
-            which = slice(begin, begin + CHUNK // 4)
-            step = mean[which] - self.mean[which]
-            squared += float(step @ step)
-            step *= count / total
-            self.mean[which] += step
-        between = self.count * count / total * squared / len(mean)
-        self.merged += between
-        self.squares += squares + between
-        self.count = total
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,56 +32,34 @@ class Moments:
     gram: Floats
 
 
-def _pieces(frames: Sequence[NDArray[Any]]) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Yield a range of pixels of all frames at a time: the slice, its mean (p,) and the deviations from it (n, p)."""
-    flat = [frame.reshape(-1) for frame in frames]
-    pixels = flat[0].size
-    width = min(max(1, CHUNK // len(flat)), pixels)
-    buffer = np.empty((len(flat), width))
-    for begin in range(0, pixels, width):
-        which = slice(begin, min(begin + width, pixels))
-        piece = buffer[:, : which.stop - begin]
-        for row, frame in zip(piece, flat, strict=True):
-            row[:] = frame[which]
-        mean = piece.mean(axis=0)
-        piece -= mean
-        yield which, mean, piece
-
-
 def moments(frames: Sequence[NDArray[Any]]) -> Moments:
-    """Compute the moments of frames of one shape, in two passes over a few thousand pixels at a time.
-
-    Args:
-        frames: A list of n arrays of finite numbers.
-    """
-    n, pixels = len(frames), frames[0].size
+    """Compute the moments of n frames of one shape, in two passes over a few thousand pixels at a time."""
+    flat = [frame.reshape(-1) for frame in frames]
+    n, pixels = len(flat), flat[0].size
     mean, squares, gram = np.empty(pixels), np.empty(pixels), np.zeros((n, n))
-    for which, middle, piece in _pieces(frames):
-        mean[which] = middle
+    width = max(1, CHUNK // n)
+    for which in (slice(begin, min(begin + width, pixels)) for begin in range(0, pixels, width)):
+        piece = np.array([frame[which] for frame in flat], dtype=np.float64)
+        mean[which] = piece.mean(axis=0)
+        piece -= mean[which]
         gram += piece @ piece.T
         np.einsum("ij,ij->j", piece, piece, out=squares[which])
     return Moments(mean=mean, squares=squares, gram=gram / pixels)
 
 
-def running_moments(frames: Iterable[NDArray[Any]]) -> Running:
-    """Compute count, mean and squares of any number of frames, with at most :data:`FRAMES` in memory at a time."""
-    running, held = Running(), list[NDArray[Any]]()
+def sum_of_squares(frames: Iterable[NDArray[Any]]) -> tuple[int, float]:
+    """Return the number of frames, and the sum of squared deviations from their mean, mean over pixels.
 
-    def add() -> None:
-        mean, squares = np.empty(held[0].size), 0.0
-        for which, middle, piece in _pieces(held):
-            mean[which] = middle
-            squares += float(np.einsum("ij,ij->", piece, piece))
-        running.add(len(held), mean, squares / len(mean))
-        held.clear()
-
+    Only the sum and the sum of squares are in memory. They are taken from the first frame, so that they stay small.
+    """
+    count, first, total, squares = 0, np.zeros(0), np.zeros(0), 0.0
     for frame in frames:
-        held.append(frame)
-        if len(held) == FRAMES:
-            add()
-    if held:
-        add()
-    return running
+        values = frame.reshape(-1).astype(np.float64)
+        if not count:
+            first, total = values, np.zeros_like(values)
+        step = values - first
+        count, total, squares = count + 1, total + step, squares + float(step @ step)
+    return count, (squares - float(total @ total) / count) / len(first) if count else 0.0
 
 
 def small_map(values: Floats, shape: Sequence[int]) -> Floats:

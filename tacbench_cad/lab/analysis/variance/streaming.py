@@ -5,10 +5,9 @@ texture, print and repeat. A *cell* contains all presses of one combination and 
 time:
 
 * the frames of one cell at one place (twelve images of bytes in the paper's design);
-* the means of the textures of one combination;
-* the running means of all textures and of all frames.
+* the mean frames of all cells at that place.
 
-This memory does not grow with positions, forces or printers. Places are independent and are distributed over processes.
+This memory does not grow with positions or forces. Places are independent and are distributed over processes.
 
 The result is sufficient for every statistic of :mod:`tacbench_cad.lab.analysis.variance.table`:
 
@@ -16,9 +15,8 @@ The result is sufficient for every statistic of :mod:`tacbench_cad.lab.analysis.
   :class:`~tacbench_cad.lab.analysis.variance.intervals.CellSums`. The table's variance follows from its diagonal, and
   the matrix can be split into prints and repeats;
 * the nested sums of squares of all presses at a place, as
-  :class:`~tacbench_cad.lab.analysis.variance.components.NestedSums`. The outer two are merged with the recursions of
-  Welford and Chan (Chan, Golub and LeVeque 1983);
-* the squared distances between the texture means of a combination;
+  :class:`~tacbench_cad.lab.analysis.variance.components.NestedSums`, and the squared distances between the texture
+  means of a combination. Both follow from the Gram matrix of the cells' mean frames;
 * the variance of each pixel, summed over places, at a resolution for figures.
 
 If a press has a series of frames, the frames of one time step are in memory at a time. All sums are means over pixels,
@@ -34,9 +32,8 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import groupby
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -44,13 +41,15 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
-from tacbench_cad.lab.analysis.variance.moments import Running, moments, running_moments
+from tacbench_cad.lab.analysis.variance.moments import moments, sum_of_squares
 from tacbench_cad.lab.analysis.variance.presses import CellKey, Press, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
+
+K = TypeVar("K")
 
 #: The number of tasks for each process: more than one, so that all processes end at about the same time.
 TASKS_PER_JOB = 4
@@ -79,21 +78,6 @@ class PlaceSums:
     steps: Mapping[CellKey, Floats]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Floor:
-    """The sums of the stationary frames in contact of one run.
-
-    Args:
-        run: The index of the run.
-        squares: The sum of squared deviations from the mean of their session (start, end), mean over pixels.
-        dof: The degrees of freedom of the sum.
-    """
-
-    run: int
-    squares: float
-    dof: int
-
-
 @dataclass(kw_only=True, eq=False)
 class Pass:
     """The result of one pass over a study, or of a part of it.
@@ -102,7 +86,8 @@ class Pass:
         places: The sums of each place, by level and position.
         maps: For each cell, the variance of each pixel (ddof 0), summed over the places of the levels with the most
             prints, at a resolution for figures, and the number of places.
-        floors: The stationary frames, by run; runs without such frames are missing.
+        floors: The stationary frames in contact, by run: the sum of squared deviations from the mean of their session
+            (start, end), mean over pixels, and its degrees of freedom. Runs without such frames are missing.
         left_out: The frames that could not be used, with the reason.
         means: For each level and cell, the mean numbers, summed over places, and the number of places. Only for a
             feature that exhibits them.
@@ -112,74 +97,30 @@ class Pass:
 
     places: list[PlaceSums] = field(default_factory=list)
     maps: dict[CellKey, tuple[Floats, int]] = field(default_factory=dict)
-    floors: list[Floor] = field(default_factory=list)
+    floors: dict[int, tuple[float, int]] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     means: dict[tuple[int, CellKey], tuple[Floats, int]] = field(default_factory=dict)
     frames: int = 0
-    seconds: dict[str, float] = field(default_factory=lambda: {"decode": 0.0, "sums": 0.0})
-
-    def add_map(self, key: CellKey, picture: Floats, count: int = 1) -> None:
-        """Add a map of variances."""
-        before, places = self.maps.get(key, (0.0, 0))
-        self.maps[key] = (before + picture, places + count)
-
-    def add_mean(self, key: tuple[int, CellKey], mean: Floats, count: int = 1) -> None:
-        """Add mean numbers."""
-        before, places = self.means.get(key, (0.0, 0))
-        self.means[key] = (before + mean, places + count)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
 
     def add(self, part: Pass) -> None:
         """Add another part of the same pass."""
         self.places += part.places
-        self.floors += part.floors
+        self.floors |= part.floors
         self.left_out += part.left_out
         self.frames += part.frames
         for name, seconds in part.seconds.items():
             self.seconds[name] += seconds
-        for key, (picture, count) in part.maps.items():
-            self.add_map(key, picture, count)
-        for place, (mean, count) in part.means.items():
-            self.add_mean(place, mean, count)
+        for key, picture in part.maps.items():
+            _add(self.maps, key, *picture)
+        for place, mean in part.means.items():
+            _add(self.means, place, *mean)
 
 
-@dataclass(kw_only=True, eq=False)
-class _Sums:
-    """The sums of a place, added up over time steps.
-
-    Args:
-        presses: The presses whose frames could be used.
-        grams: The products of the presses' deviations of each cell, mean over pixels.
-        outer: The sums of squares of textures and of printers, shape (2,).
-        distances: The textures of each combination.
-        squares: The squared differences between the means of these textures.
-        pictures: The sums of squared deviations of each cell as a picture.
-        means: The mean numbers of each cell, if the feature exhibits them.
-        steps: The sum of squared deviations of each cell at each time step, mean over pixels.
-    """
-
-    presses: list[Press] = field(default_factory=list)
-    grams: dict[CellKey, Floats] = field(default_factory=dict)
-    outer: Floats = field(default_factory=lambda: np.zeros(2))
-    distances: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    squares: dict[str, Floats] = field(default_factory=dict)
-    pictures: dict[CellKey, Floats] = field(default_factory=dict)
-    means: dict[CellKey, Floats] = field(default_factory=dict)
-    steps: list[dict[CellKey, Floats]] = field(default_factory=list)
-
-    def add(self, step: _Sums) -> None:
-        """Add the sums of another time step of the same presses."""
-        self.presses, self.distances = step.presses, step.distances
-        self.outer = self.outer + step.outer
-        self.steps += step.steps
-        pairs: Sequence[tuple[dict[Any, Floats], dict[Any, Floats]]] = (
-            (self.grams, step.grams),
-            (self.squares, step.squares),
-            (self.pictures, step.pictures),
-            (self.means, step.means),
-        )
-        for sums, more in pairs:
-            for key, values in more.items():
-                sums[key] = sums[key] + values if key in sums else values
+def _add(sums: dict[K, tuple[Floats, int]], key: K, values: Floats, count: int = 1) -> None:
+    """Add values to a sum, and their number to its count."""
+    before, number = sums.get(key, (np.zeros(()), 0))
+    sums[key] = (before + values, number + count)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -202,11 +143,6 @@ class _Task:
     still: tuple[int, ...]
     passed: Pass = field(default_factory=Pass)
 
-    @cached_property
-    def drawn(self) -> dict[CellKey, tuple[int, ...]]:
-        """The levels at which a map of each cell is drawn."""
-        return levels_with_most_prints(self.designs)
-
     def frame(self, run: int, path: str) -> Frame | None:
         """Return a frame; if it cannot be used, return None and add a line to ``left_out``."""
         began = time.perf_counter()
@@ -215,99 +151,80 @@ class _Task:
             values = read_usable(self.runs[run], path, self.feature)
         except CheckFailedError as error:
             self.passed.left_out.append(str(error))
-        self.passed.frames += values is not None
         self.passed.seconds["decode"] += time.perf_counter() - began
         return values
 
     def place(self, presses: Sequence[Press]) -> None:
         """Add the sums of a place, unless none of its frames can be used."""
         level, position = presses[0].level, presses[0].position
-        sums, before = _Sums(), self.passed.frames
-        count = len(presses[0].paths)
-        while len(sums.steps) < count:
-            step = self.step(presses, len(sums.steps))
-            if not step.presses:
-                return
-            if step.presses != list(presses) and sums.steps:  # the earlier steps have a press that is left out now
-                sums, self.passed.frames = _Sums(), before
-            else:
-                sums.add(step)
-            presses = step.presses
-        cells = {}
-        names = {what: i for i, what in enumerate(sorted({press.texture for press in presses}))}
-        numbers = {combination: i for i, combination in enumerate(sums.distances)}
-        labels = [(names[press.texture], numbers[press.combination], press.copy) for press in presses]
-        for key, of_cell in groupby(presses, lambda press: press.cell):
-            copies = [press.copy for press in of_cell]
-            cells[key] = CellSums.of(sums.grams[key] / count, copies, self.designs[level, key])
-            if key in sums.means:
-                self.passed.add_mean((level, key), sums.means[key] / count)
-            if key in sums.pictures:
-                self.passed.add_map(key, sums.pictures[key] / (count * len(copies)))
-        squares = (
-            *(sums.outer / count).tolist(),
-            sum(cell.between for cell in cells.values()),
-            sum(cell.within for cell in cells.values()),
-        )
+        drawn = levels_with_most_prints(self.designs)
+        lost: set[Press] = set()
+        while presses := [press for press in presses if press not in lost]:
+            lost.clear()
+            members = {key: list(of_cell) for key, of_cell in groupby(presses, lambda press: press.cell)}
+            count = len(presses[0].paths)
+            grams = {key: np.zeros((len(of_cell), len(of_cell))) for key, of_cell in members.items()}
+            between = np.zeros((len(members), len(members)))
+            steps: dict[CellKey, list[Floats]] = {key: [] for key in members}
+            pictures: dict[CellKey, tuple[Floats, int]] = {}
+            means: dict[CellKey, tuple[Floats, int]] = {}
+            for number in range(count):
+                middles = []
+                for key, of_cell in members.items():
+                    read = [(press, self.frame(press.run, press.paths[number])) for press in of_cell]
+                    lost |= {press for press, values in read if values is None}
+                    if lost:
+                        continue
+                    frames = [values for _, values in read if values is not None]
+                    summed = moments(frames)
+                    grams[key] += summed.gram / count
+                    middles.append(summed.mean)
+                    # The numbers of the table of a series are its time steps.
+                    steps[key].append(summed.squares.mean() if self.feature.from_frames else summed.squares)
+                    if self.feature.exhibit is not None:
+                        _add(means, key, summed.mean / count)
+                    if len(frames) > 1 and level in drawn[key]:
+                        picture = self.feature.picture(summed.squares, frames[0].shape)
+                        _add(pictures, key, picture / (count * len(frames)))
+                if lost:
+                    break
+                between += moments(middles).gram / count
+            if not lost:
+                break
+        else:
+            return
+        self.passed.frames += len(presses) * count
+        for key, (values, _) in means.items():
+            _add(self.passed.means, (level, key), values)
+        for key, (picture, _) in pictures.items():
+            _add(self.passed.maps, key, picture)
+        cells = {
+            key: CellSums.of(grams[key], [press.copy for press in of_cell], self.designs[level, key])
+            for key, of_cell in members.items()
+        }
         self.passed.places.append(
             PlaceSums(
                 level=level,
                 position=position,
                 cells=cells,
-                nested=NestedSums.of(labels, squares),
-                distances={name: (textures, sums.squares[name] / count) for name, textures in sums.distances.items()},
-                steps={key: np.hstack([step[key] for step in sums.steps]) for key in cells},
+                nested=_nested(presses, cells, between),
+                distances=_distances(list(cells), between),
+                steps={key: np.hstack(of_steps) for key, of_steps in steps.items()},
             )
         )
-
-    def step(self, presses: Sequence[Press], number: int) -> _Sums:
-        """Return the sums of the frames that the presses at a place have at one time step."""
-        sums = _Sums()
-        textures: dict[str, Running] = {}
-        squares: dict[CellKey, Floats] = {}
-        for combination, of_combination in groupby(presses, lambda press: press.combination):
-            means: dict[str, Floats] = {}
-            for key, of_cell in groupby(of_combination, lambda press: press.cell):
-                read = ((press, self.frame(press.run, press.paths[number])) for press in of_cell)
-                used = [(press, values) for press, values in read if values is not None]
-                if not used:
-                    continue
-                sums.presses += [press for press, _ in used]
-                shape = used[0][1].shape
-                summed = moments([values for _, values in used])
-                sums.grams[key] = summed.gram
-                # The numbers of the table of a series are its time steps.
-                squares[key] = summed.squares.mean() if self.feature.from_frames else summed.squares
-                textures.setdefault(key[1], Running()).add(len(used), summed.mean, 0.0)
-                means[key[1]] = summed.mean
-                if self.feature.exhibit is not None:
-                    sums.means[key] = summed.mean
-                if len(used) > 1 and presses[0].level in self.drawn[key]:
-                    sums.pictures[key] = self.feature.picture(summed.squares, shape)
-            if means:
-                sums.distances[combination] = tuple(means)
-                sums.squares[combination] = _distances(list(means.values()))
-        grand = Running()
-        for running in textures.values():
-            grand.add(running.count, running.mean, 0.0)
-        sums.outer = np.array([grand.merged, sum(texture.merged for texture in textures.values())])
-        sums.steps.append(squares)
-        return sums
 
     def floor(self, number: int) -> None:
         """Add the stationary frames of a run. Each session has its own mean, because the sensor was lifted between."""
         run = self.runs[number]
-        squares, dof = 0.0, 0
+        total, dof = 0.0, 0
         for when in ("start", "end"):
-            paths = [
-                stationary_frame.path
-                for stationary_frame in run.stationary_frames
-                if stationary_frame.in_contact and stationary_frame.when == when
-            ]
-            frames = running_moments(frame for path in paths if (frame := self.frame(number, path)) is not None)
-            squares, dof = squares + frames.squares, dof + max(0, frames.count - 1)
+            paths = [still.path for still in run.stationary_frames if still.in_contact and still.when == when]
+            read = (self.frame(number, path) for path in paths)
+            count, squares = sum_of_squares(frame for frame in read if frame is not None)
+            total, dof = total + squares, dof + max(0, count - 1)
+            self.passed.frames += count
         if dof:
-            self.passed.floors.append(Floor(run=number, squares=squares, dof=dof))
+            self.passed.floors[number] = (total, dof)
 
     def done(self) -> Pass:
         """Do the task."""
@@ -318,6 +235,42 @@ class _Task:
             self.floor(number)
         self.passed.seconds["sums"] = time.perf_counter() - began - self.passed.seconds["decode"]
         return self.passed
+
+
+def _nested(presses: Sequence[Press], cells: Mapping[CellKey, CellSums], between: Floats) -> NestedSums:
+    """Return the sums of squares of the nested design at a place.
+
+    Args:
+        presses: The presses of the place.
+        cells: The sums of each cell.
+        between: The products of the deviations of the cells' means, mean over pixels, in the order of ``cells``.
+    """
+    combinations, textures = (
+        {name: i for i, name in enumerate(dict.fromkeys(names))} for names in zip(*cells, strict=True)
+    )
+    counts = np.array([cell.presses for cell in cells.values()], dtype=np.float64)
+    same = np.array([[texture == other for _, other in cells] for _, texture in cells])
+    of_texture = same * counts / (same @ counts)[:, None]  # the weights of the cells in the mean of each cell's texture
+    whole = counts / counts.sum()
+
+    def squares(contrasts: Floats) -> float:
+        return max(0.0, float(np.einsum("c,ci,ij,cj->", counts, contrasts, between, contrasts)))
+
+    outer = (squares(of_texture - whole), squares(np.eye(len(counts)) - of_texture))
+    inner = (sum(cell.between for cell in cells.values()), sum(cell.within for cell in cells.values()))
+    labels = [(textures[press.texture], combinations[press.combination], press.copy) for press in presses]
+    return NestedSums.of(labels, (*outer, *inner))
+
+
+def _distances(cells: Sequence[CellKey], between: Floats) -> dict[str, tuple[tuple[str, ...], Floats]]:
+    """Return the textures of each combination, and the squared differences between their means, mean over pixels."""
+    squares = np.diag(between)
+    distances = np.maximum(0.0, squares[:, None] + squares[None, :] - 2.0 * between)
+    result = {}
+    for combination in dict.fromkeys(combination for combination, _ in cells):
+        mine = [i for i, cell in enumerate(cells) if cell[0] == combination]
+        result[combination] = (tuple(cells[i][1] for i in mine), distances[np.ix_(mine, mine)])
+    return result
 
 
 def stream(
@@ -343,7 +296,7 @@ def stream(
         if progress is not None:
             progress(passed.frames + len(passed.left_out), total)
     passed.places.sort(key=lambda place: (place.level, place.position))
-    passed.floors.sort(key=lambda floor: floor.run)
+    passed.floors = dict(sorted(passed.floors.items()))
     return passed
 
 
@@ -379,10 +332,3 @@ def _tasks(collection: Collection, feature: Feature, jobs: int) -> list[_Task]:
         )
         for i in range(count)
     ]
-
-
-def _distances(means: Sequence[Floats]) -> Floats:
-    """Return the squared differences between images, mean over pixels, shape (t, t)."""
-    gram = moments(means).gram
-    squares = np.diag(gram)
-    return np.asarray(np.maximum(0.0, squares[:, None] + squares[None, :] - 2.0 * gram))

@@ -45,7 +45,7 @@ from tacbench_cad.lab.analysis.variance.intervals import (
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
 from tacbench_cad.lab.analysis.variance.presses import CellKey
 from tacbench_cad.lab.analysis.variance.result import PrinterTest, Protocol, Sums, VarianceResult
-from tacbench_cad.lab.analysis.variance.streaming import Floor, PlaceSums, stream
+from tacbench_cad.lab.analysis.variance.streaming import PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.region import SURE
 from tacbench_cad.lab.runs.region_search import found_region
@@ -188,14 +188,16 @@ def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) 
 _CellFloor = tuple[Mapping[int, float | None], str]
 
 
-def _floors(collection: Collection, frames: Sequence[Floor], sums: Sums, quantity: int) -> dict[CellKey, _CellFloor]:
+def _floors(
+    collection: Collection, frames: Mapping[int, tuple[float, int]], sums: Sums, quantity: int
+) -> dict[CellKey, _CellFloor]:
     squares: dict[CellKey, float] = defaultdict(float)
     dof: dict[CellKey, int] = defaultdict(int)
-    for floor in frames:
-        printed = collection.runs[floor.run].info.printed
+    for run, (of_run, dof_of_run) in frames.items():
+        printed = collection.runs[run].info.printed
         key = (printed.combination, printed.texture or UNKNOWN)
-        squares[key] += floor.squares
-        dof[key] += floor.dof
+        squares[key] += of_run
+        dof[key] += dof_of_run
     floors: dict[CellKey, _CellFloor] = {}
     for key, of_levels in sums.items():
         if key in dof:

@@ -47,13 +47,10 @@ def test_leak_free_tables_and_figures_agree(runs: Path, tmp_path: Path, capsys: 
     table, confusion, predictions = (
         rows(out / f"{name}.csv") for name in ("classification", "confusion", "predictions")
     )
-    assert list(table[0]) == [*(column.name for column in COLUMNS), "simulated"]
-    assert (
-        ",".join(column.name for column in COLUMNS)
-        == "protocol,estimator,train_on,tested_on,hold_out,accuracy,low,high,trials,images"
-    )
-    assert list(confusion[0]) == [*(column.name for column in CONFUSION_COLUMNS), "simulated"]
-    assert list(predictions[0]) == [*(column.name for column in PREDICTION_COLUMNS), "simulated"]
+    assert list(table[0]) == [*COLUMNS, "simulated"]
+    assert ",".join(COLUMNS) == "protocol,estimator,train_on,tested_on,hold_out,accuracy,low,high,trials,images"
+    assert list(confusion[0]) == [*CONFUSION_COLUMNS, "simulated"]
+    assert list(predictions[0]) == [*PREDICTION_COLUMNS, "simulated"]
     assert {row["trial"] for row in predictions} == {"1", "2"}
     for row in table:
         key = {name: row[name] for name in ("estimator", "hold_out")}

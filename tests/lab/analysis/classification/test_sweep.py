@@ -68,7 +68,7 @@ def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collec
     (path,) = write_tables(result, tmp_path)
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert list(rows[0]) == [*(column.name for column in SWEEP_COLUMNS), "simulated"]
+    assert list(rows[0]) == [*SWEEP_COLUMNS, "simulated"]
     assert [float(row["value"]) for row in rows] == [0.1, 0.5, 1.0]
     for row in rows:
         assert row["parameter"] == "resolution" and row["trials"] == "2" and row["standard_deviation"]
