@@ -29,7 +29,7 @@ from tacbench_cad.util.convert import to_plain
 WHO = ("protocol", "estimator", "train_on", "tested_on", "hold_out")
 #: The columns of ``classification.csv``, ``sweep.csv``, and the keys of a score in JSON.
 COLUMNS = (*WHO, "accuracy", "low", "high", "trials", "images")
-SWEEP_COLUMNS = (*COLUMNS[:8], "standard_deviation", *COLUMNS[8:])
+SWEEP_COLUMNS = (*WHO, "parameter", "value", "accuracy", "low", "high", "standard_deviation", "trials", "images")
 SCORE_COLUMNS = (*WHO, "accuracy", "standard_deviation", "low", "high", "units", "trials", "images", "recall")
 #: The columns of ``confusion.csv`` and of ``predictions.csv``.
 CONFUSION_COLUMNS = (*WHO, "texture", "predicted", "count", "fraction")
@@ -102,7 +102,7 @@ class Result:
         Training rows of the paper's protocol are in the first two tables, but not in the predictions.
         """
         if self.parameter:
-            return {"sweep.csv": self._swept[[*WHO, "parameter", "value", *SWEEP_COLUMNS[5:]]]}
+            return {"sweep.csv": self._swept[list(SWEEP_COLUMNS)]}
         return {
             "classification.csv": frame_of(self.scores, COLUMNS),
             "confusion.csv": frame_of(self._confusions(), CONFUSION_COLUMNS),
