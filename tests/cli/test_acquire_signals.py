@@ -17,9 +17,9 @@ from helpers.cases import mostly_long
 from helpers.rigs import printed
 
 from tacbench_cad.extensions.virtual_rig import VirtualRig, launch
+from tacbench_cad.extensions.virtual_rig.loadcell import BlockUnderDome
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import read_study
-from tacbench_cad.util.convert import to_plain
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
@@ -115,8 +115,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Session]]:
             path.write_text(STUDY.format(port=rig.port, gauge=rig.gauge_port, home_every=home_every))
             study = read_study(path)
             settings = study.required_rig
-            block = {"printed": printed().as_dict(), "holder": to_plain(settings.holder)}
-            rig.put({**block, "frame": to_plain(settings.stage.frame)})
+            rig.put(BlockUnderDome(printed=printed(), holder=settings.holder, frame=settings.stage.frame))
             if way:
                 (tmp_path / "block").write_text(way)
             sessions.append(Session(tmp_path, rig, output))

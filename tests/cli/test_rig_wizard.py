@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tacbench_cad.cli import main, rig_wizard
+from tacbench_cad.extensions.virtual_rig.loadcell import FlatSpring
 from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
@@ -122,7 +123,7 @@ def test_the_files_of_two_machines_are_set_up_at_ports_of_virtual_firmware(
             with open_load_cell(port, None, clock=Clock(), options=LoadCellOptions()) as cell:
                 for mass_g in (0.0, 100.0, 200.0):
                     # A spring that is compressed by 1 mm replaces the mass.
-                    virtual.put({"flat_z_mm": firmware["start_mm"][2] + 1.0, "n_per_mm": 9.80665e-3 * mass_g})
+                    virtual.put(FlatSpring(flat_z_mm=firmware["start_mm"][2] + 1.0, n_per_mm=9.80665e-3 * mass_g))
                     cell.mean(0.2)
                     raw = cell.mean(0.3)
                     point = CalibrationPoint(
@@ -130,7 +131,7 @@ def test_the_files_of_two_machines_are_set_up_at_ports_of_virtual_firmware(
                     )
                     points.append(point)
             write_calibration(file, fit(points, date_utc="2026-01-01T00:00:00Z", device=port))
-            virtual.put({"flat_z_mm": top_mm, "n_per_mm": stiffness})
+            virtual.put(FlatSpring(flat_z_mm=top_mm, n_per_mm=stiffness))
 
         def align(study: Path) -> None:
             store_keys(study, "stage", {"origin_mm": [middle, middle, top_mm]})

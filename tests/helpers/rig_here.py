@@ -127,9 +127,6 @@ class MemoryPort:
         if self.opened:
             self.sent += data[: KEPT_BYTES - len(self.sent)]
 
-    def host_baud(self) -> int | None:
-        return None if self.host is None else self.host.baudrate
-
     def unplug(self) -> None:
         self.hang_up()
         _PORTS.pop(self.name, None)

@@ -30,7 +30,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of everything left to chance (0)")
     parser.add_argument("--tcp", action="store_true", help="TCP ports instead of pseudo-terminals")
     parser.add_argument("--no-reset-on-open", action="store_true", help="opening the port does not reset the board")
-    parser.add_argument("--check-baud", action="store_true", help="a host at another speed gets garbage (Linux)")
     parser.add_argument(
         "--flat", nargs=2, type=float, metavar=("Z_MM", "N_PER_MM"), help="a flat spring under the carriage"
     )
@@ -47,7 +46,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        values = {name: getattr(options, name) for name in ("kind", "speed", "seed", "tcp", "check_baud")}
+        values = {name: getattr(options, name) for name in ("kind", "speed", "seed", "tcp")}
         if options.flat is not None:
             values["stimulus"] = dict(zip(("flat_z_mm", "n_per_mm"), options.flat, strict=True))
         values |= {"resets_on_open": not options.no_reset_on_open, "faults": options.fault}

@@ -25,8 +25,6 @@ class Board:
 
     Attributes:
         plugged: Whether the cable is connected.
-        host_baud: The baud rate that the host has set; None if unknown. A rate that differs from the firmware's garbles
-            all bytes.
         now_s: The rig time.
     """
 
@@ -40,7 +38,6 @@ class Board:
     ) -> None:
         self.firmware = firmware
         self.plugged = True
-        self.host_baud: int | None = None
         self.now_s = 0.0
         self._late_s = late_s
         self._random = random.Random(seed)
@@ -119,25 +116,19 @@ class Board:
 
     def _deliver(self, byte: int) -> None:
         self._received += 1
-        data = self._spoiler.spoil(self._at_baud(bytes((byte,))), "in", self.now_s)
+        data = self._spoiler.spoil(bytes((byte,)), "in", self.now_s)
         self.firmware.receive(data, self.now_s)
 
     def _collect(self) -> None:
         data = self.firmware.take()
         if not data or not self.plugged:
             return
-        data = self._spoiler.spoil(self._at_baud(data), "out", self.now_s)
+        data = self._spoiler.spoil(data, "out", self.now_s)
         data = data[: max(0, OUTPUT_BYTES - self._out_bytes)]
         begin_s = self.now_s + (self._random.uniform(*self._late_s) if any(self._late_s) else 0.0)
         self._out_free_s = max(begin_s, self._out_free_s) + len(data) * _BITS_PER_BYTE / self.firmware.baud
         self._out.append((self._out_free_s, data))
         self._out_bytes += len(data)
-
-    def _at_baud(self, data: bytes) -> bytes:
-        """Return the bytes as a receiver at another baud rate reads them."""
-        if self.host_baud is None or self.host_baud == self.firmware.baud:
-            return data
-        return bytes(byte ^ self._random.randint(1, 255) for byte in data)
 
     def _drop_output(self) -> None:
         self._out.clear()

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from tacbench_cad.extensions.virtual_rig.loadcell import BlockUnderDome
 from tacbench_cad.extensions.virtual_rig.server import VirtualRig, launch
 from tacbench_cad.lab.rig import SERIAL, Clock, Closing, Context, Driver, Gauge, GrblStage, MarlinStage, inner
 from tacbench_cad.lab.study import GaugeSettings, HolderRim, PrintedBlock, StageSettings, WorkFrame
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 
 #: The highest speed as a multiple of real time. Beyond it, the serial port limits the speed.
@@ -29,7 +29,7 @@ class _Emulated(Closing):
 
     def put(self, printed: PrintedBlock, holder: HolderRim, frame: WorkFrame) -> None:
         """Replace the block under the carriage."""
-        self.rig.put({"printed": printed.as_dict(), "holder": to_plain(holder), "frame": to_plain(frame)})
+        self.rig.put(BlockUnderDome(printed=printed, holder=holder, frame=frame))
 
     def close(self) -> None:
         """Close the port, and end the firmware."""

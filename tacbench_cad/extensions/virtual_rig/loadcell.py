@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tacbench_cad.extensions.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
-from tacbench_cad.lab.study import HolderRim, Point, WorkFrame
-from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from tacbench_cad.lab.study import HolderRim, Point, PrintedBlock, WorkFrame
+from tacbench_cad.util.convert import Bounds, check_fields
 from tacbench_cad.util.errors import InputError, located
 
 if TYPE_CHECKING:
@@ -150,21 +150,20 @@ class BlockUnderDome:
     """A printed block in its holder under the simulated sensor.
 
     Args:
-        printed: The block, as in ``run.json``.
+        printed: The block.
         holder: The rim of the holder.
         frame: The work frame of the block.
     """
 
-    printed: Mapping[str, Any]
+    printed: PrintedBlock
     holder: HolderRim
     frame: WorkFrame
 
     @cached_property
     def _contact(self) -> DomeContact:
-        from tacbench_cad.lab.runs import printed_block_from
         from tacbench_cad.lab.simulate import contact_for
 
-        return contact_for(printed_block_from(self.printed), self.holder)
+        return contact_for(self.printed, self.holder)
 
     def force_n(self, point_mm: Point) -> float:
         """See :class:`FlatSpring`. Above the highest point, nothing is computed."""
@@ -174,19 +173,3 @@ class BlockUnderDome:
 
 #: The object under the carriage.
 Stimulus = FlatSpring | BlockUnderDome
-
-
-def stimulus_from(values: Mapping[str, Any]) -> Stimulus:
-    """Create a stimulus from plain values.
-
-    Args:
-        values: ``{"flat_z_mm", "n_per_mm"}`` or ``{"printed", "holder", "frame"}``.
-
-    Raises:
-        InputError: The values have neither form.
-    """
-    kinds: tuple[type[FlatSpring] | type[BlockUnderDome], ...] = (FlatSpring, BlockUnderDome)
-    for kind in kinds:
-        if fields(kind)[0].name in values:
-            return from_plain(kind, values, "stimulus ")
-    raise InputError("stimulus", sorted(values), "must have flat_z_mm and n_per_mm, or printed, holder and frame")

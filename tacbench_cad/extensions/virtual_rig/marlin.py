@@ -56,7 +56,7 @@ class Marlin(MarlinCore):
         elif name == "M400":
             yield self._at_rest
         elif name == "M114":
-            yield from self._where("R" in values)
+            self._report()
         elif name == "M115":
             self._identify()
         elif name == "M92" and not values:
@@ -151,14 +151,6 @@ class Marlin(MarlinCore):
         self._report()
 
     # Reports
-
-    def _where(self, realtime: bool) -> Program:
-        if realtime and self.m114_realtime:
-            self._report(self.carriage.counted(self.now_s))
-        else:
-            # Without the compile option the letter is ignored.
-            self._report()
-        yield 0.0
 
     def _identify(self) -> None:
         self._send(

@@ -54,7 +54,6 @@ class MarlinCore(Firmware):
         carriage: The carriage. After ``G28``, x and y are 0 at their end stops and z is at its upper end.
         boot_s: The time from a reset to the first line, in s.
         emergency_parser: Whether the build handles ``M410`` and ``M112`` before they are queued.
-        m114_realtime: Whether the build answers ``M114 R`` with the true step count.
         baud: The baud rate of the build; 115200 is common too.
         min_steps: The number of motor steps below which a move is withheld until further moves add up to more
             (``MIN_STEPS_PER_SEGMENT``).
@@ -75,7 +74,6 @@ class MarlinCore(Firmware):
         *,
         boot_s: float = 1.5,
         emergency_parser: bool = False,
-        m114_realtime: bool = False,
         baud: int = 250000,
         min_steps: int = 6,
         first_move_s: float = 0.1,
@@ -86,7 +84,6 @@ class MarlinCore(Firmware):
     ) -> None:
         self.baud = baud
         self.emergency_parser = emergency_parser
-        self.m114_realtime = m114_realtime
         self.min_steps = min_steps
         self.first_move_s = first_move_s
         self.default_idle_s, self.idle_drop_mm, self.knows_m84 = idle_s, idle_drop_mm, knows_m84
@@ -344,11 +341,11 @@ class MarlinCore(Firmware):
     def _logical(self, native: Point) -> Point:
         return minus(native, self._shift)
 
-    def _report(self, native: Point | None = None) -> None:
-        """Send a position and the steps: those of a given position, or those of the planner without withheld moves."""
-        x, y, z = (value + 0.0 for value in (self._planned if native is None else self._logical(native)))
-        motors = self._planned_native if native is None else native
-        steps = [round(value * axis.steps_per_mm) for value, axis in zip(motors, self.carriage.axes, strict=True)]
+    def _report(self) -> None:
+        """Send the planned position, and the steps of the planner without withheld moves."""
+        x, y, z = (value + 0.0 for value in self._planned)
+        motors = zip(self._planned_native, self.carriage.axes, strict=True)
+        steps = [round(value * axis.steps_per_mm) for value, axis in motors]
         self._send(f"X:{x:.2f} Y:{y:.2f} Z:{z:.2f} E:0.00 Count X:{steps[0]} Y:{steps[1]} Z:{steps[2]}\n")
 
 

@@ -9,14 +9,14 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tacbench_cad.extensions.virtual_rig.base import Firmware, earliest
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.loadcell import LoadCell, Stimulus, stimulus_from
+from tacbench_cad.extensions.virtual_rig.loadcell import LoadCell, Stimulus
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.extensions.virtual_rig.transport import Endpoint, Pty, Tcp
 from tacbench_cad.lab.rig import Closing, DeviceLostError
@@ -45,7 +45,7 @@ class VirtualRig(Closing):
         self._board = setup.board()
         self._start_s = time.monotonic()
         self._cell = LoadCell(setup.gauge, seed=setup.seed + 2)
-        self._stimulus = None if setup.stimulus is None else stimulus_from(setup.stimulus)
+        self._stimulus: Stimulus | None = setup.stimulus
         self._known: tuple[Stimulus, Point, float] | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="tacbench-rig-")
         folder = Path(self._folder.name)
@@ -109,10 +109,9 @@ class VirtualRig(Closing):
 
         self._do(add)
 
-    def put(self, stimulus: Mapping[str, Any] | None) -> None:
+    def put(self, stimulus: Stimulus | None) -> None:
         """Replace the object under the carriage; None for nothing."""
-        body = None if stimulus is None else stimulus_from(stimulus)
-        self._do(lambda: setattr(self, "_stimulus", body))
+        self._do(lambda: setattr(self, "_stimulus", stimulus))
 
     def true_position(self) -> Point:
         """Return the true position of the carriage in mm, in the frame that the firmware has after homing."""
@@ -188,8 +187,6 @@ class VirtualRig(Closing):
         self._mind_cables(now)
         if self._stage.look():
             self._board.opened(resets=self.setup.resets_on_open, now_s=now)
-        if self._stage.opened and self.setup.check_baud:
-            self._board.host_baud = self._stage.host_baud()
         data = self._stage.read(self._board.room)
         if data:
             self._board.write(data, now)

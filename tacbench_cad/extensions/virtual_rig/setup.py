@@ -15,7 +15,7 @@ from tacbench_cad.extensions.virtual_rig.board import Board
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.extensions.virtual_rig.grbl import Grbl
 from tacbench_cad.extensions.virtual_rig.grbl_memory import GRBL, GRBLHAL
-from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings
+from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings, FlatSpring
 from tacbench_cad.extensions.virtual_rig.machine import MotorAxis, VirtualCarriage
 from tacbench_cad.extensions.virtual_rig.marlin import Marlin
 from tacbench_cad.lab.study import Point
@@ -50,9 +50,8 @@ class Setup(Checked):
         origin: Where a ``grbl`` or ``grblhal`` counts from after homing: ``pulloff`` (built with
             HOMING_FORCE_SET_ORIGIN), or ``switch`` (the default of GRBL: all coordinates are negative, z from -100 to 0
             with the switch at 0, and homing ends at -1).
-        check_baud: Whether a host at another baud rate receives garbage (pseudo-terminals of Linux only).
         start_mm: The true position of the carriage at the start, in the frame after homing; None for the default.
-        stimulus: The object under the carriage, see :func:`tacbench_cad.extensions.virtual_rig.loadcell.stimulus_from`.
+        stimulus: The spring under the carriage; None for nothing.
         gauge: The properties of the load cell.
         firmware: Keyword arguments of the firmware: ``settings`` of ``grbl``, ``emergency_parser`` of ``marlin``.
     """
@@ -65,9 +64,8 @@ class Setup(Checked):
     resets_on_open: bool = True
     late_s: tuple[Annotated[float, Bounds(0.0)], Annotated[float, Bounds(0.0)]] = (0.0, 0.0)
     origin: Literal["pulloff", "switch"] = "pulloff"
-    check_baud: bool = False
     start_mm: Point | None = None
-    stimulus: Mapping[str, Any] | None = None
+    stimulus: FlatSpring | None = None
     gauge: CellSettings = field(default_factory=CellSettings)
     firmware: Mapping[str, Any] = field(default_factory=dict)
 

@@ -7,14 +7,9 @@ import errno
 import os
 import select
 import socket
-import struct
-import sys
 from pathlib import Path
 
 from tacbench_cad.util.errors import MissingToolError
-
-#: Linux's request for a terminal's settings with its speed as a plain number (struct termios2).
-_TCGETS2 = 0x802C542A
 
 
 class Pty:
@@ -76,18 +71,6 @@ class Pty:
         if self._master is not None and self.opened:
             with contextlib.suppress(OSError):
                 os.write(self._master, data)
-
-    def host_baud(self) -> int | None:
-        """Return the baud rate that the host has set, if it is known."""
-        if self._master is None or not sys.platform.startswith("linux"):
-            return None
-        import fcntl
-
-        try:
-            raw = fcntl.ioctl(self._master, _TCGETS2, bytes(64))
-        except OSError:
-            return None
-        return int(struct.unpack_from("4I20B2I", raw)[-1])
 
     def unplug(self) -> None:
         """Pull the cable: the host's port fails, and the bytes in it are lost."""
@@ -165,9 +148,6 @@ class Tcp:
         if self._host is not None:
             with contextlib.suppress(OSError):
                 self._host.send(data)
-
-    def host_baud(self) -> None:
-        """See :class:`Pty`; a network port has no baud rate."""
 
     def unplug(self) -> None:
         """See :class:`Pty`."""

@@ -15,6 +15,7 @@ from tacbench_cad.extensions.conformance import stage as conformance_stage
 from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.extensions.virtual_rig import launch
+from tacbench_cad.extensions.virtual_rig.loadcell import FlatSpring
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_device
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
@@ -114,7 +115,7 @@ def test_our_load_cell_passes() -> None:
     with launch("grbl", speed=clock.speed, start_mm=(100.0, 100.0, -50.0), gauge={"newtons": True}) as rig:
 
         def load(mass_g: float) -> None:
-            rig.put({"flat_z_mm": -49.0, "n_per_mm": 9.80665e-3 * mass_g} if mass_g else None)
+            rig.put(FlatSpring(flat_z_mm=-49.0, n_per_mm=9.80665e-3 * mass_g) if mass_g else None)
             time.sleep(0.1)  # until nothing moves
 
         load(0.0)

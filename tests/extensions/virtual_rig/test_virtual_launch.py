@@ -164,16 +164,6 @@ def test_samples_are_sent_in_rig_time() -> None:
         assert 0 < lines <= 80 * (rig.now_s() - start) + 80
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux reports the host's baud rate")
-def test_wrong_baud_rate_gives_garbage() -> None:
-    with launch("marlin", speed=SPEED, check_baud=True) as rig:
-        port = Port(rig.port, baud=115200)
-        assert b"Marlin" not in port.quiet(0.3)
-        port.serial.close()
-        time.sleep(0.05)
-        Port(rig.port, baud=250000).until(b"Settings Loaded\n")
-
-
 def test_invalid_arguments_are_refused_at_once() -> None:
     with pytest.raises(InputError, match="kind"):
         launch("reprap")
@@ -182,8 +172,6 @@ def test_invalid_arguments_are_refused_at_once() -> None:
     with pytest.raises(InputError, match="flat_z"):
         launch("grbl", tcp=True, stimulus={"flat_z": 3})
     with launch("grbl", tcp=True, faults=["drop at_s=3", {"kind": "reset", "at_s": 4.0}]) as rig:
-        with pytest.raises(InputError, match="stimulus"):
-            rig.put({"nothing": 1})
         assert rig.now_s() >= 0.0
 
 

@@ -9,10 +9,10 @@ import pytest
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.extensions.virtual_rig.loadcell import (
     FULL_SCALE,
+    BlockUnderDome,
     CellSettings,
     FlatSpring,
     LoadCell,
-    stimulus_from,
 )
 from tacbench_cad.util.errors import InputError
 
@@ -85,36 +85,23 @@ def test_unread_samples_do_not_accumulate() -> None:
 
 
 def test_flat_spring() -> None:
-    spring = stimulus_from({"flat_z_mm": -50.0, "n_per_mm": 2.0})
-    assert spring == FlatSpring(flat_z_mm=-50.0, n_per_mm=2.0)
+    spring = FlatSpring(flat_z_mm=-50.0, n_per_mm=2.0)
     assert spring.force_n((0.0, 0.0, -49.0)) == 0.0
     assert spring.force_n((0.0, 0.0, -50.5)) == 1.0
 
 
 def test_block_as_stimulus() -> None:
     from tacbench_cad.lab.simulate.contact import contact_for
-    from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
+    from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, WorkFrame
     from tacbench_cad.spec.block import Block
 
     printed = PrintedBlock(block=Block.of("1"), printer="bambu-p1p", filament="pla-minus")
-    values = {
-        "printed": printed.as_dict(),
-        "holder": {"rim_mm": 1.18, "gap_mm": 0.2},
-        "frame": {"origin_mm": [80.0, 80.0, -60.0]},
-    }
-    stimulus = stimulus_from(values)
+    frame = WorkFrame(origin_mm=(80.0, 80.0, -60.0))
+    stimulus = BlockUnderDome(printed=printed, holder=HolderRim(rim_mm=1.18, gap_mm=0.2), frame=frame)
     contact = contact_for(printed, HolderRim())
     z = contact.z_for_force(6.0, 20.0, 1.913)
     assert stimulus.force_n((86.0, 100.0, -60.0 + z)) == pytest.approx(1.913, abs=0.01)
     assert stimulus.force_n((86.0, 100.0, -30.0)) == 0.0
-
-
-@pytest.mark.parametrize(
-    "values", [{}, {"flat_z_mm": 1.0}, {"flat_z_mm": 1.0, "n_per_mm": 1.0, "colour": 3}, {"printed": {}}]
-)
-def test_invalid_stimuli_are_refused(values: dict[str, object]) -> None:
-    with pytest.raises(InputError):
-        stimulus_from(values)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import threading
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -140,7 +140,7 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
     if "video" not in rows.columns and len(paths) != 1:
         raise InputError("table", str(table), "has no column of videos; choose it with --columns video=COLUMN")
     named = {path.name: path for path in paths}
-    videos: dict[Path, Video | InputError] = {}
+    opened = cache(Video)
     samples: list[Sample] = []
     left_out: list[LeftOutFile] = []
     far: list[str] = []
@@ -153,11 +153,7 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
             time_s = _seconds(text)
             if fault:
                 raise InputError("video", name, fault)
-            if path not in videos:
-                videos[path] = _video(path)
-            video = videos[path]
-            if isinstance(video, InputError):
-                raise video
+            video = opened(path)
             index, own_s = video.nearest(time_s)
         except InputError as error:
             left_out.append(LeftOutFile(where=f"{row} ({shown})", reason=str(error)))
@@ -177,29 +173,20 @@ def of_videos(paths: Sequence[Path], table: Path | None, columns: Mapping[str, s
                 channels="bgr",
             )
         )
+    notes = [rows.note]
+    if far:
+        count = "1 time is" if len(far) == 1 else f"{len(far):,} times are"
+        named_far = "; ".join(far[:MAX_FAR])
+        notes.append(f"warning: {count} more than half a frame from every frame of the video: {named_far}")
     return Source(
         kind="videos with a table of times",
         path=table,
         samples=samples,
         left_out=tuple(left_out),
-        files=tuple(path for path, video in videos.items() if isinstance(video, Video)),
+        files=tuple(dict.fromkeys(sample.file for sample in samples)),
         facts={"columns": dict(rows.columns)},
-        notes=(rows.note, *_far_note(far)),
+        notes=tuple(notes),
     )
-
-
-def _far_note(far: Sequence[str]) -> Iterator[str]:
-    """Yield the warning about times that are far from every frame, if there are any."""
-    if far:
-        rows = "1 time is" if len(far) == 1 else f"{len(far):,} times are"
-        yield f"warning: {rows} more than half a frame from every frame of the video: {'; '.join(far[:MAX_FAR])}"
-
-
-def _video(path: Path) -> Video | InputError:
-    try:
-        return Video(path)
-    except InputError as error:
-        return error
 
 
 def _seconds(text: str) -> float:
