@@ -13,7 +13,6 @@ import pytest
 from helpers.cases import mostly_long
 from helpers.shapes import box_mesh, changed, mesh_part, published, write_soup
 
-from tacbench_cad.checks.candidates import scale_of
 from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.report import Check, Report
@@ -331,15 +330,6 @@ def test_the_expected_texture_can_come_from_a_file(tmp_path: Path) -> None:
     assert report.ok, report.faults
     assert "hex, preset paper" in _line(report, "relief").detail
     assert not examine(tmp_path / "a.stl", full=False).ok  # without the file, the texture is unknown
-
-
-def test_scale_is_read_from_the_sides() -> None:
-    block = Block.of(1)
-    x, y = block.size_mm
-    assert scale_of(block, (x * 0.5, y * 0.5)) == 0.5
-    assert scale_of(block, (x * 0.33, y * 0.33)) == 0.33
-    assert scale_of(block, (x * 1.01, y * 1.01)) == 1.0
-    assert scale_of(block, (x * 1.5, y * 1.4)) == 1.0
 
 
 def test_a_step_file_from_the_kernel_is_identified(tmp_path: Path) -> None:

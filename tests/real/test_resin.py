@@ -125,29 +125,6 @@ def test_fine_files_leave_only_the_layers(prusa_slicer: Run, written: Written, t
     assert rms(sliced.deviation_mm(block, block.datum_mm)) == pytest.approx(ROUNDING_MM, rel=0.15)
 
 
-@pytest.mark.parametrize(("number", "expected_mm"), mostly_long([(6, 0.05), (4, 0.07)], (6, 0.05)))
-def test_the_grid_of_the_paper_deviates_from_the_formula(
-    prusa_slicer: Run, written: Written, tmp_path: Path, number: int, expected_mm: float
-) -> None:
-    """With 189 x 201 samples, the slices show the error of the grid against the formula with its top at 7 mm."""
-    block = part_named(f"grid-{number}").block
-    assert block is not None
-    sliced = slices(prusa_slicer, written(f"grid-{number}", "stl"), block, tmp_path / "part.sl1")
-    assert sliced.layers == 140
-    assert rms(sliced.deviation_mm(block, block.formula_datum_mm)) == pytest.approx(expected_mm, rel=0.08)
-    # With the datum of the grid there is no shift, and only the error of straight lines between samples remains.
-    assert rms(sliced.deviation_mm(block, block.datum_mm)) > 3.0 * ROUNDING_MM
-
-
-def test_the_released_grid_aliases(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
-    """N = 101 on a grid of 0.1 mm gives a shape that differs from its formula, also in the slices."""
-    block = part_named("released-4").block
-    assert block is not None
-    sliced = slices(prusa_slicer, written("released-4", "stl"), block, tmp_path / "part.sl1")
-    assert sliced.layers == 140
-    assert rms(sliced.deviation_mm(block, block.datum_mm)) > 8.0 * ROUNDING_MM
-
-
 def test_key_and_label_are_sliced(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
     """The corner of the key stays empty, and the pockets of the label are open only in the first eight layers."""
     part = part_named("keyed-4")

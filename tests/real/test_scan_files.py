@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import importlib.util
 import warnings
 from pathlib import Path
@@ -47,32 +46,6 @@ def test_sample_meshes_of_pymeshlab(name: str) -> None:
     slack = 0.03 * np.ptp(vertices, axis=0)  # the points of a coarse mesh lie on its triangles, not at its corners
     assert np.all(np.abs(low - vertices.min(axis=0)) <= slack)
     assert np.all(np.abs(high - vertices.max(axis=0)) <= slack)
-
-
-def test_meshes_of_pybullet_data() -> None:
-    pytest.importorskip("trimesh")
-    place = folder("pybullet_data", ".")
-    paths = [path for ending in ("stl", "STL", "obj") for path in sorted(place.glob(f"*/meshes/**/*.{ending}"))][:12]
-    assert len(paths) >= 5
-    for path in paths:
-        scan = read_scan(path, unit="m")
-        assert np.all(np.isfinite(scan.cloud.points_mm)), path.name
-
-
-def test_elevations_that_come_with_matplotlib(tmp_path: Path) -> None:
-    samples = folder("matplotlib", "mpl-data/sample_data")
-    with np.load(samples / "jacksboro_fault_dem.npz") as archive:
-        elevation = np.asarray(archive["elevation"], dtype=np.float64)
-    with gzip.open(samples / "s1045.ima.gz") as stream:
-        slice_ = np.frombuffer(stream.read(), dtype=np.uint16).reshape(256, 256)
-    np.save(tmp_path / "dem.npy", elevation)
-    scan = read_scan(tmp_path / "dem.npy", unit="m", mm_per_pixel=90_000.0)
-    assert len(scan.cloud) == elevation.size
-    assert np.ptp(scan.cloud.points_mm[:, 2]) == pytest.approx(1000.0 * np.ptp(elevation))
-    image = pytest.importorskip("PIL.Image")
-    image.fromarray(slice_).save(tmp_path / "slice.tif")
-    levels = read_scan(tmp_path / "slice.tif", unit="um", mm_per_pixel=0.1)
-    assert levels.cloud.points_mm[:, 2].max() == pytest.approx(slice_.max() / 1000.0)
 
 
 @pytest.mark.parametrize("writer", ["pymeshlab", "trimesh"])
