@@ -19,7 +19,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 
 import psutil
 
-from tacbench_cad.cli.simulate import TIME_SPENT
 from tacbench_cad.lab.simulate.blockrun import SimulationOptions
 from tacbench_cad.lab.simulate.study import estimate_simulation, require_room, simulate_study, study_of
 
@@ -56,16 +55,12 @@ def main() -> int:
         if options.out is None:
             shutil.rmtree(out)
     images = sum(block.images for block in blocks)
-    stage_s = {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
-    total = sum(stage_s.values())
     print(
         f"{options.study}: {needed.blocks} blocks, {needed.presses:,} presses, {images:,} images, {size / 1e9:.2f} GB"
     )
     minutes = needed.missing * needed.seconds_each / needed.jobs / 60
     print(f"estimated {needed.gb:.2f} GB and {minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
     print(f"in {options.jobs} processes, {1e3 * seconds * options.jobs / images:.1f} ms of processing for each image")
-    for name, label in TIME_SPENT.items():
-        print(f"  {label:<18}{100 * stage_s[name] / total:5.1f} %  {1e3 * stage_s[name] / images:6.2f} ms per image")
     print(f"worst force error {1e3 * max(block.worst_n for block in blocks):.4f} mN")
     early = max(rss for count, rss in memory if count <= images / 4)
     late = max(rss for count, rss in memory if count >= 3 * images / 4)

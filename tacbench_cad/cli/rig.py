@@ -14,7 +14,7 @@ from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
-    from tacbench_cad.lab.rig.driver_list import ListedDriver
+    from tacbench_cad.lab.rig.drivers import ListedDriver
     from tacbench_cad.lab.rig.loadcell import LoadCell
 
 
@@ -81,10 +81,9 @@ def probe(ask: tuple[str, ...], study: Path | None, json: bool) -> None:
         answers[port] = identify(port, stage)
     cameras = plugged_cameras()
     if json:
-        listed = [{name: value for name, value in to_plain(port).items() if name != "hardware"} for port in ports]
         asked = {port: answer.identity for port, answer in answers.items()}
         settings = {port: to_plain(answer.settings) for port, answer in answers.items() if answer.settings}
-        print_json({"ports": listed, "asked": asked, "settings": settings, "cameras": to_plain(cameras)})
+        print_json({"ports": to_plain(ports), "asked": asked, "settings": settings, "cameras": to_plain(cameras)})
         return
     if ports:
         rows = [(port.name, port.device, port.description) for port in ports]
@@ -137,8 +136,8 @@ def wizard(context: click.Context, study_file: Path) -> None:
 def drivers(json: bool) -> None:
     """List the drivers of stages, gauges and sensors.
 
-    For each driver, you see the packages that it needs and the connected devices that fit. Devices marked "perhaps"
-    have the right kind of connection, but only a test shows what they are. The command opens no device.
+    For each driver, you see the packages that it needs. The command opens no device; "tacbench rig probe" lists the
+    connected ones.
 
     Other packages can add drivers by the entry points tacbench.stages, tacbench.gauges and tacbench.sensors.
 
@@ -146,44 +145,27 @@ def drivers(json: bool) -> None:
       tacbench rig drivers
       tacbench rig drivers --json
     """
-    from tacbench_cad.lab.rig.driver_list import list_drivers
-    from tacbench_cad.lab.rig.ports import candidates
-    from tacbench_cad.lab.rig.video_nodes import video_nodes
+    from tacbench_cad.lab.rig.drivers import list_drivers
     from tacbench_cad.util.convert import to_plain
-    from tacbench_cad.util.packages import has_module
 
-    ports = candidates() if has_module("serial") else []
-    cameras = video_nodes()
-    listed = list_drivers(ports, cameras)
+    listed = tuple(list_drivers())
     if json:
-        print_json({"drivers": to_plain(listed), "ports": to_plain(ports), "cameras": to_plain(cameras)})
+        print_json({"drivers": to_plain(listed)})
         return
     for kind in dict.fromkeys(driver.kind for driver in listed):
         rows = [_driver_cells(driver) for driver in listed if driver.kind == kind]
-        print_table(f"{kind.capitalize()}s", ("driver", "devices", "connection", "needs", "plugged in"), rows)
-    if ports:
-        port_rows = [(port.name, port.device, port.usb, port.serial_number, port.description) for port in ports]
-        print_table("Serial ports", ("name", "device now", "USB id", "serial number", "description"), port_rows)
-    if cameras:
-        camera_rows = [(camera.product, camera.device, camera.usb, camera.serial_number) for camera in cameras]
-        print_table("Cameras", ("product", "device now", "USB id", "serial number"), camera_rows)
+        print_table(f"{kind.capitalize()}s", ("driver", "devices", "connection", "needs"), rows)
     print_next("rig", "probe")
 
 
 def _driver_cells(driver: ListedDriver) -> tuple[str, ...]:
     """Return the cells of a driver's row."""
     if driver.error:
-        return (driver.name, driver.error, "", driver.package, "")
+        return (driver.name, driver.error, "", driver.package)
     needs = ", ".join(driver.needs)
     if driver.missing:
         needs = f"missing: {', '.join(driver.missing)}; {driver.install}"
-    plugged = ", ".join(driver.plugged_in)
-    if not plugged:
-        looked_for = driver.connection in ("serial port", "camera") and not driver.missing
-        plugged = "no" if looked_for else "not looked for"
-    elif not driver.certain:
-        plugged = f"perhaps {plugged}"
-    return (driver.name, driver.summary, driver.connection, needs, plugged)
+    return (driver.name, driver.summary, driver.connection, needs)
 
 
 def _column_of(option: str, text: str) -> tuple[int, int]:

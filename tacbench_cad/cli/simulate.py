@@ -20,14 +20,6 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.simulate.study import SimulationEstimate
     from tacbench_cad.lab.study.spec import Study
 
-#: The kinds of work in the result, with their names.
-TIME_SPENT = {
-    "encode": "PNG encoding",
-    "draw": "drawing and noise",
-    "press": "forces and pins",
-    "print": "virtual prints",
-    "write": "writing files",
-}
 #: The words of ``--look``; a test compares them with the simulated looks.
 LOOK_NAMES = ("clean", "tactip-bristol", "tactip-sussex")
 
@@ -171,11 +163,6 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
     return lines
 
 
-def _time_spent(blocks: Sequence[SimulatedBlock]) -> dict[str, float]:
-    """Seconds of all processes, by the kind of work."""
-    return {name: sum(block.seconds[name] for block in blocks) for name in TIME_SPENT}
-
-
 def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], seconds: float) -> None:
     groups: dict[tuple[str, str], list[int]] = {}
     for i, info in enumerate(infos):
@@ -195,14 +182,7 @@ def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlo
             for group, members in groups.items()
         ],
     )
-    spent = _time_spent(blocks)
-    images = sum(block.images for block in blocks)
-    percents = [
-        f"{what} {100.0 * spent[name] / sum(spent.values()):.0f} %" for name, what in TIME_SPENT.items() if images
-    ]
-    print_lines(
-        "; ".join([f"{counted(images, 'image')} in {seconds:.1f} s", *([", ".join(percents)] if images else [])])
-    )
+    print_lines(f"{counted(sum(block.images for block in blocks), 'image')} in {seconds:.1f} s")
 
 
 def _document(
@@ -215,7 +195,6 @@ def _document(
         "images_made": sum(block.images for block in blocks),
         "bytes_each": needed.bytes_each,
         "seconds": seconds,
-        "process_seconds": _time_spent(blocks),
         "runs": [
             {
                 "name": block.name,

@@ -43,4 +43,3 @@ from .stage import Limits as Limits
 from .stage import Stage as Stage
 from .stage import inner as inner
 from .stage import no_report as no_report
-from .video_nodes import find_camera as find_camera

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,10 @@ from tacbench_cad.lab.study.spec import (
     StageSettings,
 )
 from tacbench_cad.util.entries import is_own
-from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, nearest, one_of
+from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, nearest, one_line, one_of
 
+#: The distribution whose drivers are ours.
+OURS = "tacbench-cad"
 #: The attributes that every stage, gauge and sensor must have.
 NEEDED = {
     "stage": ("identity", "simulated", "home", "move", "position", "stop", "close"),
@@ -134,6 +137,53 @@ def find_driver(kind: Kind, word: str) -> Driver:
     if not callable(loaded):
         raise InputError(field, word, "is not callable; name a class or a function")
     return _driver_of(loaded)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedDriver:
+    """A driver in the list of ``tacbench rig drivers``.
+
+    Args:
+        kind: The kind of device.
+        name: The name for the study file.
+        package: The package that adds the driver.
+        summary: The devices that it drives.
+        connection: The connection of the device; empty if the driver cannot be loaded.
+        needs: The packages that it needs.
+        missing: The needed packages that are not installed.
+        install: The command that installs these packages; empty if none is missing.
+        error: Why the driver cannot be loaded; empty if it can.
+    """
+
+    kind: Kind
+    name: str
+    package: str
+    summary: str = ""
+    connection: str = ""
+    needs: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    install: str = ""
+    error: str = ""
+
+
+def list_drivers() -> Iterator[ListedDriver]:
+    """Yield all drivers, ours first. A driver that cannot be loaded is listed with the reason. Opens no device."""
+    for kind in registry.GROUPS:
+        for name, entry in registry.drivers(kind).items():
+            listed = ListedDriver(kind=kind, name=name, package=entry.dist.name if entry.dist else OURS)
+            try:
+                driver = find_driver(kind, name)
+            except TacbenchError as error:
+                yield replace(listed, error=one_line(error))
+                continue
+            yield replace(
+                listed,
+                summary=driver.summary,
+                connection=driver.connection,
+                needs=registry.distributions(driver.modules),
+                missing=driver.missing,
+                install=driver.install if driver.missing else "",
+            )
 
 
 def simulated_stages() -> tuple[str, ...]:

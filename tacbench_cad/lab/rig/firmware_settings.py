@@ -92,22 +92,22 @@ def grbl_settings(
     require(23, "directions of homing", not inverted & 4, inverted & ~4, upwards)
     clear = "the switches must be open after homing"
     require(27, "distance from the switches after homing, in mm", pull_off_mm >= MIN_PULL_OFF_MM, 1.0, clear)
-    for axis, letter in enumerate("xyz"):
-        reason = _steps_reason(axis, values.get(100 + axis, 0.0))
-        add(100 + axis, f"motor steps per mm of {letter}", reason=reason)
-    for axis, letter in enumerate("xyz"):
-        needed = 0.0 if stage is None else 60.0 * stage.travel_mm_s
-        slow = f"moves are slower than [stage] travel_mm_s, {needed:g} mm/min; raise it if the motor can do it"
-        is_slow = values.get(110 + axis, 0.0) < needed
-        add(110 + axis, f"largest speed of {letter}, in mm/min", reason=slow if is_slow else "")
-    for axis, letter in enumerate("xyz"):
-        is_slow = values.get(120 + axis, 0.0) < SLOW_MM_S2
-        slow = "short steps take long; raise it to 100 if the motor can do it"
-        add(120 + axis, f"acceleration of {letter}, in mm/s2", reason=slow if is_slow else "")
-    for axis, letter in enumerate("xyz"):
-        travel_mm = values.get(130 + axis, 0.0)
-        reason = _limits_reason(axis, travel_mm, pull_off_mm, counts_from_switch, stage)
-        add(130 + axis, f"travel of {letter}, in mm", reason=reason)
+    needed = 0.0 if stage is None else 60.0 * stage.travel_mm_s
+    slow = f"moves are slower than [stage] travel_mm_s, {needed:g} mm/min; raise it if the motor can do it"
+    short = "short steps take long; raise it to 100 if the motor can do it"
+    for first, meaning, reason_of in (
+        (100, "motor steps per mm of {}", _steps_reason),
+        (110, "largest speed of {}, in mm/min", lambda axis, speed: slow if speed < needed else ""),
+        (120, "acceleration of {}, in mm/s2", lambda axis, value: short if value < SLOW_MM_S2 else ""),
+        (
+            130,
+            "travel of {}, in mm",
+            lambda axis, travel_mm: _limits_reason(axis, travel_mm, pull_off_mm, counts_from_switch, stage),
+        ),
+    ):
+        for axis, letter in enumerate("xyz"):
+            reason = reason_of(axis, values.get(first + axis, 0.0))
+            add(first + axis, meaning.format(letter), reason=reason)
     return tuple(rows)
 
 

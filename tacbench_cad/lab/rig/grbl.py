@@ -48,7 +48,7 @@ from tacbench_cad.lab.rig.serial_stage import (
     place_text,
 )
 from tacbench_cad.lab.rig.stage import Limits
-from tacbench_cad.lab.study.spec import Point, StageSettings
+from tacbench_cad.lab.study.spec import Point, StageSettings, plus
 
 #: The baud rate of the port.
 BAUD = 115200
@@ -99,7 +99,6 @@ class GrblStage(SerialStage[GrblLink]):
     ) -> None:
         super().__init__(port, GrblLink, (BAUD,), options)
         self._stopping = self._homing = self._homing_sent = False
-        self._home_mm: Point | None = None
         self._switches = switches.SwitchCheck()
         with self._opening():
             self._link.greet()
@@ -130,7 +129,7 @@ class GrblStage(SerialStage[GrblLink]):
             for _ in range(HOMINGS):
                 self._link.reset()
                 self._link.lost = "homing was not completed"
-                self._require_free_switch()
+                self._require_free_switch(2.0 * self._machine.pull_off_mm, lambda: "Z" in self._link.status().pins)
                 if not self._stopping:
                     home_reported = self._wait_for_homing()
                 if self._stopping or home_reported is not None:
@@ -173,14 +172,25 @@ class GrblStage(SerialStage[GrblLink]):
         try:
             for number in limits:
                 self._link.set(number, 0.0)
-            return self._machine.offset_at_switches_mm(
-                self._home_mm, self.position(), self.move, lambda: self._link.status().pins
-            )
+            return self._search_switches(self._home_mm)
         finally:
             with suppress(RigError):
                 if self._stopping:
                     self._leave_hold()
                 self._switch_on({number: self.settings[number] for number in limits})
+
+    def _search_switches(self, home_mm: Point) -> Point:
+        x, y, z = (-1 if self._machine.homes_downwards(axis) else 1 for axis in range(3))
+        off_mm = self._machine.pull_off_mm
+        switch_mm = plus(home_mm, (x * off_mm, y * off_mm, z * off_mm))
+        return switches.offsets_at_switches(
+            self.position(),
+            home_mm,
+            switch_mm,
+            (x, y, z),
+            self.move,
+            lambda axis: "XYZ"[axis] in self._link.status().pins,
+        )
 
     def _switch_on(self, limits: Mapping[int, float]) -> None:
         """Switch the firmware's own limits on again, and remove the mark."""
@@ -267,18 +277,6 @@ class GrblStage(SerialStage[GrblLink]):
             raise
         finally:
             self._homing = False
-
-    def _require_free_switch(self) -> None:
-        """Refuse to home if the end stop of z is closed far from the end. Homing would then move down from it.
-
-        Raises:
-            AlarmError: The end stop of z is closed although the carriage was last seen below it.
-        """
-        if self._last is None or self._home_mm is None:
-            return
-        below_mm = self._home_mm[2] - self._last[2]
-        if below_mm > 2.0 * self._machine.pull_off_mm and "Z" in self._link.status().pins:
-            raise self._link.switch_stays_closed(below_mm)
 
     def _reported(self) -> Point:
         report = self._link.status()

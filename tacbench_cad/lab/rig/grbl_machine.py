@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tacbench_cad.lab.rig import switches
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.serial_stage import duration_s
 from tacbench_cad.lab.rig.stage import Limits
@@ -100,36 +99,6 @@ class GrblMachine:
                 )
         x, y, (low, high) = limits_mm
         return (x, y, (low, min(high, self.top_mm)))
-
-    def offset_at_switches_mm(
-        self, home_mm: Point, at_mm: Point, move: Callable[[Point, float], Point], pins: Callable[[], str]
-    ) -> Point:
-        """Search the switches, and return the true position minus the reported one, in mm.
-
-        Args:
-            home_mm: The place where homing ended.
-            at_mm: The present position.
-            move: Moves to a position at a speed in mm/s.
-            pins: Returns the names of the closed switches.
-        """
-        x, y, _ = at_mm
-        move((x, y, home_mm[2]), switches.WAY_MM_S)
-        move(home_mm, switches.WAY_MM_S)
-        offsets = []
-        for axis in (2, 0, 1):
-            towards = -1 if self.homes_downwards(axis) else 1
-
-            def closed_at(coordinate_mm: float, axis: int = axis) -> bool:
-                target = [*home_mm]
-                target[axis] = coordinate_mm
-                move((target[0], target[1], target[2]), switches.SEARCH_MM_S)
-                return "XYZ"[axis] in pins()
-
-            switch_mm = home_mm[axis] + towards * self.pull_off_mm
-            offsets.append(switches.offset_at_switch(closed_at, switch_mm, towards))
-            move(home_mm, switches.WAY_MM_S)
-        z, x, y = offsets
-        return (x, y, z)
 
     def resolution_mm(self, axis: int) -> float:
         """Return half a motor step plus the rounding of reports, in mm."""

@@ -100,7 +100,6 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._rates_mm_s: Point | None = None
         self._counts = self._settled = False
         self._highest_mm = -math.inf
-        self._home_mm: Point | None = None
         self._switches = switches.SwitchCheck()
         self._idle_since_s: float | None = None
         with self._opening():
@@ -128,7 +127,7 @@ class MarlinStage(SerialStage[MarlinLink]):
         # A program that was killed while it measured the position has left the soft end stops off.
         self._link.command("M211 S1")
         stops = self._link.command("M119")
-        self._require_free_switch(stops)
+        self._require_free_switch(SWITCH_MM, lambda: any("z_max: TRIGGERED" in line for line in stops))
         with self._stoppable_homing():
             rise = ("G91", f"G1 Z{self._home_lift_mm:.3f} F{60.0 * LIFT_MM_S:.0f}", "G90")
             z_first = any(line.startswith("z_max") for line in stops)
@@ -231,23 +230,20 @@ class MarlinStage(SerialStage[MarlinLink]):
 
     def _search_switches(self, home_mm: Point, towards: tuple[int, int, int]) -> Point:
         x, y, z = self.position()
-        at = [x, y, home_mm[2] - switches.FRONT_MM if towards[2] > 0 else z + self._home_lift_mm]
-        self.move((at[0], at[1], at[2]), switches.WAY_MM_S)
-        offsets = [0.0, 0.0, 0.0]
-        for axis in (2, 0, 1) if towards[2] > 0 else (0, 1, 2):
-
-            def closed_at(coordinate_mm: float, axis: int = axis) -> bool:
-                at[axis] = coordinate_mm
-                self.move((at[0], at[1], at[2]), switches.SEARCH_MM_S)
-                return "xyz"[axis] in replies.closed_switches(self._link.command("M119"))
-
-            # Marlin withholds very short moves, so there is no fine search.
-            offsets[axis] = switches.offset_at_switch(
-                closed_at, home_mm[axis], towards[axis], fine_mm=switches.COARSE_MM
-            )
-            at[axis] = home_mm[axis] - towards[axis] * switches.FRONT_MM
-            self.move((at[0], at[1], at[2]), switches.WAY_MM_S)
-        return (offsets[0], offsets[1], offsets[2])
+        if towards[2] < 0:
+            z += self._home_lift_mm
+            self.move((x, y, z), switches.WAY_MM_S)
+        rest_x, rest_y, rest_z = (at - way * switches.FRONT_MM for at, way in zip(home_mm, towards, strict=True))
+        # Marlin withholds very short moves, so there is no fine search.
+        return switches.offsets_at_switches(
+            (x, y, z),
+            (rest_x, rest_y, rest_z),
+            home_mm,
+            towards,
+            self.move,
+            lambda axis: "xyz"[axis] in replies.closed_switches(self._link.command("M119")),
+            fine_mm=switches.COARSE_MM,
+        )
 
     @contextlib.contextmanager
     def _stoppable_homing(self) -> Iterator[None]:
@@ -267,18 +263,6 @@ class MarlinStage(SerialStage[MarlinLink]):
         except BaseException as error:
             error.add_note(self._link.stop_homing())
             raise
-
-    def _require_free_switch(self, stops: list[str]) -> None:
-        """Refuse to home if the end stop at the top of z is closed far below it. Homing would then move down from it.
-
-        Raises:
-            AlarmError: The end stop is closed although the carriage was last seen below it.
-        """
-        if self._last is None or self._home_mm is None or not any("z_max: TRIGGERED" in line for line in stops):
-            return
-        below_mm = self._home_mm[2] - self._last[2]
-        if below_mm > SWITCH_MM:
-            raise self._link.switch_stays_closed(below_mm)
 
     def _start(self) -> Point:
         """Return the position at rest. It is read only if the last move failed; a reset shows in the line numbers."""

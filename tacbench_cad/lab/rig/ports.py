@@ -22,19 +22,13 @@ class PortCandidate:
         name: The most stable name of the port, for a settings file.
         device: The system's present name: ``/dev/ttyUSB0``. It may change when the device is reconnected.
         description: The manufacturer and product that the device reports.
-        hardware: The vendor, product and serial number of the USB device.
         stable: Whether ``name`` stays the same when the device is reconnected.
-        usb: The vendor and the product of the USB device: ``1a86:7523``.
-        serial_number: The serial number of the USB device; empty if it has none.
     """
 
     name: str
     device: str
     description: str
-    hardware: str
     stable: bool
-    usb: str = ""
-    serial_number: str = ""
 
 
 def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[PortCandidate]:
@@ -58,10 +52,7 @@ def candidates(by_id: Path = BY_ID, by_path: Path = BY_PATH) -> list[PortCandida
                 name=str(link or port.device),
                 device=port.device,
                 description=described,
-                hardware=port.hwid,
                 stable=link is not None,
-                usb=f"{port.vid:04x}:{port.pid or 0:04x}",
-                serial_number=port.serial_number or "",
             )
         )
     return sorted(ports, key=lambda candidate: candidate.name)

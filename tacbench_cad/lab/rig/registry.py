@@ -55,8 +55,6 @@ class Driver:
         connection: The connection of the device.
         modules: The import names of the packages that it needs.
         install: The command that installs these packages.
-        usb: The USB ids by which a connected device is recognised: ``2833:0209``, or ``0403`` for a vendor.
-        product: A part of the product name by which a connected camera is recognised.
         simulated: Whether the device exists only in software, so that no person puts a block into it. The object that
             ``open`` returns then may have two more members. ``put(printed, holder, frame)`` replaces the block below
             the sensor. The ``clock`` of a stage is used by the whole rig.
@@ -69,8 +67,6 @@ class Driver:
     connection: Connection = "other"
     modules: tuple[str, ...] = ()
     install: str = install_command("lab")
-    usb: tuple[str, ...] = ()
-    product: str = ""
     simulated: bool = False
     defaults: Mapping[str, Any] = field(default_factory=dict)
     unrecorded: tuple[str, ...] = ()

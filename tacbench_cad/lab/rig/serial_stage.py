@@ -50,17 +50,6 @@ class Link:
         if self.lost:
             raise PositionLostError(f"{self.name}: the position is unknown: {self.lost}; home the stage first")
 
-    def switch_stays_closed(self, below_mm: float) -> AlarmError:
-        """Return the error for an end stop of z that is closed although the carriage is far below it.
-
-        Homing would then move down from it, and press the sensor deeper.
-        """
-        self.lost = "the end stop of z stays closed"
-        return AlarmError(
-            f"{self.name}: {self.lost} although the carriage is {below_mm:.1f} mm below it, so homing would press the "
-            "sensor deeper; check the switch and its cable"
-        )
-
     def reset_noticed(self, how: str) -> PositionLostError:
         """Return the error for an unexpected reset."""
         self.lost = "the firmware was reset (button, power dip or disturbance)"
@@ -109,7 +98,9 @@ class SerialStage(Closing, Generic[L]):
         self._home_timeout_s = options.get("home_timeout_s", 120.0)
         baud = options.get("baud")
         self._bauds = (baud,) if baud else bauds
+        #: The last known position, and the one at which homing ended.
         self._last: Point | None = None
+        self._home_mm: Point | None = None
         self._report: Callable[[Point], None] = no_report
         self._line = Line(port, baud=self._bauds[0], what="stage", write_timeout_s=min(self._timeout_s, 2.0))
         self._link = link(self._line, self._timeout_s)
@@ -134,6 +125,28 @@ class SerialStage(Closing, Generic[L]):
         except BaseException:
             self.close()
             raise
+
+    def _require_free_switch(self, clear_mm: float, is_closed: Callable[[], bool]) -> None:
+        """Refuse to home if the end stop at the top of z is closed far below it.
+
+        Homing would then move down from it, and press the sensor deeper.
+
+        Args:
+            clear_mm: The distance from the end of homing, in mm, from which the end stop must be open.
+            is_closed: Returns whether the end stop is closed.
+
+        Raises:
+            AlarmError: The end stop is closed although the carriage was last seen below it.
+        """
+        if self._last is None or self._home_mm is None:
+            return
+        below_mm = self._home_mm[2] - self._last[2]
+        if below_mm > clear_mm and is_closed():
+            self._link.lost = "the end stop of z stays closed"
+            raise AlarmError(
+                f"{self._link.name}: {self._link.lost} although the carriage is {below_mm:.1f} mm below it, so homing "
+                "would press the sensor deeper; check the switch and its cable"
+            )
 
     @contextlib.contextmanager
     def _moving(self) -> Iterator[None]:

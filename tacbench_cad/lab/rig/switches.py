@@ -92,3 +92,44 @@ def offset_at_switch(
                 return -towards * BEYOND_MM
         closed(distance)
     return -towards * (distance + fine_mm / 2.0)
+
+
+def offsets_at_switches(
+    at_mm: Point,
+    rest_mm: Point,
+    switch_mm: Point,
+    towards: tuple[int, int, int],
+    move: Callable[[Point, float], Point],
+    is_closed: Callable[[int], bool],
+    *,
+    fine_mm: float = FINE_MM,
+) -> Point:
+    """Search the switches of all axes, and return the true position minus the reported one, in mm.
+
+    An axis z that is homed upwards is searched first, and one that is homed downwards last.
+
+    Args:
+        at_mm: The present position.
+        rest_mm: A position near all switches at which none of them is closed.
+        switch_mm: The coordinates at which the switches closed when the stage was homed.
+        towards: See :func:`offset_at_switch`, for each axis.
+        move: Moves to a position at a speed in mm/s.
+        is_closed: Returns whether the switch of an axis is closed.
+        fine_mm: The smallest step, in mm.
+    """
+    at, offsets = [*at_mm], [0.0, 0.0, 0.0]
+
+    def go(axis: int, coordinate_mm: float, speed_mm_s: float) -> None:
+        at[axis] = coordinate_mm
+        move((at[0], at[1], at[2]), speed_mm_s)
+
+    for axis in (2, 0, 1) if towards[2] > 0 else (0, 1, 2):
+
+        def closed_at(coordinate_mm: float, axis: int = axis) -> bool:
+            go(axis, coordinate_mm, SEARCH_MM_S)
+            return is_closed(axis)
+
+        go(axis, rest_mm[axis], WAY_MM_S)
+        offsets[axis] = offset_at_switch(closed_at, switch_mm[axis], towards[axis], fine_mm=fine_mm)
+        go(axis, rest_mm[axis], WAY_MM_S)
+    return (offsets[0], offsets[1], offsets[2])

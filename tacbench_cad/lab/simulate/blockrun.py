@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
@@ -15,7 +14,7 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
-from tacbench_cad.lab.runs.run_writer import RunWriter, timed
+from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
 from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
@@ -71,15 +70,12 @@ class SimulatedBlock:
         presses: The number of new presses.
         images: The number of new images, including references, frames without motion and moving frames.
         worst_n: The largest distance of a new force from its target, in N; 0 in depth mode.
-        seconds: The time spent in ``print`` (the height map), ``press`` (poses and pins), ``draw``, ``encode`` and
-            ``write``, in s.
     """
 
     name: str
     presses: int
     images: int
     worst_n: float
-    seconds: Mapping[str, float]
 
 
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
@@ -122,13 +118,11 @@ class FrameSource:
         options: The options of the simulation.
 
     Attributes:
-        seconds: The time spent so far, see :class:`SimulatedBlock`.
         sensor: The sensor.
     """
 
     def __init__(self, info: RunInfo, options: SimulationOptions) -> None:
         self.info = info
-        self.seconds = {"print": 0.0, "press": 0.0, "draw": 0.0}
         self._seed, self._printers = options.seed, options.printers
         self.sensor = options.sensor
         # If repeats of a press have the same pose, the pins are kept, about 6 kB for each press.
@@ -137,9 +131,8 @@ class FrameSource:
     @cached_property
     def _contact(self) -> DomeContact:
         """Print the block when the first press needs it, so that a complete run takes no time."""
-        with timed(self.seconds, "print"):
-            printed, holder = self.info.plan.printed, self.info.plan.holder
-            return contact_for(printed, holder, printer_of(printed, self._printers), seed=self._seed)
+        printed, holder = self.info.plan.printed, self.info.plan.holder
+        return contact_for(printed, holder, printer_of(printed, self._printers), seed=self._seed)
 
     def pressed(self, press: Press) -> tuple[Point, float, Pins]:
         """Return pose, contact force in N, and pins of a press at its target force or depth.
@@ -153,10 +146,9 @@ class FrameSource:
         key = (press.force_level, press.position, press.repeat if self.sensor.look.misses else 0)
         if key not in self._kept:
             contact = self._contact
-            with timed(self.seconds, "press"):
-                pose = (press.x_mm, press.y_mm, self._depth_of(press, contact))
-                rng = seeded("approach", self._seed, self.info.printed.name, press.number)
-                self._kept[key] = (pose, contact.force_n(*pose), self.sensor.approach(contact, pose, rng))
+            pose = (press.x_mm, press.y_mm, self._depth_of(press, contact))
+            rng = seeded("approach", self._seed, self.info.printed.name, press.number)
+            self._kept[key] = (pose, contact.force_n(*pose), self.sensor.approach(contact, pose, rng))
         return self._kept[key]
 
     def moving(self, press: Press, pose: Point, when: datetime) -> list[MovingFrame]:
@@ -174,11 +166,10 @@ class FrameSource:
             fraction = index / (count - 1)
             (dx, dy), time_s = motion.shift_mm(fraction), fraction * motion.seconds
             at, contact = (pose[0] + dx, pose[1] + dy, pose[2]), self._contact
-            with timed(self.seconds, "press"):
-                force_n = contact.force_n(*at)
-                # The error of the approach stays the same during the motion.
-                rng = seeded("approach", self._seed, self.info.printed.name, press.number)
-                pins = self.sensor.approach(contact, at, rng, drag.move(at, force_n))
+            force_n = contact.force_n(*at)
+            # The error of the approach stays the same during the motion.
+            rng = seeded("approach", self._seed, self.info.printed.name, press.number)
+            pins = self.sensor.approach(contact, at, rng, drag.move(at, force_n))
             name = f"press {press.number} moving {index}"
             moving = MovingFrame(
                 frame=self.frame(pins, name, when + timedelta(seconds=time_s)),
@@ -208,8 +199,7 @@ class FrameSource:
     def frame(self, pins: Pins, name: str, when: datetime = BEGIN) -> Frame:
         """Return a frame of pins. Its name is the seed of the noise."""
         rng = seeded("image", self._seed, self.info.printed.name, name)
-        with timed(self.seconds, "draw"):
-            return self.sensor.frame(pins, rng, (when - BEGIN).total_seconds())
+        return self.sensor.frame(pins, rng, (when - BEGIN).total_seconds())
 
 
 def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
@@ -252,8 +242,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
             frame, moving = source.frame(pins, f"press {press.number}", now), source.moving(press, pose, now)
             run.press(press, pose, frame, force, force, in_band, now, moving)
         images += _stationary(run, source, "end")
-        seconds = {**source.seconds, "encode": run.seconds["encode"], "write": run.seconds["sync"]}
-    return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst, seconds=seconds)
+    return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst)
 
 
 def other_images(info: RunInfo) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from helpers import example_stage
 from helpers.devices import install_package
 
+from tacbench_cad.cli import rig
 from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver, open_stage
 from tacbench_cad.lab.rig.registry import GROUPS, Driver
@@ -73,3 +75,24 @@ def test_a_missing_package_of_a_driver_is_named_with_its_command(
 def test_another_package_cannot_replace_our_driver(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install_package(tmp_path, monkeypatch, "[tacbench.stages]\ngrbl = lab_arm:DRIVER\n", lab_arm=OWN_DRIVER)
     assert registry.drivers("stage")["grbl"].value == OWN["tacbench.stages"]["grbl"]
+
+
+def listed(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    rig.command(["drivers", *words], prog_name="tacbench rig", standalone_mode=False)
+    return capsys.readouterr().out
+
+
+def test_the_list_names_what_each_driver_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    drivers = {(row["kind"], row["name"]): row for row in json.loads(listed(capsys, "--json"))["drivers"]}
+    grbl = drivers["stage", "grbl"]
+    assert grbl["needs"] == ["pyserial"] and grbl["missing"] == [] and grbl["package"] == "tacbench-cad"
+    assert "any USB camera that OpenCV opens" in listed(capsys)
+
+
+def test_a_driver_that_cannot_be_imported_is_listed_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install_package(tmp_path, monkeypatch, "[tacbench.gauges]\nlab-cell = lab_cell:Cell\n", lab_cell="1 / 0\n")
+    (row,) = [row for row in json.loads(listed(capsys, "--json"))["drivers"] if row["name"] == "lab-cell"]
+    assert row["package"] == "lab-arm" and "ZeroDivisionError" in row["error"]
+    assert "ZeroDivisionError" in listed(capsys)

@@ -166,9 +166,7 @@ def test_a_calibration_is_not_overwritten(scale: Scale, tmp_path: Path) -> None:
 
 # --- probe ---
 
-PORT = PortCandidate(
-    name="/dev/serial/by-id/usb-A", device="/dev/ttyUSB0", description="A board", hardware="USB", stable=True
-)
+PORT = PortCandidate(name="/dev/serial/by-id/usb-A", device="/dev/ttyUSB0", description="A board", stable=True)
 
 
 class Camera:

@@ -12,7 +12,6 @@ from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import AlarmError, DeviceLostError, PositionLostError, RigError
 from tacbench_cad.lab.rig.grbl import GrblStage
-from tacbench_cad.lab.rig.grbl_machine import GrblMachine
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.rig.switches import SwitchCheck, offset_at_switch
@@ -66,7 +65,7 @@ def test_limits_that_a_killed_program_left_off_are_on_again(dialect: str, monkey
                 stage.close()
                 raise DeviceLostError("as after a kill, nothing more is sent")
 
-            monkeypatch.setattr(GrblMachine, "offset_at_switches_mm", killed)
+            monkeypatch.setattr(GrblStage, "_search_switches", killed)
             with pytest.raises(DeviceLostError):
                 stage.home_offset_mm()
         for _ in range(2):  # a probe writes nothing, so the second sees the same

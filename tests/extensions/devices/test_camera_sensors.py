@@ -12,8 +12,8 @@ from helpers.devices import plug_camera
 from helpers.emulated_cameras import UnavailableNode, install_genicam, install_picamera, picture
 
 from tacbench_cad.extensions.conformance.checks import check_sensor
+from tacbench_cad.extensions.devices import usb_sensors
 from tacbench_cad.lab.rig import camera as camera_module
-from tacbench_cad.lab.rig import video_nodes
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_sensor
 from tacbench_cad.lab.rig.errors import DeviceLostError, RigError
@@ -58,7 +58,7 @@ def usb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbCapture:
     plug_camera(sysfs, 0, "Integrated webcam", usb="04f2:b604", serial="")
     plug_camera(sysfs, 2, "DIGIT", serial="D20001")
     plug_camera(sysfs, 4, "GelSight Mini R0B 28F5-K4RR", usb="0c45:636d", serial="28F5K4RR")
-    monkeypatch.setattr(video_nodes.video_nodes, "__defaults__", (sysfs,))
+    monkeypatch.setattr(usb_sensors.video_nodes, "__defaults__", (sysfs,))
     capture = UsbCapture()
     capture.opened = []  # type: ignore[attr-defined]
 
