@@ -33,7 +33,6 @@ from tacbench_cad.checks.meshcheck import edges
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Certificate, Mesh
-from tacbench_cad.geometry.meshing.clip import sheet
 from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.net import lattice
 from tacbench_cad.geometry.meshing.top import Top, single
@@ -86,8 +85,8 @@ def start_mesh(block: Block, limit: float) -> Mesh:
     """Return a mesh with vertices on the formula: an even grid, or our own fine mesh if creases need more."""
     x, y = (single(np.linspace(0.0, side, count)) for side, count in zip(block.size_mm, START, strict=True))
     z = single(block.formula_datum_mm + block.surface.grid(x, y))
-    top = Top(x, y, z, None, None, Certificate(distance_mm=0.0, vertical_mm=0.0))
-    even = close(sheet(top, None, float(z.max())), None)
+    top = Top(x, y, z, None, Certificate(distance_mm=0.0, vertical_mm=0.0))
+    even = close(top.sheet)
     if distance(block, top_of(even)) <= limit / 4.0:
         return even
     return block_part(replace(block, sampling=Tolerance(mm=limit / 8.0))).mesh[0]

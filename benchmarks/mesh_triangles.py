@@ -23,7 +23,6 @@ import numpy as np
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.mesh import Certificate, Mesh
 from tacbench_cad.geometry.meshing.certify import derivatives
-from tacbench_cad.geometry.meshing.clip import sheet
 from tacbench_cad.geometry.meshing.closing import close
 from tacbench_cad.geometry.meshing.top import Top, single
 from tacbench_cad.spec.block import Block
@@ -121,8 +120,8 @@ def start_mesh(block: Block, ruler: Ruler, distance_mm: float, across: int) -> M
         y = _lines(block.surface.along_v, block.size_mm[1], tolerance_mm, across)
         if 2 * len(x) * len(y) < MAX_START_TRIANGLES or tolerance_mm > distance_mm / 16.0:
             z = single(block.formula_datum_mm + block.surface.grid(x, y))
-            top = Top(x, y, z, None, None, Certificate(distance_mm=0.0, vertical_mm=0.0))
-            mesh = close(sheet(top, None, float(z.max())), None)
+            top = Top(x, y, z, None, Certificate(distance_mm=0.0, vertical_mm=0.0))
+            mesh = close(top.sheet)
             measured = ruler.distance(mesh)
             if measured < distance_mm / 10.0:
                 return mesh

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.geometry.block_mesh import mesh_of_top
+from tacbench_cad.geometry.block_mesh import full_mesh
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
-from tacbench_cad.geometry.meshing.outlined import outlined_mesh
-from tacbench_cad.geometry.meshing.top import textured_top
-from tacbench_cad.geometry.meshing.top_volume import piecewise_volume_mm3
 from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -25,24 +22,14 @@ def block_part(block: Block) -> PrintPart:
     from tacbench_cad.geometry.brep import solid_refusal
 
     def make_mesh() -> tuple[Mesh, ExpectedGeometry]:
-        if block.outline is not None:
-            outlined = outlined_mesh(block)
-            return outlined.mesh, ExpectedGeometry(
-                volume_mm3=outlined.volume_mm3,
-                volume_slack_mm3=outlined.volume_slack_mm3,
-                size_slack_mm=outlined.certificate.outline_mm,
-                certificate=outlined.certificate.plus(block.surface.error, block.surface.evidence),
-                datum_mm=block.datum_mm,
-            )
-        top = textured_top(block)
-        volume, slack = piecewise_volume_mm3(block, top)
-        expected = ExpectedGeometry(
-            volume_mm3=volume,
-            volume_slack_mm3=slack,
-            certificate=top.certificate.plus(block.surface.error, block.surface.evidence),
+        made = full_mesh(block)
+        return made.mesh, ExpectedGeometry(
+            volume_mm3=made.volume_mm3,
+            volume_slack_mm3=made.volume_slack_mm3,
+            size_slack_mm=made.certificate.outline_mm,
+            certificate=made.certificate,
             datum_mm=block.datum_mm,
         )
-        return mesh_of_top(block, top), expected
 
     def make_solid() -> tuple[TopoDS_Shape, ExpectedGeometry]:
         from tacbench_cad.geometry.brep import solid_block

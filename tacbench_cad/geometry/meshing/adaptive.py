@@ -114,7 +114,7 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
 
 
 def _start(block: Block, heights: Heights, tolerance: float, ideal: float) -> Net:
-    """Make a coarse grid whose lines contain the creases and the highest point. The key cuts cells along diagonals."""
+    """Make a coarse grid whose lines contain the creases and the highest point."""
     sides = [float(np.float32(side)) for side in block.size_mm]
     wanted = [3.0 + k * side / 1.2 for k, side in zip(block.surface.highest_frequency, sides, strict=True)]
     shrink = min(1.0, math.sqrt(max(16.0, ideal / 8.0) / (wanted[0] * wanted[1])))
@@ -125,44 +125,23 @@ def _start(block: Block, heights: Heights, tolerance: float, ideal: float) -> Ne
         for at, side in zip(block.surface.creases, sides, strict=True)
     ]
     marks = [[0.0, side, *sorted(at), float(place)] for side, at, place in zip(sides, creases, peak, strict=True)]
-    key = None if block.key_mm is None else float(np.float32(block.key_mm))
-    if key is None:
-        x, y = (_filled(mark, step) for mark, step in zip(marks, steps, strict=True))
-        inner = 0
-    else:
-        # the square of the key has the same lines along both axes, so the cut runs through corners of its cells
-        corner = sides[0] - key
-        offsets = [t - corner for t in marks[0] if t > corner] + [t for t in marks[1] if t < key]
-        square = _filled([0.0, key, *offsets], min(steps))
-        x = _filled([0.0, corner, *(t for t in marks[0] if t < corner)], steps[0])
-        y = _filled([key, sides[1], *(t for t in marks[1] if t > key)], steps[1])
-        inner = len(square) - 1
-        x, y = np.append(x, corner + square[1:]), np.append(square, y[1:])
-        x[-1] = sides[0]
+    x, y = (_filled(mark, step) for mark, step in zip(marks, steps, strict=True))
     n, m = len(x), len(y)
     i, j = (part.ravel() for part in np.meshgrid(np.arange(n - 1), np.arange(m - 1), indexing="ij"))
-    # the number of cells by which a cell lies beyond the cut
-    beyond = np.where((i >= n - 1 - inner) & (j < inner), i - (n - 1 - inner) - j, -1)
     a, b, c, d = i * m + j, (i + 1) * m + j, (i + 1) * m + j + 1, i * m + j + 1
-    faces = [np.stack([a, c, d], axis=1)[beyond <= 0], np.stack([a, b, c], axis=1)[beyond < 0]]
-    lines = np.full((n * m, 3), -1)
+    triangles = np.concatenate([np.stack([a, c, d], axis=1), np.stack([a, b, c], axis=1)])
+    lines = np.full((n * m, 2), -1)
     for family, (at, side, sharp) in enumerate(zip((x, y), sides, creases, strict=True)):
         straight = [0.0, side, *sorted(sharp)]
         index = np.array([_index(value, straight) for value in at])
         at[index >= 0] = np.array(straight)[index[index >= 0]]
         lines[:, family] = np.repeat(index, m) if family == 0 else np.tile(index, n)
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    on_cut = np.arange(inner + 1) if inner else np.zeros(0, dtype=np.int64)
-    lines[(n - 1 - inner + on_cut) * m + on_cut, 2] = 0
-    triangles = np.concatenate(faces)
-    used = np.zeros(n * m, dtype=np.bool_)
-    used[triangles] = True
-    points, lines, triangles = points[used], lines[used], (np.cumsum(used) - 1)[triangles]
     highest = int(np.argmin(((points - peak) ** 2).sum(axis=1)))
     fixed = np.zeros(len(points), dtype=np.bool_)
     fixed[highest] = True
     ceiling = float(np.float32(block.height_mm)) - block.formula_datum_mm
-    return Net(heights, points, triangles, lines, fixed, highest, tolerance, ceiling, block.outline)
+    return Net(heights, points, triangles, lines, fixed, highest, tolerance, ceiling, block.region)
 
 
 def _index(value: float, places: list[float]) -> int:
@@ -194,7 +173,7 @@ def _proved(block: Block, net: Net, tolerance: float) -> NetTop:
         failed = np.isinf(net.proof[0])
         if not failed.any():
             distance, vertical = net.proof.max(axis=1).tolist()
-            sheet = _sheet(net, z, block.key_mm is not None)
+            sheet = _sheet(net, z)
             return NetTop(sheet, Certificate(distance_mm=distance, vertical_mm=vertical))
         # the longest edge is the safe choice: the triangles become small in all directions
         adapted = adapted and attempt < MAX_ADAPTED_ROUNDS and failed.sum() < before
@@ -221,12 +200,10 @@ def _flattened(net: Net, surface: Surface) -> None:
     net.proof[:, touched] = net.deviation[touched] = np.nan
 
 
-def _sheet(net: Net, z: Floats, keyed: bool) -> Sheet:
+def _sheet(net: Net, z: Floats) -> Sheet:
     """Make a sheet, with the vertices along each side in counter-clockwise order."""
     x, y, on = net.x, net.y, net.lines
     runs = [(on[:, 1] == 0, x), (on[:, 0] == 1, y), (on[:, 1] == 1, -x), (on[:, 0] == 0, -y)]
-    if keyed:
-        runs.insert(1, (on[:, 2] == 0, x + y))
     sides = []
     for chosen, order in runs:
         members = np.flatnonzero(chosen)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.geometry.meshing.heights import Heights
-from tacbench_cad.spec.outlines import Outline
+from tacbench_cad.spec.extremes import Region
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The number of triangles that are evaluated together. Their arrays fit into the processor's cache.
@@ -38,20 +38,19 @@ _FLIPPING = np.concatenate([lattice(2, corners=False), np.full((1, 3), 1.0 / 3.0
 
 
 class Net:
-    """Triangles over a convex outline.
+    """Triangles over a rectangle.
 
     Args:
         heights: The table of the surface.
         points: The positions of the vertices, shape (n, 2).
         faces: The vertex indices of each triangle, counter-clockwise, shape (m, 3).
-        lines: The number of the straight line on which a vertex must stay, or -1, for each of three directions: lines
-            along y, lines along x, and lines along the diagonal (1, 1); shape (n, 3). Lines 0 and 1 are sides, all
-            other lines are creases.
+        lines: The number of the straight line on which a vertex must stay, or -1, for lines along y and lines along x,
+            shape (n, 2). Lines 0 and 1 are sides, all other lines are creases.
         fixed: The vertices that must not move, shape (n,).
         peak: The vertex at the highest point.
         tolerance: The tolerance of the mesh.
         ceiling: The height that no vertex may exceed.
-        region: The outline outside of which vertices may exceed this height, because they will be cut off.
+        region: The part of the rectangle outside of which vertices may exceed this height. They will be cut off.
     """
 
     def __init__(
@@ -64,7 +63,7 @@ class Net:
         peak: int,
         tolerance: float,
         ceiling: float,
-        region: Outline | None = None,
+        region: Region | None = None,
     ) -> None:
         self.heights = heights
         self.x, self.y = np.ascontiguousarray(points.T)
@@ -314,10 +313,11 @@ class Net:
         self.raise_peak()
 
     def below_ceiling(self, vertices: Ints) -> Bools:
-        """Return which vertices must not exceed the ceiling: those inside the outline."""
+        """Return which vertices must not exceed the ceiling: those inside the region."""
         if self.region is None:
             return np.ones(len(vertices), dtype=np.bool_)
-        return np.asarray(self.region.distance(self.x[vertices], self.y[vertices]) <= 0.0)
+        # rounding to float32 can move a vertex on the outline outwards
+        return np.asarray(self.region.distance(self.x[vertices], self.y[vertices]) <= 1e-5)
 
     def raise_peak(self) -> None:
         """Put the peak at the ceiling."""

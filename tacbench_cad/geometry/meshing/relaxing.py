@@ -72,7 +72,7 @@ def _shift(net: Net, faces: Ints, power: int) -> Floats:
 
 def _keep_on_lines(net: Net, shift: Floats, force: Floats, matrix: Floats) -> None:
     """Let vertices on a line move only along it, and fixed vertices not at all."""
-    for family, direction in enumerate(((0.0, 1.0), (1.0, 0.0), (1.0, 1.0))):
+    for family, direction in enumerate(((0.0, 1.0), (1.0, 0.0))):
         on = np.flatnonzero(net.lines[:, family] >= 0)
         u, v = direction
         bend = u * u * matrix[on, 0, 0] + 2.0 * u * v * matrix[on, 0, 1] + v * v * matrix[on, 1, 1]

@@ -15,13 +15,11 @@ from tacbench_cad.geometry.meshing.adaptive import NetTop, adaptive_top
 from tacbench_cad.geometry.meshing.axis import Axis
 from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, prove_axis, vertical, within
 from tacbench_cad.geometry.meshing.certify_cells import Cells
+from tacbench_cad.geometry.meshing.sheet import Sheet
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
-
-#: A vertex counts as on the cut if it is at most this many float32 steps away from it.
-ON_CUT_STEPS = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +43,8 @@ class Top:
         x: The positions of the lines along x, float32 values from 0 to the side, ascending, shape (n,).
         y: The positions of the lines along y, shape (m,).
         z: The heights at the crossings of the lines, float32 values, shape (n, m), in mm.
-        profiles: The two fits, if all cells are planar; None if each cell consists of two different triangles.
-        rising: True for cells whose diagonal runs from (i, j) to (i + 1, j + 1), False for cells whose diagonal runs
-            from (i + 1, j) to (i, j + 1), shape (n - 1, m - 1). None means that it is False for all cells.
+        profiles: The two fits, if all cells are planar; None if each cell consists of two different triangles. The
+            diagonal of each cell runs from (i + 1, j) to (i, j + 1).
         certificate: The proved bounds.
     """
 
@@ -55,8 +52,18 @@ class Top:
     y: Floats
     z: Floats
     profiles: Profiles | None
-    rising: Bools | None
     certificate: Certificate
+
+    @property
+    def sheet(self) -> Sheet:
+        """The triangles of the top."""
+        n, m = len(self.x), len(self.y)
+        places = np.broadcast_arrays(self.x[:, None], self.y[None, :], self.z)
+        index = np.arange(n * m, dtype=np.int32).reshape(n, m)
+        a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+        triangles = np.stack([a, b, d, b, c, d], axis=1).reshape(-1, 3)
+        sides = (index[:, 0], index[-1, :], index[::-1, -1], index[0, ::-1])
+        return Sheet(np.stack(places, axis=-1).reshape(-1, 3), triangles, sides)
 
 
 def single(values: Floats) -> Floats:
@@ -106,18 +113,6 @@ def _peak_survives(block: Block) -> bool:
     return block.extremes.high >= whole.high - 4.0 * whole.error - 1e-12
 
 
-def cut_excess(x: Floats, y: Floats, key_mm: float | None) -> Floats:
-    """Return how far each crossing of the lines lies beyond the key's cut, shape (n, m).
-
-    It is positive for crossings that are cut off, and 0 for those that are on the cut except for rounding.
-    """
-    if key_mm is None:
-        return np.full((len(x), len(y)), -np.inf)
-    excess = x[:, None] - y[None, :] - (x[-1] - key_mm)
-    excess[np.abs(excess) <= ON_CUT_STEPS * np.spacing(np.float32(max(x[-1], y[-1])))] = 0.0
-    return np.asarray(excess)
-
-
 def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) -> Floats:
     """Round heights to float32, limit those in ``kept`` to the block's height, and set the height at ``top`` to it."""
     height = float(np.float32(block.height_mm))
@@ -128,57 +123,30 @@ def _crowned(z: Floats, block: Block, kept: Bools, top: tuple[int, int] | None) 
     return rounded
 
 
-def _moved_by_cut(block: Block, z: Floats, excess: Floats, planar: bool) -> float:
-    """Bound how far the vertices on the key's cut are from the facets, vertically.
-
-    They are limited to the block's height, and rounded. Cells that are not planar are also cut along their diagonals,
-    where rounding moves the vertices sideways, off the facets.
-    """
-    if block.key_mm is None:
-        return 0.0
-    rounding = 2.0 * _rounding_mm(block)
-    all_but_last, all_but_first, everything = slice(None, -1), slice(1, None), slice(None)
-    ends = [
-        ((all_but_last, everything), (all_but_first, everything)),
-        ((everything, all_but_last), (everything, all_but_first)),
-    ]
-    if not planar:
-        ends.append(((all_but_first, all_but_last), (all_but_last, all_but_first)))
-        steepest = block.surface.bound(1, 0) + block.surface.bound(0, 1)
-        rounding = 2.0 * float(np.spacing(np.float32(max(*block.size_mm, block.height_mm)))) * (1.0 + steepest)
-    highest = block.height_mm
-    for first, second in ends:
-        before, after = excess[first], excess[second]
-        cut = before * after < 0.0
-        fraction = before[cut] / (before[cut] - after[cut])
-        highest = max(highest, float((z[first][cut] + fraction * (z[second][cut] - z[first][cut])).max(initial=0.0)))
-    return highest - block.height_mm + rounding
-
-
 def _sampled_top(block: Block, grid: SampleGrid) -> Top:
     size = f"{grid.nx}x{grid.ny}"
     refuse_too_many("grid", size, triangles_of(grid.nx, grid.ny), "use fewer samples")
     x, y = block.samples_mm
     surface, datum = block.surface, block.datum_mm
     lines = (single(x), single(y))
-    excess = cut_excess(*lines, block.key_mm)
     heights = datum + surface.grid(x, y)
-    z = _crowned(heights, block, excess <= 0.0, None)
-    moved = _moved_by_cut(block, z, excess, surface.is_separable)
+    inside = np.ones(heights.shape, dtype=np.bool_)
+    if block.region is not None:
+        inside = block.region.distance(x[:, None], y[None, :]) <= 0.0
+    z = _crowned(heights, block, inside, None)
     if surface.is_separable:
         a, b = surface.along_u(x), surface.along_v(y)
         proofs = prove_axis(surface.along_u, lines[0], a), prove_axis(surface.along_v, lines[1], b)
-        bound = vertical(*proofs) + float(np.abs(z - heights).max()) + moved
-        return Top(*lines, z, Profiles(a, b), None, Certificate(distance_mm=bound, vertical_mm=bound))
-    proof = Cells(surface, *lines).prove(z - datum, rising=False)
-    bound = float(proof[excess[:-1, 1:] < 0.0].max()) + moved
-    return Top(*lines, z, None, None, Certificate(distance_mm=bound, vertical_mm=bound))
+        bound = vertical(*proofs) + float(np.abs(z - heights).max())
+        return Top(*lines, z, Profiles(a, b), Certificate(distance_mm=bound, vertical_mm=bound))
+    bound = float(Cells(surface, *lines).prove(z - datum, rising=False).max())
+    return Top(*lines, z, None, Certificate(distance_mm=bound, vertical_mm=bound))
 
 
 def _fitted_top(block: Block, tolerance: float) -> Top:
     p, q = _axes(block)
     fraction = _fraction_of_x(p, q)
-    budget = tolerance - (2.0 if block.key_mm is None else 4.0) * _rounding_mm(block)
+    budget = tolerance - 2.0 * _rounding_mm(block)
     fractions = (fraction, 1.0 - fraction)
     _refuse_fine(tolerance, *(_lines_needed(axis, budget, part) for axis, part in zip((p, q), fractions, strict=True)))
     x, a, along_x = _fit(p, budget, fraction)
@@ -190,9 +158,9 @@ def _fitted_top(block: Block, tolerance: float) -> Top:
     heights = block.formula_datum_mm + (a[:, None] + b[None, :])
     highest = (int(np.argmax(a)), int(np.argmax(b)))
     z = _crowned(heights, block, np.ones(heights.shape, dtype=np.bool_), highest)
-    moved = float(np.abs(z - heights).max()) + _moved_by_cut(block, z, cut_excess(x, y, block.key_mm), True)
+    moved = float(np.abs(z - heights).max())
     certificate = Certificate(distance_mm=min(distance, high) + moved, vertical_mm=high + moved)
-    return Top(x, y, z, Profiles(a, b), None, certificate)
+    return Top(x, y, z, Profiles(a, b), certificate)
 
 
 def _axes(block: Block) -> tuple[Axis, Axis]:

@@ -1,6 +1,6 @@
 """The volume below a faceted top, computed in another way than by adding up the triangles of the mesh.
 
-For a tensor grid it follows in closed form from the lines and heights alone. For a net of triangles it is the closed
+For a separable top it follows in closed form from the lines and heights alone. For any other top it is the closed
 form of the formula plus the integral of the deviation of each triangle. That sum is only equal to the volume of the
 mesh if the triangles cover each point of the block exactly once.
 """
@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from tacbench_cad.geometry.meshing.adaptive import NetTop
 from tacbench_cad.geometry.meshing.top import Profiles, Top
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.outlines import Polygons
@@ -27,33 +26,6 @@ _POINTS = np.array(
     [[1.0 / 3.0] * 3, *(np.roll([1.0 - 2.0 * t, t, t], shift).tolist() for t in (_A, _B) for shift in range(3))]
 )
 _WEIGHTS = np.array([0.225] + [(155.0 - math.sqrt(15.0)) / 1200.0] * 3 + [(155.0 + math.sqrt(15.0)) / 1200.0] * 3)
-
-
-def piecewise_volume_mm3(block: Block, top: Top | NetTop) -> tuple[float, float]:
-    """Return the volume of a block with a faceted top, without its key and its label, and how far a mesh can be off.
-
-    Args:
-        block: The block.
-        top: The top of the block, made by :func:`tacbench_cad.geometry.meshing.top.textured_top`.
-    """
-    slack = volume_slack_mm3(block)
-    if isinstance(top, NetTop):
-        deviation, error = deviation_mm3(block, top.sheet.vertices, top.sheet.faces)
-        return block.volume_mm3(block.datum_mm) + deviation, slack + error
-    if top.profiles is not None:
-        volume = _separable(block, top, top.profiles)
-    else:
-        volume = _cells(top) - (0.0 if block.key_mm is None else _corner_of_cells(top, block.key_mm))
-    return volume - (block.engraving.volume_mm3 if block.engraving else 0.0), slack
-
-
-def volume_slack_mm3(block: Block) -> float:
-    """Return how much rounding to float32 can change the volume of a mesh from the closed form, in mm^3."""
-    x, y = block.size_mm
-    heights = float(np.spacing(np.float32(block.height_mm))) * block.footprint_mm2
-    places = float(np.spacing(np.float32(max(x, y)))) * (2.0 * (block.key_mm or 0.0) * block.height_mm)
-    label = 1e-7 * block.engraving.area_mm2 if block.engraving else 0.0
-    return heights + places + label + 1e-12 * x * y * block.height_mm
 
 
 def deviation_mm3(block: Block, vertices: Floats, faces: Indices) -> tuple[float, float]:
@@ -98,19 +70,6 @@ def _composite(parts: int) -> Floats:
     return np.column_stack([1.0 - place.sum(axis=1), place])
 
 
-def _separable(block: Block, top: Top, profiles: Profiles) -> float:
-    """Return the integral of ``datum + a(x) + b(y)``. The trapezoid rule is exact on each axis."""
-    x, y, a, b = top.x, top.y, profiles.a, profiles.b
-    volume = block.datum_mm * x[-1] * y[-1] + y[-1] * np.trapezoid(a, x) + x[-1] * np.trapezoid(b, y)
-    if block.key_mm is not None:
-        key = block.key_mm
-        cut = x[-1] - key
-        volume -= block.datum_mm * key**2 / 2.0
-        volume -= _weighted(x, a, cut, x[-1], cut)
-        volume -= _weighted(y, b, 0.0, key, key)
-    return float(volume)
-
-
 def profiles_mm3(datum_mm: float, top: Top, profiles: Profiles, chords: Polygons) -> float:
     """Return the volume below ``datum + a(x) + b(y)`` inside of polygons, as integrals along their sides.
 
@@ -149,65 +108,3 @@ def _along_sides(lines: Floats, heights: Floats, t: Floats, s: Floats) -> float:
         values = antiderivative(points[:-1]) + 4.0 * antiderivative(middle) + antiderivative(points[1:])
         total += float(np.diff(points) @ values) / 6.0 / (high - low) * (s1 - s0)
     return total
-
-
-def _weighted(t: Floats, height: Floats, low: float, high: float, apex: float) -> float:
-    """Return the integral of ``height(t) |t - apex|`` over ``[low, high]``. Simpson's rule is exact between lines."""
-    inner = t[(t > low) & (t < high)]
-    points = np.concatenate([[low], inner, [high]])
-    middle = (points[:-1] + points[1:]) / 2.0
-
-    def value(s: Floats) -> Floats:
-        return np.asarray(np.interp(s, t, height) * np.abs(s - apex))
-
-    return float(np.sum(np.diff(points) * (value(points[:-1]) + 4.0 * value(middle) + value(points[1:]))) / 6.0)
-
-
-def _cells(top: Top) -> float:
-    """Return the volume below cells of two triangles. The ends of the diagonal of each cell count twice."""
-    z = top.z
-    rise, fall = z[:-1, :-1] + z[1:, 1:], z[1:, :-1] + z[:-1, 1:]
-    extra = fall if top.rising is None else np.where(top.rising, rise, fall)
-    return float(np.diff(top.x) @ ((rise + fall + extra) / 6.0) @ np.diff(top.y))
-
-
-def _corner_of_cells(top: Top, key_mm: float) -> float:
-    """Return the volume that the key cuts off below a top with two triangles in each cell."""
-    x, y, z = top.x, top.y, top.z
-    excess = x[:, None] - y[None, :] - (x[-1] - key_mm)
-    area = np.multiply.outer(np.diff(x), np.diff(y)) / 2.0
-    rising = np.zeros(area.shape, dtype=np.bool_) if top.rising is None else top.rising
-    a, b, c, d = np.s_[:-1, :-1], np.s_[1:, :-1], np.s_[1:, 1:], np.s_[:-1, 1:]
-    total = 0.0
-    for corners, used in (((a, b, d), ~rising), ((b, c, d), ~rising), ((a, b, c), rising), ((a, c, d), rising)):
-        touched = used & (excess[b] > 0.0)
-        e = np.stack([excess[corner][touched] for corner in corners])
-        total += _above_cut(e, np.stack([z[corner][touched] for corner in corners]), area[touched])
-    return total
-
-
-def _above_cut(excess: Floats, height: Floats, area: Floats) -> float:
-    """Return the volume below those parts of triangles on which a linear function is positive.
-
-    Args:
-        excess: The values of the function at the corners, shape (3, k).
-        height: The heights at the corners, shape (3, k).
-        area: The areas of the triangles seen from above, shape (k,).
-    """
-    order = np.argsort(excess, axis=0)
-    e, h = np.take_along_axis(excess, order, axis=0), np.take_along_axis(height, order, axis=0)
-    whole = area * h.mean(axis=0)
-    kept = np.where(e[0] >= 0.0, whole, 0.0)
-    lone_high = (e[0] < 0.0) & (e[1] <= 0.0) & (e[2] > 0.0)
-    lone_low = (e[0] < 0.0) & (e[1] > 0.0)
-    kept[lone_high] = _tip(e[::-1, lone_high], h[::-1, lone_high], area[lone_high])
-    kept[lone_low] = whole[lone_low] - _tip(-e[:, lone_low], h[:, lone_low], area[lone_low])
-    return float(kept.sum())
-
-
-def _tip(excess: Floats, height: Floats, area: Floats) -> Floats:
-    """Return the volume below the tip of each triangle, at its first corner. Only this corner is positive."""
-    fraction = excess[0] / (excess[0] - excess[1:])
-    return np.asarray(
-        area * fraction.prod(axis=0) * (height[0] + (fraction * (height[1:] - height[0])).sum(axis=0) / 3.0)
-    )
