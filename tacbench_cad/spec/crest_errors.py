@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tacbench_cad.util.convert import NOT_STORED
 from tacbench_cad.util.types import Bools, Floats
 
 #: The largest horizontal distance between a peak or valley of the formula and its printed extremum, in mm.
@@ -28,7 +29,7 @@ class Extrema:
     missed: int
     mean_mm: float
     worst_mm: float
-    missed_mm: Floats = field(metadata={"key": None})
+    missed_mm: Floats = field(metadata=NOT_STORED)
 
 
 def peaks(

@@ -142,6 +142,8 @@ def _picture(path: Path) -> Any:
             raise InputError("height map", str(path), allowed) from None
         except UnidentifiedImageError:
             raise InputError("height map", str(path), unreadable) from None
+        except InputError:
+            raise
         except (OSError, ValueError, SyntaxError, EOFError) as error:
             raise InputError("height map", str(path), f"cannot be decoded: {one_line(str(error))}") from None
 

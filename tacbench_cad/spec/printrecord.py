@@ -8,8 +8,10 @@ from dataclasses import dataclass, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from annotated_types import Interval
+
 from tacbench_cad.util import untrusted
-from tacbench_cad.util.convert import Bounds, Word, from_plain
+from tacbench_cad.util.convert import from_plain
 
 #: The fields of the form, each with its explanation. An empty string means that a field is not filled in.
 FIELDS: Mapping[str, str] = {
@@ -106,12 +108,15 @@ def read_record(path: Path, *, within: Path | None = None) -> PrintRecord:
     return PrintRecord(values={name: values[name] for name in FIELDS if name in values}, empty=empty)
 
 
+_Date = Annotated[datetime.date, Interval(ge=datetime.date(1970, 1, 1), le=datetime.date(2200, 1, 1))]
+
+
 def _kind(name: str) -> Any:
     if name in SCORES:
-        return Annotated[int, Bounds(0, 3)]
+        return Annotated[int, Interval(ge=0, le=3)]
     if name == "photos":
-        return tuple[Word, ...]
-    return float if name.endswith(("_mm", "_c", "_percent")) else str | float | bool | datetime.date
+        return tuple[str, ...]
+    return float if name.endswith(("_mm", "_c", "_percent")) else str | float | bool | _Date
 
 
 #: The document as a dataclass, in which every field may be left out.

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from annotated_types import Interval, Len
+
 from tacbench_cad.spec.families import (
     BUILT_IN_NAMES,
     LATER_NAMES,
@@ -25,9 +27,9 @@ from tacbench_cad.spec.families import (
 from tacbench_cad.spec.images import image_texture
 from tacbench_cad.spec.operations import added
 from tacbench_cad.spec.sines import Wave
-from tacbench_cad.spec.textures import WAVE_BOUNDS, BlockTable, Texture, require_own_unit, table_in_mm
+from tacbench_cad.spec.textures import WAVE_LIMITS, BlockTable, Texture, require_own_unit, table_in_mm
 from tacbench_cad.spec.waves import WaveSum
-from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, located, nearest
 from tacbench_cad.util.untrusted import read_document
 
@@ -182,13 +184,13 @@ class _Files:
     within: tuple[Path, ...]
 
 
-_Amplitude = Annotated[float, WAVE_BOUNDS["amplitude"]]
-_Frequency = Annotated[float, WAVE_BOUNDS["f"]]
-_Phase = Annotated[float, WAVE_BOUNDS["phase"]]
+_Amplitude = Annotated[float, Interval(ge=-WAVE_LIMITS["amplitude"], le=WAVE_LIMITS["amplitude"])]
+_Frequency = Annotated[float, Interval(ge=-WAVE_LIMITS["f"], le=WAVE_LIMITS["f"])]
+_Phase = Annotated[float, Interval(ge=-WAVE_LIMITS["phase"], le=WAVE_LIMITS["phase"])]
 
 
-_Stretch = Annotated[float, Bounds(1e-3, 1e3)]
-_Wavelength = Annotated[float, Bounds(1e-4, 1e6)]
+_Stretch = Annotated[float, Interval(ge=1e-3, le=1e3)]
+_Wavelength = Annotated[float, Interval(ge=1e-4, le=1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +200,7 @@ class _WaveTable:
     amplitude: _Amplitude
     f: _Frequency | None = None
     g: _Frequency | None = None
-    angle_deg: Annotated[float, Bounds(-360.0, 360.0)] | None = None
+    angle_deg: Annotated[float, Interval(ge=-360.0, le=360.0)] | None = None
     wavelength: _Wavelength | None = None
     wavelength_mm: _Wavelength | None = None
     phase: _Phase = 0.0
@@ -244,7 +246,7 @@ class _Series:
     family: Literal["series"]
     law: Law | None = None
     N: int | None = None
-    weights: Annotated[tuple[_Amplitude, ...], Length(1, MAX_TERMS)] | None = None
+    weights: Annotated[tuple[_Amplitude, ...], Len(1, MAX_TERMS)] | None = None
     terms: Terms = "highest"
     axes: Axes = "xy"
 
@@ -286,9 +288,9 @@ class _Image:
     name: str
     family: Literal["image"]
     file: str
-    mm_per_pixel: Annotated[float, Bounds(1e-6, 1e3)] | tuple[float, float] | None = None
+    mm_per_pixel: Annotated[float, Interval(ge=1e-6, le=1e3)] | tuple[float, float] | None = None
     height_mm: float | tuple[float, float] | None = None
-    smooth_mm: Annotated[float, Bounds(0.0, 100.0)] = 0.0
+    smooth_mm: Annotated[float, Interval(ge=0.0, le=100.0)] = 0.0
     repeats: bool = False
     fit: Literal["spline", "waves"] = "spline"
     waves: int | None = None
@@ -316,11 +318,11 @@ class _Combined:
 
     name: str
     family: Literal["sum"]
-    of: Annotated[tuple[Word, ...], Length(1, 10)]
-    weights: Annotated[tuple[_Amplitude, ...], Length(1, 10)] | None = None
-    turn_deg: Annotated[float, Bounds(-360.0, 360.0)] = 0.0
+    of: Annotated[tuple[str | int, ...], Len(1, 10)]
+    weights: Annotated[tuple[_Amplitude, ...], Len(1, 10)] | None = None
+    turn_deg: Annotated[float, Interval(ge=-360.0, le=360.0)] = 0.0
     stretch: tuple[_Stretch, _Stretch, _Stretch] = (1.0, 1.0, 1.0)
-    fade: Annotated[float, Bounds(1e-3, 1e4)] | None = None
+    fade: Annotated[float, Interval(ge=1e-3, le=1e4)] | None = None
 
     def made(self, document: _Document, files: _Files) -> tuple[Texture, BlockTable]:
         weights = self.weights or (1.0,) * len(self.of)
@@ -370,6 +372,6 @@ def _merged(table: BlockTable, own: BlockTable) -> BlockTable:
 class _Document:
     """The document of a texture file."""
 
-    texture: _Equation1 | _Series | _PlaneWaves | _Image | _Combined
+    texture: _Equation1 | _Series | _PlaneWaves | _Image | _Combined = field(metadata={"discriminator": "family"})
     block: BlockTable = field(default_factory=BlockTable)
-    wave: Annotated[tuple[_WaveTable, ...], Length(high=MAX_WAVES)] = ()
+    wave: Annotated[tuple[_WaveTable, ...], Len(0, MAX_WAVES)] = ()

@@ -6,24 +6,19 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Self
-
-from numpy.typing import ArrayLike
+from typing import Annotated, Any, Literal, Self
 
 # the readers and families make textures, so their modules are loaded when they are used
+from numpy.typing import ArrayLike
+
 from tacbench_cad import spec
 from tacbench_cad.spec.surface import Surface, Unit
-from tacbench_cad.util.convert import Bounds
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.convert import Unchecked
+from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.types import Floats
 
-#: The allowed numbers of a wave. For larger phases, the sine of a 64-bit number has few correct digits.
-WAVE_BOUNDS = {
-    "amplitude": Bounds(-1e6, 1e6),
-    "f": Bounds(-1e4, 1e4),
-    "g": Bounds(-1e4, 1e4),
-    "phase": Bounds(-1e6, 1e6),
-}
+#: The largest numbers of a wave. For larger phases, the sine of a 64-bit number has few correct digits.
+WAVE_LIMITS = {"amplitude": 1e6, "f": 1e4, "g": 1e4, "phase": 1e6}
 #: The names that a user's texture must not have, because they are names of other parts of a print set.
 RESERVED = ("holder", "jig", "coupon", "preview", "manifest", "all")
 
@@ -66,7 +61,7 @@ class Texture:
     """
 
     name: str
-    surface: Surface
+    surface: Annotated[Surface, Unchecked()]
     equation: str = ""
     number: int | None = None
     block: BlockTable = field(default_factory=BlockTable)
@@ -241,9 +236,8 @@ class Texture:
         if self.surface.is_flat:
             raise InputError("texture", self.name, "is flat; at least one wave needs an amplitude and a frequency")
         for wave in self.surface.plane_waves or ():
-            for name, bounds in WAVE_BOUNDS.items():
-                if refusal := bounds.refusal(value := getattr(wave, name)):
-                    raise InputError(f"texture {self.name} wave {name}", value, refusal)
+            for name, limit in WAVE_LIMITS.items():
+                require_between(f"texture {self.name} wave {name}", getattr(wave, name), -limit, limit)
         if not self.equation:
             object.__setattr__(self, "equation", str(self.surface))
 

@@ -20,7 +20,7 @@ class TacbenchError(Exception):
         return text if len(text) <= 1500 else f"{text[:1000]} ... {text[-200:]}"
 
 
-class InputError(TacbenchError):
+class InputError(TacbenchError, ValueError):
     """A field has a value that is not allowed.
 
     Args:

@@ -99,6 +99,8 @@ def open_input(path: Path, what: str = "file", kind: str = "any", *, within: Pat
             raise InputError(what, str(path), f"is a link to a file outside {within}; put the file itself there")
         # If a named pipe has replaced the file since the check above, it is opened without waiting and then refused.
         stream = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
+    except InputError:
+        raise
     except (OSError, ValueError, RuntimeError) as error:  # a null character in the name; a link to itself
         raise InputError(what, str(path), f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
     try:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Interval
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -39,7 +40,7 @@ from tacbench_cad.geometry import Mesh
 from tacbench_cad.making import build
 from tacbench_cad.render import Scene, SceneFormula, Thing, page_of
 from tacbench_cad.spec import PICTURES, TABLES
-from tacbench_cad.util.convert import Bounds, from_plain, to_plain
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.untrusted import parse_json
@@ -83,13 +84,13 @@ class Question:
         count: The number of waves.
     """
 
-    id: Annotated[int, Bounds(0, 2**31)]
+    id: Annotated[int, Interval(ge=0, le=2**31)]
     do: Literal["hello", "start", "open", "waves", "picture", "facts", "toml", "write"]
     design: Design | None = None
     text: str = ""
     name: str = "texture.toml"
     formats: tuple[str, ...] = ()
-    count: Annotated[int, Bounds(1, 100)] = 1
+    count: Annotated[int, Interval(ge=1, le=100)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.geometry import as_part
 from tacbench_cad.making import Request
@@ -36,7 +37,7 @@ from tacbench_cad.spec import (
     texture_of_document,
     with_table,
 )
-from tacbench_cad.util.convert import Bounds, Checked
+from tacbench_cad.util.convert import NOT_STORED, Checked
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import at_most, mm
 from tacbench_cad.util.types import Floats
@@ -49,9 +50,9 @@ _PAPER = VALUES["paper"]
 #: The word for a block without another outline.
 RECTANGLE = "rectangle"
 
-Side = Annotated[float, Bounds(*SIZE_RANGE_MM)]
-Period = Annotated[float, Bounds(1e-3, 1e4)]
-Shift = Annotated[float, Bounds(-1e4, 1e4)]
+Side = Annotated[float, Interval(ge=SIZE_RANGE_MM[0], le=SIZE_RANGE_MM[1])]
+Period = Annotated[float, Interval(ge=1e-3, le=1e4)]
+Shift = Annotated[float, Interval(ge=-1e4, le=1e4)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,15 +83,15 @@ class Design(Checked):
     size_mm: tuple[Side, Side] = _PAPER.size_mm
     height_mm: Side = _PAPER.height_mm
     period_mm: tuple[Period, Period] = (PERIOD * _PAPER.mm_per_unit[0], PERIOD * _PAPER.mm_per_unit[1])
-    unit_mm: Annotated[float, Bounds(1e-3, 1e3)] = _PAPER.mm_per_unit[2]
+    unit_mm: Annotated[float, Interval(ge=1e-3, le=1e3)] = _PAPER.mm_per_unit[2]
     shift: tuple[Shift, Shift] = (0.0, 0.0)
-    tolerance_mm: Annotated[float, Bounds(1e-4, 1.0)] = 0.01
-    nozzle_mm: Annotated[float, Bounds(0.05, 10.0)] = 0.4
+    tolerance_mm: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.01
+    nozzle_mm: Annotated[float, Interval(ge=0.05, le=10.0)] = 0.4
     cut: Literal["x", "y"] = "x"
-    cut_at: Annotated[float, Bounds(0.0, 1.0)] = 0.5
+    cut_at: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.5
     outline: str = RECTANGLE
     upload: str = ""
-    folder: Path = field(default=Path(), metadata={"key": None})
+    folder: Path = field(default=Path(), metadata=NOT_STORED)
 
     @property
     def mm_per_unit(self) -> tuple[float, float, float]:

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.rig import Clock, Closing, Context, Driver, Force, Line, NoAnswerError, RigError, ports
 from tacbench_cad.lab.study import GaugeSettings
-from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
 #: The units of force that a gauge may display, in N.
@@ -53,7 +54,7 @@ class GaugeOptions:
 
     unit: Literal["N", "mN", "kN", "gF", "kgF", "lbF", "ozF"] = "N"
     compression: Literal["positive", "negative"] = "positive"
-    least_samples: Annotated[int, Bounds(1, 10_000)] = 3
+    least_samples: Annotated[int, Interval(ge=1, le=10_000)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig import (
@@ -26,7 +27,7 @@ from tacbench_cad.lab.rig import (
     require_good_frame,
 )
 from tacbench_cad.lab.study import SensorSettings
-from tacbench_cad.util.convert import Bounds, from_plain, to_plain
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The longest wait for a picture in addition to its exposure, in s.
@@ -55,11 +56,11 @@ class GenicamOptions:
     """
 
     cti: str
-    exposure_us: Annotated[float, Bounds(1.0, 10_000_000.0)]
+    exposure_us: Annotated[float, Interval(ge=1.0, le=10_000_000.0)]
     gain: float | None = None
     pixel_format: Literal["Mono8", "BGR8", "RGB8"] = "Mono8"
-    dark_counts: Annotated[float, Bounds(0.0, 255.0)] = FrameLimits.dark_counts
-    blur_px: Annotated[float, Bounds(0.0, 1000.0)] = FrameLimits.blur_px
+    dark_counts: Annotated[float, Interval(ge=0.0, le=255.0)] = FrameLimits.dark_counts
+    blur_px: Annotated[float, Interval(ge=0.0, le=1000.0)] = FrameLimits.blur_px
 
 
 class GenicamSensor(Closing):

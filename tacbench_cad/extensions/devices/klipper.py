@@ -36,6 +36,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from annotated_types import Interval
+
 from tacbench_cad.lab.rig import (
     AlarmError,
     Clock,
@@ -50,7 +52,7 @@ from tacbench_cad.lab.rig import (
     no_report,
 )
 from tacbench_cad.lab.study import Point, StageSettings
-from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The longest wait for the answer to an emergency stop, in s.
@@ -80,9 +82,9 @@ class KlipperOptions:
         api_key: Moonraker's key; empty if this computer is one of its trusted clients.
     """
 
-    home_timeout_s: Annotated[float, Bounds(1.0, 3600.0)] = 120.0
-    home_lift_mm: Annotated[float, Bounds(0.0, 500.0)] = 5.0
-    tolerance_mm: Annotated[float, Bounds(1e-4, 1.0)] = 0.005
+    home_timeout_s: Annotated[float, Interval(ge=1.0, le=3600.0)] = 120.0
+    home_lift_mm: Annotated[float, Interval(ge=0.0, le=500.0)] = 5.0
+    tolerance_mm: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.005
     api_key: str = ""
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig import (
@@ -25,7 +26,7 @@ from tacbench_cad.lab.rig import (
     require_good_frame,
 )
 from tacbench_cad.lab.study import SensorSettings
-from tacbench_cad.util.convert import Bounds, from_plain, to_plain
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The longest wait for a frame, in s.
@@ -34,6 +35,9 @@ TIMEOUT_S = 10.0
 SETTLE_FRAMES = 20
 #: The allowed relative difference between a requested and a reported value. The camera counts lines and steps of gain.
 CLOSE = 0.03
+
+
+_ColourGain = Annotated[float, Interval(ge=0.0, le=32.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +54,13 @@ class PiCameraOptions:
         blur_px: See :class:`~tacbench_cad.lab.rig.frames.FrameLimits`.
     """
 
-    exposure_us: Annotated[int, Bounds(10, 10_000_000)]
-    gain: Annotated[float, Bounds(1.0, 64.0)] = 1.0
-    colour_gains: tuple[Annotated[float, Bounds(0.0, 32.0)], Annotated[float, Bounds(0.0, 32.0)]] = (1.5, 1.5)
-    width: Annotated[int, Bounds(64, 20_000)] = 640
-    height: Annotated[int, Bounds(64, 20_000)] = 480
-    dark_counts: Annotated[float, Bounds(0.0, 255.0)] = FrameLimits.dark_counts
-    blur_px: Annotated[float, Bounds(0.0, 1000.0)] = FrameLimits.blur_px
+    exposure_us: Annotated[int, Interval(ge=10, le=10_000_000)]
+    gain: Annotated[float, Interval(ge=1.0, le=64.0)] = 1.0
+    colour_gains: tuple[_ColourGain, _ColourGain] = (1.5, 1.5)
+    width: Annotated[int, Interval(ge=64, le=20_000)] = 640
+    height: Annotated[int, Interval(ge=64, le=20_000)] = 480
+    dark_counts: Annotated[float, Interval(ge=0.0, le=255.0)] = FrameLimits.dark_counts
+    blur_px: Annotated[float, Interval(ge=0.0, le=1000.0)] = FrameLimits.blur_px
 
 
 class PiCameraSensor(Closing):

@@ -20,6 +20,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from annotated_types import Interval
+
 from tacbench_cad.lab.rig import (
     AlarmError,
     Clock,
@@ -34,7 +36,7 @@ from tacbench_cad.lab.rig import (
     no_report,
 )
 from tacbench_cad.lab.study import Point, StageSettings
-from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, one_line
 
 #: The pause between two questions while the arm moves, in s.
@@ -54,8 +56,8 @@ class RobotOptions:
         tolerance_mm: The allowed distance of the tool from its target. The repeatability of an UR3e or UR5e is 0.03 mm.
     """
 
-    acceleration_mm_s2: Annotated[float, Bounds(1.0, 5000.0)] = 200.0
-    tolerance_mm: Annotated[float, Bounds(0.001, 5.0)] = 0.05
+    acceleration_mm_s2: Annotated[float, Interval(ge=1.0, le=5000.0)] = 200.0
+    tolerance_mm: Annotated[float, Interval(ge=0.001, le=5.0)] = 0.05
 
 
 class UniversalRobot(Closing):

@@ -10,9 +10,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
+from annotated_types import Interval
+
 from tacbench_cad.lab.rig import CameraOptions, CameraSensor, Context, DeviceLostError, Driver, Opener
 from tacbench_cad.lab.study import SensorSettings
-from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
 #: The folder in which Linux lists the nodes of all cameras.
@@ -86,6 +88,9 @@ def find_camera(device: str | None, product: str, nodes: tuple[VideoNode, ...] |
     return matching[0]
 
 
+_Brightness = Annotated[int, Interval(ge=0, le=15)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Lamps:
     """The lamps of a DIGIT in ``[sensor]``.
@@ -94,11 +99,7 @@ class Lamps:
         lamps: The brightness of the red, the green and the blue lamp, from 0 to 15.
     """
 
-    lamps: tuple[Annotated[int, Bounds(0, 15)], Annotated[int, Bounds(0, 15)], Annotated[int, Bounds(0, 15)]] = (
-        15,
-        15,
-        15,
-    )
+    lamps: tuple[_Brightness, _Brightness, _Brightness] = (15, 15, 15)
 
     @property
     def word(self) -> float:

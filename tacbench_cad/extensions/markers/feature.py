@@ -14,6 +14,7 @@ from tacbench_cad.extensions.markers.markers import MarkerSettings
 from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.analysis import Collection, Exhibit, Feature, Words
 from tacbench_cad.lab.runs import Region, Run
+from tacbench_cad.util.convert import NOT_STORED
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ class MarkerDisplacements(MarkerSettings, Feature):
     name: ClassVar[str] = "markers"
     unit: ClassVar[str | None] = "px"
     summary: ClassVar[str] = "the displacements of the markers"
-    region: Region | None = field(default=None, metadata={"key": None})
-    learned: MarkerFeatures | None = field(default=None, metadata={"key": None})
+    region: Region | None = field(default=None, metadata=NOT_STORED)
+    learned: MarkerFeatures | None = field(default=None, metadata=NOT_STORED)
 
     @property
     def markers(self) -> MarkerFeatures:

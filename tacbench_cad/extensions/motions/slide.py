@@ -17,12 +17,13 @@ from types import TracebackType
 from typing import Annotated, Any, Generic, Self, TypeVar
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.extensions.motions.track import StageTrack, tracked
 from tacbench_cad.lab.acquire import Carriage, ContactForce
 from tacbench_cad.lab.rig import Clock, Frame, RigError, Sensor
 from tacbench_cad.lab.runs import MovingFrame
-from tacbench_cad.util.convert import Bounds, Checked
+from tacbench_cad.util.convert import Checked
 
 #: The largest number of frames in memory, as a multiple of the number of frames to keep. Beyond it, every second frame
 #: is dropped.
@@ -118,9 +119,9 @@ class Slide(Checked):
         speed_mm_s: The speed.
     """
 
-    length_mm: Annotated[float, Bounds(0.01, 1000.0)] = 5.0
-    direction_deg: Annotated[float, Bounds(-360.0, 360.0)] = 90.0
-    speed_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 5.0
+    length_mm: Annotated[float, Interval(ge=0.01, le=1000.0)] = 5.0
+    direction_deg: Annotated[float, Interval(ge=-360.0, le=360.0)] = 90.0
+    speed_mm_s: Annotated[float, Interval(ge=0.001, le=1000.0)] = 5.0
 
     @property
     def seconds(self) -> float:

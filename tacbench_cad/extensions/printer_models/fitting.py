@@ -20,6 +20,7 @@ import numpy as np
 from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel, ReliefRule, TransferPoint
 from tacbench_cad.extensions.scan.estimates import HALF_WIDTH
 from tacbench_cad.extensions.scan.record import SCAN_FILE, read_scan_record, scan_record
+from tacbench_cad.util.convert import NOT_STORED
 from tacbench_cad.util.errors import InputError
 
 #: Waves whose factor has a larger standard error say nothing about the transfer function.
@@ -88,7 +89,7 @@ class PrintScan:
     nozzle_mm: float | None = None
     geometry: Geometry | None = None
     printed_from: str | None = None
-    path: str = field(default="", metadata={"key": None})
+    path: str = field(default="", metadata=NOT_STORED)
 
     @property
     def print_name(self) -> str:

@@ -15,17 +15,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Interval, Len
 
 from tacbench_cad.spec import Circle, Outline
-from tacbench_cad.util.convert import Bounds, Checked, Length, read_toml, to_plain
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.convert import Checked, read_toml, to_plain
+from tacbench_cad.util.errors import InputError, require_between
 from tacbench_cad.util.files import write_text
 from tacbench_cad.util.text import toml_item
 
 #: The first key of a file, which tells a printer model from other TOML files.
 FORMAT = "tacbench-printer-model-1"
-#: The allowed scales of a print. Larger errors are mistakes of units or of the slicer.
-_SCALE = Bounds(0.8, 1.2)
 #: The largest difference between the sides of a printed disc or ring that can be corrected, in mm.
 MAX_OVAL_MM = 0.02
 #: The rules for the relief of corrected prints: equal to that of the formula, or free.
@@ -65,8 +64,8 @@ class TransferPoint(Checked):
         high: The upper end.
     """
 
-    wavelength_mm: Annotated[float, Bounds(1e-4, 1e6)]
-    factor: Annotated[float, Bounds(-10.0, 10.0)]
+    wavelength_mm: Annotated[float, Interval(ge=1e-4, le=1e6)]
+    factor: Annotated[float, Interval(ge=-10.0, le=10.0)]
     low: float
     high: float
 
@@ -77,7 +76,7 @@ class TransferPoint(Checked):
             raise InputError("factor", self.factor, allowed)
 
 
-Transfer = Annotated[tuple[TransferPoint, ...], Length(high=10_000)]
+Transfer = Annotated[tuple[TransferPoint, ...], Len(0, 10_000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +118,8 @@ class PrinterModel(Checked):
     name: str
     printer: str
     filament: str
-    nozzle_mm: Annotated[float, Bounds(0.01, 5.0)]
-    prints: Annotated[int, Bounds(1)]
+    nozzle_mm: Annotated[float, Interval(ge=0.01, le=5.0)]
+    prints: Annotated[int, Ge(1)]
     scans: tuple[str, ...] = ()
     simulated: bool = False
     scale_x: Measured | None = None
@@ -139,8 +138,8 @@ class PrinterModel(Checked):
             raise InputError("name", self.name, "must have 1 to 80 letters, digits, hyphens, dots and underscores")
         for axis in "xyz":
             measured: Measured | None = getattr(self, f"scale_{axis}")
-            if measured is not None and (refusal := _SCALE.refusal(measured.value)):
-                raise InputError(f"[scale_{axis}] value", measured.value, refusal)
+            if measured is not None:  # larger errors are mistakes of units or of the slicer
+                require_between(f"[scale_{axis}] value", measured.value, 0.8, 1.2)
         if self.offset_mm is not None and abs(self.offset_mm.value) > 1.0:
             raise InputError("[offset_mm] value", self.offset_mm.value, "must be from -1 to 1 mm")
         if self.repeatability_mm is not None and self.repeatability_mm.value < 0.0:

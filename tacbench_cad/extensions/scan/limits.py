@@ -12,14 +12,16 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
+from annotated_types import Ge, Interval
+
 from tacbench_cad.spec import FELT_PX, FITS
-from tacbench_cad.util.convert import Bounds, Checked, from_plain
+from tacbench_cad.util.convert import Checked, from_plain
 from tacbench_cad.util.errors import InputError, nearest
 from tacbench_cad.util.text import short
 from tacbench_cad.util.untrusted import read_document
 
-Positive = Annotated[float, Bounds(0.0)]
-Fraction = Annotated[float, Bounds(0.0, 1.0)]
+Positive = Annotated[float, Ge(0.0)]
+Fraction = Annotated[float, Interval(ge=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
-from tacbench_cad.util.convert import Length, Word, read_toml
+from annotated_types import Len
+
+from tacbench_cad.util.convert import NOT_STORED, read_toml
 from tacbench_cad.util.errors import InputError, one_of, require_between
 
 #: The file with the paper's printers.
@@ -30,12 +32,12 @@ class Printer:
         InputError: A value is not allowed.
     """
 
-    name: str = field(default="", metadata={"key": None})
+    name: str = field(default="", metadata=NOT_STORED)
     bed_mm: tuple[float, float]
     height_mm: float
     margin_mm: float = 5.0
     keep_out_mm: tuple[tuple[float, float, float, float], ...] = ()
-    filaments: Annotated[tuple[Word, ...], Length(1)]
+    filaments: Annotated[tuple[str, ...], Len(1)]
 
     def __post_init__(self) -> None:
         for key, side in (("bed_mm", self.bed_mm[0]), ("bed_mm", self.bed_mm[1]), ("height_mm", self.height_mm)):

@@ -8,7 +8,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from annotated_types import Ge, Interval
+
+from tacbench_cad.util.convert import check_fields, from_plain
 from tacbench_cad.util.errors import InputError, located
 
 #: Faults of single bytes on a line.
@@ -17,8 +19,8 @@ BYTE_KINDS = ("drop", "double", "garble", "silence")
 GAUGE_KINDS = ("noise", "stuck", "saturated")
 #: All faults.
 KINDS = (*BYTE_KINDS, "reset", "alarm", "unplug", "slip", "stall", "switch", *GAUGE_KINDS)
-Seconds = Annotated[float, Bounds(0.0)]
-Count = Annotated[int, Bounds(0)]
+Seconds = Annotated[float, Ge(0.0)]
+Count = Annotated[int, Ge(0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,12 +51,12 @@ class Fault:
     after_bytes: Count | None = None
     seconds: Seconds | None = None
     count: Count | None = None
-    chance: Annotated[float, Bounds(0.0, 1.0)] | None = None
+    chance: Annotated[float, Interval(ge=0.0, le=1.0)] | None = None
     direction: Literal["in", "out", "both"] = "out"
     where: Literal["stage", "gauge"] = "stage"
     axis: Literal["x", "y", "z"] = "z"
     mm: float = 0.5
-    n: Annotated[float, Bounds(0.0)] = 0.5
+    n: Annotated[float, Ge(0.0)] = 0.5
 
     def __post_init__(self) -> None:
         with located("fault "):

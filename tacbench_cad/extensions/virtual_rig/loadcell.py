@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated
 
+from annotated_types import Ge, Interval
+
 from tacbench_cad.extensions.virtual_rig.faults import BYTE_KINDS, Fault, Spoiler
 from tacbench_cad.lab.study import HolderRim, Point, PrintedBlock, WorkFrame
-from tacbench_cad.util.convert import Bounds, check_fields
+from tacbench_cad.util.convert import check_fields
 from tacbench_cad.util.errors import InputError, located
 
 if TYPE_CHECKING:
@@ -36,12 +38,12 @@ class CellSettings:
         newtons: Whether it sends newtons with four decimals instead of counts.
     """
 
-    rate_hz: Annotated[float, Bounds(0.001, 10_000.0)] = 80.0
+    rate_hz: Annotated[float, Interval(ge=0.001, le=10_000.0)] = 80.0
     counts_per_n: float = 42_000.0
     offset_counts: float = 84_213.0
-    noise_n: Annotated[float, Bounds(0.0)] = 0.0008
+    noise_n: Annotated[float, Ge(0.0)] = 0.0008
     drift_n_per_min: float = 0.0001
-    newtons: bool | Annotated[int, Bounds(0, 1)] = False
+    newtons: bool | Annotated[int, Interval(ge=0, le=1)] = False
 
     def __post_init__(self) -> None:
         with located("gauge "):

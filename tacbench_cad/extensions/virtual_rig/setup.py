@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Annotated, Any, Literal, get_args
 
+from annotated_types import Ge, Interval
+
 from tacbench_cad.extensions.virtual_rig.arduino import Arduino
 from tacbench_cad.extensions.virtual_rig.base import Firmware
 from tacbench_cad.extensions.virtual_rig.board import Board
@@ -19,7 +21,7 @@ from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings, FlatSprin
 from tacbench_cad.extensions.virtual_rig.machine import MotorAxis, VirtualCarriage
 from tacbench_cad.extensions.virtual_rig.marlin import Marlin
 from tacbench_cad.lab.study import Point
-from tacbench_cad.util.convert import Bounds, Checked, from_plain
+from tacbench_cad.util.convert import Checked, from_plain
 from tacbench_cad.util.errors import InputError, nearest
 
 Kind = Literal["grbl", "grblhal", "marlin", "arduino"]
@@ -57,12 +59,12 @@ class Setup(Checked):
     """
 
     kind: Kind
-    speed: Annotated[float, Bounds(0.01, 1000.0)] = 1.0
+    speed: Annotated[float, Interval(ge=0.01, le=1000.0)] = 1.0
     seed: int = 0
     faults: tuple[Fault, ...] = ()
     tcp: bool = False
     resets_on_open: bool = True
-    late_s: tuple[Annotated[float, Bounds(0.0)], Annotated[float, Bounds(0.0)]] = (0.0, 0.0)
+    late_s: tuple[Annotated[float, Ge(0.0)], Annotated[float, Ge(0.0)]] = (0.0, 0.0)
     origin: Literal["pulloff", "switch"] = "pulloff"
     start_mm: Point | None = None
     stimulus: FlatSpring | None = None

@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+from annotated_types import Len
+
 from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import PressProgress
@@ -25,7 +27,7 @@ from tacbench_cad.lab.runs.reading import Run, since_good_check
 from tacbench_cad.lab.runs.schema import RUN_FILE, STATIONARY
 from tacbench_cad.lab.study.presses import block_order
 from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, PrintedBlock, Protocol, RigSettings, Study, WorkFrame
-from tacbench_cad.util.convert import Length, read_toml
+from tacbench_cad.util.convert import read_toml
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 from tacbench_cad.util.text import counted
@@ -274,4 +276,4 @@ def _is_simulated(rig: RigSettings) -> bool:
 class _Taught:
     """The file of the heights that a person taught."""
 
-    z_mm: Annotated[tuple[float, ...], Length(1)]
+    z_mm: Annotated[tuple[float, ...], Len(1)]

@@ -147,7 +147,7 @@ def feature_of(text: str, **defaults: object) -> Feature:
     """
     name, _, words = text.partition(":")
     kind: type[Any] = load_named(GROUP, "features", name)
-    keys = [field.name for field in fields(kind) if field.metadata.get("key", "") is not None]
+    keys = [field.name for field in fields(kind) if not field.metadata.get("exclude")]
     settings = {key: value for key, value in defaults.items() if key in keys}
     for word in words.split(",") if words else ():
         key, _, value = word.partition("=")

@@ -13,6 +13,7 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.region import Region
 from tacbench_cad.lab.runs.schema import SERIES_FILE, series_folder
 from tacbench_cad.lab.runs.series import series_rows
+from tacbench_cad.util.convert import NOT_STORED
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats
 
@@ -30,7 +31,7 @@ class Forces(Feature):
     from_frames: ClassVar[bool] = False
     few_numbers: ClassVar[bool] = True
     summary: ClassVar[str] = "the forces during the motion"
-    frames: int | None = field(default=None, metadata={"key": None})
+    frames: int | None = field(default=None, metadata=NOT_STORED)
 
     @property
     def words(self) -> Words:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Self
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature
@@ -16,7 +17,7 @@ from tacbench_cad.lab.analysis.variance.moments import small_map
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.region import Region, require_size
-from tacbench_cad.util.convert import Bounds, Checked
+from tacbench_cad.util.convert import NOT_STORED, Checked
 from tacbench_cad.util.types import Bytes, Floats
 
 #: The weights of the channels of a stored image in the authors' notebooks: those of BT.601 for red, green and blue. The
@@ -39,8 +40,8 @@ class Pixels(Checked, Feature):
 
     name: ClassVar[str] = "pixels"
     colour: bool = False
-    resolution: Annotated[float, Bounds(0.001, 1.0)] = 1.0
-    region: Region | None = field(default=None, metadata={"key": None})
+    resolution: Annotated[float, Interval(ge=0.001, le=1.0)] = 1.0
+    region: Region | None = field(default=None, metadata=NOT_STORED)
     notebook: bool = False
     edges: bool = False
 

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Interval, Len
 
 from tacbench_cad.util import untrusted
-from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, from_plain, to_plain
+from tacbench_cad.util.convert import Checked, check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_json
 
@@ -41,10 +42,10 @@ class CalibrationPoint(Checked):
         samples: The number of samples.
     """
 
-    mass_g: Annotated[float, Bounds(0.0, 10_000.0)]
+    mass_g: Annotated[float, Interval(ge=0.0, le=10_000.0)]
     counts: float
-    spread_counts: Annotated[float, Bounds(0.0)]
-    samples: Annotated[int, Bounds(1)]
+    spread_counts: Annotated[float, Ge(0.0)]
+    samples: Annotated[int, Ge(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +64,11 @@ class Calibration:
 
     newtons_per_count: float
     zero_counts: float
-    residual_n: Annotated[float, Bounds(0.0)]
-    worst_n: Annotated[float, Bounds(0.0)]
+    residual_n: Annotated[float, Ge(0.0)]
+    worst_n: Annotated[float, Ge(0.0)]
     date_utc: str
     device: str
-    points: Annotated[tuple[CalibrationPoint, ...], Length(1, 10_000)]
+    points: Annotated[tuple[CalibrationPoint, ...], Len(1, 10_000)]
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.camera_devices import Capture, Opener, chosen_camera, open_capture
@@ -22,7 +23,7 @@ from tacbench_cad.lab.rig.frames import FrameLimits, frame_faults
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.spec import SensorSettings
-from tacbench_cad.util.convert import Bounds, from_plain, to_plain
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 
 #: The number of frames that a driver may buffer: four on Linux, and one that is being filled.
@@ -73,15 +74,15 @@ class CameraOptions:
     """
 
     exposure: float | None = None
-    width: Annotated[int, Bounds(8, 20_000)] = 640
-    height: Annotated[int, Bounds(8, 20_000)] = 480
+    width: Annotated[int, Interval(ge=8, le=20_000)] = 640
+    height: Annotated[int, Interval(ge=8, le=20_000)] = 480
     fps: float | None = None
     focus: float | None = None
     gain: float | None = None
     white_balance: float | None = None
     colour: bool = True
-    dark_counts: Annotated[float, Bounds(0.0, 255.0)] = FrameLimits.dark_counts
-    blur_px: Annotated[float, Bounds(0.0, 1000.0)] = FrameLimits.blur_px
+    dark_counts: Annotated[float, Interval(ge=0.0, le=255.0)] = FrameLimits.dark_counts
+    blur_px: Annotated[float, Interval(ge=0.0, le=1000.0)] = FrameLimits.blur_px
 
     @property
     def limits(self) -> FrameLimits:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig.errors import RigError
-from tacbench_cad.util.convert import Bounds, Checked
+from tacbench_cad.util.convert import Checked
 from tacbench_cad.util.types import Bools, Ints
 
 #: The faults that :func:`frame_faults` can name.
@@ -42,8 +43,8 @@ class FrameLimits(Checked):
             standard deviation, in pixels; 0 switches the check off, for sensors without markers.
     """
 
-    dark_counts: Annotated[float, Bounds(0.0, 255.0)] = 25.0
-    blur_px: Annotated[float, Bounds(0.0, 1000.0)] = 3.0
+    dark_counts: Annotated[float, Interval(ge=0.0, le=255.0)] = 25.0
+    blur_px: Annotated[float, Interval(ge=0.0, le=1000.0)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)

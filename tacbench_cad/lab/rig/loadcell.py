@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.rig.calibration import Calibration
 from tacbench_cad.lab.rig.clock import Clock
@@ -15,7 +16,7 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.study.spec import GaugeSettings
-from tacbench_cad.util.convert import Bounds, check_fields, from_plain, to_plain
+from tacbench_cad.util.convert import check_fields, from_plain, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
@@ -53,14 +54,14 @@ class LoadCellOptions:
     """
 
     unit: Literal["counts", "newtons"] = "counts"
-    columns: Annotated[int, Bounds(1, 1000)] = 1
-    column: Annotated[int, Bounds(1, 1000)] = 1
-    temperature_column: Annotated[int, Bounds(0, 1000)] = 0
+    columns: Annotated[int, Interval(ge=1, le=1000)] = 1
+    column: Annotated[int, Interval(ge=1, le=1000)] = 1
+    temperature_column: Annotated[int, Interval(ge=0, le=1000)] = 0
     low_counts: float = float(-(2**23))
     high_counts: float = float(2**23 - 1)
     stuck_samples: StuckSamples = 20
-    least_samples: Annotated[int, Bounds(1, 10_000)] = 2
-    latency_s: Annotated[float, Bounds(0.0, 1.0)] = 0.02
+    least_samples: Annotated[int, Interval(ge=1, le=10_000)] = 2
+    latency_s: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.02
 
     def __post_init__(self) -> None:
         check_fields(self)

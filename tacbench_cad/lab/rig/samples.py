@@ -9,10 +9,11 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from annotated_types import Interval
+
 from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.util.convert import Bounds
 from tacbench_cad.util.errors import InputError
 
 #: The usual baud rate of boards that send samples.
@@ -29,7 +30,7 @@ _TOO_MANY = 0.3
 _MAX_SHOWN = 40
 
 #: The number of identical samples in a row that mean a stuck device; 0 switches the check off.
-StuckSamples = Annotated[int, Bounds(0, 1_000_000)]
+StuckSamples = Annotated[int, Interval(ge=0, le=1_000_000)]
 
 _NUMBER = re.compile(r"[+-]?(?:\d{1,20}(?:\.\d{0,20})?|\.\d{1,20})(?:[eE][+-]?\d{1,3})?", re.ASCII)
 _BETWEEN = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")

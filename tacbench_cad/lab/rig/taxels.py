@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.rig import ports
 from tacbench_cad.lab.rig.clock import Clock
@@ -15,7 +16,7 @@ from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.samples import BAUD, SampleStream, StuckSamples, require_stuck_samples
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.spec import Baud, SensorSettings
-from tacbench_cad.util.convert import Bounds, check_fields, from_plain
+from tacbench_cad.util.convert import check_fields, from_plain
 
 #: The largest number of attempts to record a series. A series with a damaged line is discarded, since it has a gap.
 _ATTEMPTS = 5
@@ -37,13 +38,13 @@ class TaxelOptions:
             this time were taken before the request.
     """
 
-    columns: Annotated[int, Bounds(1, 1000)]
-    samples: Annotated[int, Bounds(1, 1_000_000)] = 1
+    columns: Annotated[int, Interval(ge=1, le=1000)]
+    samples: Annotated[int, Interval(ge=1, le=1_000_000)] = 1
     units: str = "counts"
     baud: Baud = BAUD
-    timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 2.0
+    timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 2.0
     stuck_samples: StuckSamples = 50
-    latency_s: Annotated[float, Bounds(0.0, 1.0)] = 0.02
+    latency_s: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.02
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -89,7 +89,7 @@ class RunReport:
     unchecked_sideways: int = 0
     findings: tuple[Finding, ...] = ()
     repaired: tuple[str, ...] = ()
-    empty_fields: tuple[str, ...] = field(default=(), metadata={"key": "empty_print_fields"})
+    empty_fields: tuple[str, ...] = field(default=(), metadata={"alias": "empty_print_fields"})
 
     @property
     def ok(self) -> bool:
@@ -419,6 +419,8 @@ def limits_of(info: RunInfo) -> FrameLimits:
     try:
         limits = info.sensor.get("settings", {}).get("limits", {})
         return FrameLimits(**{name: float(limits[name]) for name in ("dark_counts", "blur_px") if name in limits})
+    except InputError:
+        raise
     except (AttributeError, TypeError, ValueError):
         raise InputError("run.json sensor.settings.limits", None, "dark_counts and blur_px must be numbers") from None
 

@@ -78,7 +78,7 @@ class RunInfo:
         InputError: A mapping has a value that JSON cannot store, or a level is not in the protocol.
     """
 
-    printed: Pressed = field(metadata={"key": "block"})
+    printed: Pressed = field(metadata={"alias": "block"})
     levels: tuple[int, ...]
     protocol: Protocol | None
     grid_spacing: str | None
@@ -204,7 +204,7 @@ class RunInfo:
         Raises:
             InputError: A key is missing, or has a type or value that this program does not write.
         """
-        keys = [attribute.metadata.get("key", attribute.name) for attribute in fields(cls)]
+        keys = [attribute.metadata.get("alias", attribute.name) for attribute in fields(cls)]
         known = {key: values[key] for key in keys if key in values}
         if "block" in known:
             known["block"] = printed_from(known["block"], where)
@@ -321,6 +321,8 @@ def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
         }
     except KeyError as error:
         raise InputError(f"{where}[block]", None, f"the key {error.args[0]!r} is missing") from None
+    except InputError:
+        raise
     except (TypeError, ValueError):
         raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
     one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.frame_files import MAX_MEGAPIXELS, decoded, write_png
 from tacbench_cad.util import untrusted
-from tacbench_cad.util.convert import Bounds, read_json
+from tacbench_cad.util.convert import read_json
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, write_json
 from tacbench_cad.util.types import Bools
@@ -183,6 +184,6 @@ class _Kept:
     """The contents of ``roi.json``."""
 
     roi: str
-    width: Annotated[int, Bounds(1, 100_000)]
-    height: Annotated[int, Bounds(1, 100_000)]
-    sureness: Annotated[float, Bounds(0.0, 1.0)] = 1.0
+    width: Annotated[int, Interval(ge=1, le=100_000)]
+    height: Annotated[int, Interval(ge=1, le=100_000)]
+    sureness: Annotated[float, Interval(ge=0.0, le=1.0)] = 1.0

@@ -429,11 +429,11 @@ def _flag(column: str, text: str) -> bool:
 def _time(column: str, text: str) -> datetime:
     try:
         time = datetime.fromisoformat(text)
-        if time.tzinfo is None:
-            raise InputError(column, text, "must have a time zone, for example 2026-01-31T12:00:00.000Z")
-        return time.astimezone(UTC)
+        if time.tzinfo is not None:
+            return time.astimezone(UTC)
     except (ValueError, OverflowError):
-        raise InputError(column, text, "must be a time, for example 2026-01-31T12:00:00.000Z") from None
+        pass
+    raise InputError(column, text, "must be a time with a time zone, for example 2026-01-31T12:00:00.000Z")
 
 
 def _number(column: str, text: str) -> float:

@@ -12,23 +12,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
+from annotated_types import Ge, Interval, Len
+
 from tacbench_cad.spec.skin import CAMERA_BELOW_MM, FOCAL_PX, TIP_RADIUS_MM
-from tacbench_cad.util.convert import Bounds, Checked, Length
+from tacbench_cad.util.convert import Checked
 from tacbench_cad.util.errors import InputError
 
 #: A limit for profiles that reach to the end of the image.
 FAR = 1e6
 
 #: Lengths in px or mm, levels of grey, and fractions.
-Width = Annotated[float, Bounds(0.0, 10_000.0)]
-Counts = Annotated[float, Bounds(0.0, 1000.0)]
-Fraction = Annotated[float, Bounds(0.0, 1.0)]
+Width = Annotated[float, Interval(ge=0.0, le=10_000.0)]
+Counts = Annotated[float, Interval(ge=0.0, le=1000.0)]
+Fraction = Annotated[float, Interval(ge=0.0, le=1.0)]
 #: A ring of pins: their number, first azimuth and step in degrees, tip's r and z in the dome frame in mm.
 Ring = tuple[int, float, float, float, float]
 #: Values at increasing positions, with linear interpolation: ((position, value), ...).
-Profile = Annotated[tuple[tuple[float, Counts], ...], Length(1)]
+Profile = Annotated[tuple[tuple[float, Counts], ...], Len(1)]
 #: Colours by grey level, with linear interpolation from black at 0: ((grey, (blue, green, red)), ...).
-Tint = Annotated[tuple[tuple[float, tuple[Counts, Counts, Counts]], ...], Length(1)]
+Tint = Annotated[tuple[tuple[float, tuple[Counts, Counts, Counts]], ...], Len(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,15 +100,15 @@ class Look(Checked):
 
     name: str
     source: str
-    rings: Annotated[tuple[Ring, ...], Length(1)]
-    focal_px: Annotated[float, Bounds(1.0, 100_000.0)]
+    rings: Annotated[tuple[Ring, ...], Len(1)]
+    focal_px: Annotated[float, Interval(ge=1.0, le=100_000.0)]
     centre_px: tuple[float, float]
     dome_px: tuple[Width, Width] = (0.0, 0.0)
     dome_edge_px: Width = 1.0
-    pin_diameter_mm: Annotated[float, Bounds(0.01, 10.0)]
-    pin_counts: Annotated[tuple[Counts, ...], Length(1)]
+    pin_diameter_mm: Annotated[float, Interval(ge=0.01, le=10.0)]
+    pin_counts: Annotated[tuple[Counts, ...], Len(1)]
     pin_spread: Fraction = 0.0
-    pin_edge_px: Annotated[tuple[Annotated[float, Bounds(0.01, 100.0)], ...], Length(1)]
+    pin_edge_px: Annotated[tuple[Annotated[float, Interval(ge=0.01, le=100.0)], ...], Len(1)]
     skin: Profile = ((0.0, 0.0),)
     surround: Profile = ((0.0, 0.0),)
     black_counts: Counts = 0.0
@@ -115,17 +117,17 @@ class Look(Checked):
     grain: tuple[Counts, Counts] = (0.0, 0.0)
     glints: tuple[Spot, ...] = ()
     leds: tuple[Spot, ...] = ()
-    white_counts: Annotated[int, Bounds(1, 255)] = 255
-    tints: Annotated[tuple[tuple[float, Tint], ...], Length(1)]
-    sharpening: Annotated[float, Bounds(0.0, 10.0)] = 0.0
+    white_counts: Annotated[int, Interval(ge=1, le=255)] = 255
+    tints: Annotated[tuple[tuple[float, Tint], ...], Len(1)]
+    sharpening: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.0
     noise: Profile
     noise_in_each_channel: bool = False
     flicker: Fraction
-    transients: tuple[tuple[float, Annotated[float, Bounds(1e-3)]], ...] = ()
-    jpeg_quality: Annotated[int, Bounds(1, 100)] | None = None
-    approach_mm: Annotated[float, Bounds(0.0, 10.0)] = 0.0
+    transients: tuple[tuple[float, Annotated[float, Ge(1e-3)]], ...] = ()
+    jpeg_quality: Annotated[int, Interval(ge=1, le=100)] | None = None
+    approach_mm: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.0
     sway_px: tuple[Width, Width] = (0.0, 0.0)
-    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
+    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] = 0
 
     @property
     def misses(self) -> bool:

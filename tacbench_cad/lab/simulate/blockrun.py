@@ -10,6 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
+from annotated_types import Interval
+
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
@@ -25,7 +27,7 @@ from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
 from tacbench_cad.spec.printrecord import FIELDS
-from tacbench_cad.util.convert import Bounds, Checked, to_plain
+from tacbench_cad.util.convert import Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 
@@ -47,7 +49,7 @@ class SimulationOptions(Checked):
     """
 
     colour: bool = False
-    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
+    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] = 0
     look: str = CLEAN.name
     printers: Printers = field(default_factory=dict)
 

@@ -26,10 +26,11 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held, on_block
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock, Study
-from tacbench_cad.util.convert import Bounds, Checked
+from tacbench_cad.util.convert import Checked, Unchecked
 from tacbench_cad.util.entries import load_named
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
@@ -49,7 +50,7 @@ BLOB_MM, BLOB_RADIUS_MM = 0.12, 0.25
 
 
 #: A standard deviation in mm, or a fraction.
-UpToOne = Annotated[float, Bounds(0.0, 1.0)]
+UpToOne = Annotated[float, Interval(ge=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,15 +71,15 @@ class VirtualPrinter(Checked):
     """
 
     name: str
-    nozzle_mm: Annotated[float, Bounds(0.01, 5.0)]
-    layer_mm: Annotated[float, Bounds(0.005, 2.0)]
+    nozzle_mm: Annotated[float, Interval(ge=0.01, le=5.0)]
+    layer_mm: Annotated[float, Interval(ge=0.005, le=2.0)]
     xy_error_mm: UpToOne
     layer_error_mm: UpToOne
     z_error_mm: UpToOne
     tilt_mm: UpToOne
     peak_loss: UpToOne
     roughness_mm: UpToOne
-    stringing_per_cm2: Annotated[float, Bounds(0.0, 100.0)]
+    stringing_per_cm2: Annotated[float, Interval(ge=0.0, le=100.0)]
 
     def heights(self, printed: PrintedBlock, rng: np.random.Generator) -> Floats:
         """See :class:`SimulatedPrinter`."""
@@ -172,7 +173,7 @@ GENERIC_PRINTER, GENERIC_FILAMENT = "ender-3-v3-se", "pla-plus"
 
 
 #: Simulated printers by printer and filament, which replace the virtual printers.
-Printers = Mapping[tuple[str, str], SimulatedPrinter]
+Printers = Mapping[tuple[str, str], Annotated[SimulatedPrinter, Unchecked()]]
 
 
 def printer_of(printed: PrintedBlock, others: Printers | None = None) -> SimulatedPrinter:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.colours import INSIDE
@@ -26,7 +27,7 @@ from tacbench_cad.lab.study.spec import (
     SensorSettings,
     WorkFrame,
 )
-from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
 #: The sample rate of the simulated load cell in Hz. Rate and noise are those of an HX711 on a 10 N cell.
@@ -95,8 +96,8 @@ class SimulatedGauge(_Follower):
 class _SensorOptions:
     colour: bool = False
     look: str = CLEAN.name
-    flicker: Annotated[float, Bounds(0.0, 1.0)] | None = None
-    seed: Annotated[int, Bounds(0, 2**32 - 1)] | None = None
+    flicker: Annotated[float, Interval(ge=0.0, le=1.0)] | None = None
+    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] | None = None
 
 
 class SimulatedSensor(_Follower):

@@ -10,12 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
+from annotated_types import Interval
+
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.rig.registry import Driver
 from tacbench_cad.lab.rig.stage import Closing, no_report
 from tacbench_cad.lab.study.spec import Point, StageSettings
-from tacbench_cad.util.convert import Bounds, from_plain
+from tacbench_cad.util.convert import from_plain
 
 #: The space in which the summit can move, on each axis, in mm.
 REACH_MM = ((0.0, 200.0), (0.0, 200.0), (0.0, 130.0))
@@ -28,7 +30,7 @@ POLL_S = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class _Options:
-    speed: Annotated[float, Bounds(0.1, 1000.0)] = 1.0
+    speed: Annotated[float, Interval(ge=0.1, le=1000.0)] = 1.0
 
 
 class SimulatedStage(Closing):

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from annotated_types import Ge, Interval, Len
+
 from tacbench_cad.lab.rig import registry
 from tacbench_cad.lab.rig.drivers import find_driver, simulated_stages
 from tacbench_cad.lab.study import names
@@ -28,12 +30,12 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import clearance_mm
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util import untrusted
-from tacbench_cad.util.convert import Bounds, Length, Word, from_plain
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 
 Preset = Literal["paper", "released"]
-Scale = Annotated[float, Bounds(0.01, 100.0)]
-Numbers = Annotated[tuple[Annotated[int, Bounds(1)], ...], Length(1, 1000)]
+Scale = Annotated[float, Interval(ge=0.01, le=100.0)]
+Numbers = Annotated[tuple[Annotated[int, Ge(1)], ...], Len(1, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,21 +148,21 @@ class _Blocks:
 
 @dataclass(frozen=True, kw_only=True)
 class _StudyTable(_Blocks):
-    textures: Annotated[tuple[Word, ...], Length(1, 1000)] = tuple("123456")
-    prints: Annotated[tuple[_Prints, ...], Length(1, 1000)]
+    textures: Annotated[tuple[str | int, ...], Len(1, 1000)] = tuple("123456")
+    prints: Annotated[tuple[_Prints, ...], Len(1, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _BlockTable(_Blocks):
     where = "[block] "
-    texture: Word
+    texture: str | int
     printer: str
     filament: str
     copy: Copy = 1
     files: str | None = None
 
     @property
-    def textures(self) -> tuple[str, ...]:
+    def textures(self) -> tuple[str | int, ...]:
         return (self.texture,)
 
     @property
@@ -173,7 +175,7 @@ class _BlockTable(_Blocks):
 class _Layouts:
     """The table ``[study]`` with layouts of plates, which list the blocks."""
 
-    layouts: Annotated[tuple[str, ...], Length(1, 1000)]
+    layouts: Annotated[tuple[str, ...], Len(1, 1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,8 +192,8 @@ class _HolderTable:
 
 @dataclass(frozen=True, kw_only=True)
 class _Grid:
-    x_mm: Annotated[tuple[float, ...], Length(1, 1000)]
-    y_mm: Annotated[tuple[float, ...], Length(1, 1000)]
+    x_mm: Annotated[tuple[float, ...], Len(1, 1000)]
+    y_mm: Annotated[tuple[float, ...], Len(1, 1000)]
 
     def __post_init__(self) -> None:
         for name, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):

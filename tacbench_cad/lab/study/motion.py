@@ -10,7 +10,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Protocol
 
-from tacbench_cad.util.convert import Bounds, Checked, from_plain
+from annotated_types import Interval
+
+from tacbench_cad.util.convert import Checked, from_plain
 from tacbench_cad.util.entries import entries, load
 from tacbench_cad.util.errors import MissingToolError
 
@@ -29,7 +31,7 @@ class MotionSettings(Checked):
     """
 
     name: str
-    frames: Annotated[int, Bounds(2, MAX_FRAMES)] = 10
+    frames: Annotated[int, Interval(ge=2, le=MAX_FRAMES)] = 10
     options: Mapping[str, Any] = field(default_factory=dict)
 
 

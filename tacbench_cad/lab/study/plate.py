@@ -21,7 +21,7 @@ FILE = "file"
 NEEDED = ("texture", "preset", "scale", "key_mm", "copy", "printer", "filament")
 
 
-def block_of_word(word: str, preset: str, scale: float, key_mm: float | None, folder: Path) -> Block:
+def block_of_word(word: str | int, preset: str, scale: float, key_mm: float | None, folder: Path) -> Block:
     """Return the block of a texture.
 
     Args:

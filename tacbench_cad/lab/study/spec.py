@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Interval, Len
 
 from tacbench_cad.lab.study.motion import MotionSettings, motion_of
 from tacbench_cad.spec.block import Block
@@ -19,7 +20,7 @@ from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
-from tacbench_cad.util.convert import Bounds, Checked, Length, check_fields, to_plain
+from tacbench_cad.util.convert import Checked, check_fields, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import file_name
 from tacbench_cad.util.types import Floats
@@ -28,11 +29,11 @@ ContactMode = Literal["force", "depth"]
 TouchMethod = Literal["gauge", "sensor", "taught"]
 Order = Literal["paper", "random"]
 Point = tuple[float, float, float]
-QuarterTurns = Annotated[int, Bounds(0, 3)]
-Baud = Annotated[int, Bounds(300, 10_000_000)]
-Copy = Annotated[int, Bounds(1, 999)]
+QuarterTurns = Annotated[int, Interval(ge=0, le=3)]
+Baud = Annotated[int, Interval(ge=300, le=10_000_000)]
+Copy = Annotated[int, Interval(ge=1, le=999)]
 #: Target forces or depths.
-Levels = Annotated[tuple[float, ...], Length(1, 1000)]
+Levels = Annotated[tuple[float, ...], Len(1, 1000)]
 
 
 def plus(a: Point, b: Point) -> Point:
@@ -263,24 +264,24 @@ class Protocol:
     bands_n: Levels = FORCE_SPREADS_N
     depths_mm: Levels = DEPTHS_MM
     touch: TouchMethod = "gauge"
-    repeats: Annotated[int, Bounds(1, 1000)] = REPEATS
+    repeats: Annotated[int, Interval(ge=1, le=1000)] = REPEATS
     grid: PressGrid = field(default_factory=PressGrid.paper)
     order: Order = "paper"
     block_order: Order = "paper"
-    seed: Annotated[int, Bounds(0, 2**32 - 1)] = 0
-    reference_every_s: Annotated[float, Bounds(0.001, 1e7)] = 600.0
-    stationary_frames: Annotated[int, Bounds(0, 10_000)] = 30
-    clearance_mm: Annotated[float, Bounds(0.5, 200.0)] = 5.0
-    depth_limit_mm: Annotated[float, Bounds(0.01, 100.0)] = 7.0
-    hard_limit_n: Annotated[float, Bounds(0.0, 50.0)] = HARD_LIMIT_N
-    approach_step_mm: Annotated[float, Bounds(1e-4, 1.0)] = 0.1
-    fine_step_mm: Annotated[float, Bounds(1e-5, 0.1)] = 0.001
-    search_steps: Annotated[int, Bounds(1, 10_000)] = 40
-    settle_s: Annotated[float, Bounds(0.0, 60.0)] = 0.2
-    force_window_s: Annotated[float, Bounds(0.0, 60.0)] = 0.1
-    misses_allowed: Annotated[int, Bounds(1, 10_000)] = 5
-    home_every: Annotated[int, Bounds(0, MAX_PRESSES)] = 50
-    slip_mm: Annotated[float, Bounds(0.001, 10.0)] = 0.1
+    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] = 0
+    reference_every_s: Annotated[float, Interval(ge=0.001, le=1e7)] = 600.0
+    stationary_frames: Annotated[int, Interval(ge=0, le=10_000)] = 30
+    clearance_mm: Annotated[float, Interval(ge=0.5, le=200.0)] = 5.0
+    depth_limit_mm: Annotated[float, Interval(ge=0.01, le=100.0)] = 7.0
+    hard_limit_n: Annotated[float, Interval(ge=0.0, le=50.0)] = HARD_LIMIT_N
+    approach_step_mm: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.1
+    fine_step_mm: Annotated[float, Interval(ge=1e-5, le=0.1)] = 0.001
+    search_steps: Annotated[int, Interval(ge=1, le=10_000)] = 40
+    settle_s: Annotated[float, Interval(ge=0.0, le=60.0)] = 0.2
+    force_window_s: Annotated[float, Interval(ge=0.0, le=60.0)] = 0.1
+    misses_allowed: Annotated[int, Interval(ge=1, le=10_000)] = 5
+    home_every: Annotated[int, Interval(ge=0, le=MAX_PRESSES)] = 50
+    slip_mm: Annotated[float, Interval(ge=0.001, le=10.0)] = 0.1
     motion: MotionSettings | None = None
 
     def __post_init__(self) -> None:
@@ -360,8 +361,8 @@ class HolderRim(Checked):
         gap_mm: The clearance between the block and the pocket on each side; by default the clearance of a slip fit.
     """
 
-    rim_mm: Annotated[float, Bounds(-100.0, 100.0)] = 1.18
-    gap_mm: Annotated[float, Bounds(-10.0, 10.0)] = FITS["slip"]
+    rim_mm: Annotated[float, Interval(ge=-100.0, le=100.0)] = 1.18
+    gap_mm: Annotated[float, Interval(ge=-10.0, le=10.0)] = FITS["slip"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -427,11 +428,11 @@ class StageSettings(Checked):
     origin_mm: Point = (0.0, 0.0, 0.0)
     quarter_turns: QuarterTurns = 0
     limits_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-    travel_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 20.0
-    approach_mm_s: Annotated[float, Bounds(0.001, 1000.0)] = 2.0
-    slots_mm: Annotated[tuple[Point, ...], Length(1, 1000)] = ((0.0, 0.0, 0.0),)
+    travel_mm_s: Annotated[float, Interval(ge=0.001, le=1000.0)] = 20.0
+    approach_mm_s: Annotated[float, Interval(ge=0.001, le=1000.0)] = 2.0
+    slots_mm: Annotated[tuple[Point, ...], Len(1, 1000)] = ((0.0, 0.0, 0.0),)
     home: bool = True
-    timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 10.0
+    timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 10.0
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -468,7 +469,7 @@ class GaugeSettings(Checked):
     port: str | None = None
     baud: Baud | None = None
     calibration: str | None = None
-    timeout_s: Annotated[float, Bounds(0.1, 600.0)] = 2.0
+    timeout_s: Annotated[float, Interval(ge=0.1, le=600.0)] = 2.0
     options: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -63,7 +63,7 @@ def test_an_axis_without_measured_waves_has_the_factor_1_and_an_oblique_wave_the
     ("old", "new", "message"),
     [
         ('format = "tacbench-printer-model-1"\n', "", "format: is missing"),
-        ("prints = 3", "prints = 0", "prints = 0: must be a whole number of at least 1"),
+        ("prints = 3", "prints = 0", "prints = 0: must be at least 1"),
         ("nozzle_mm", "nozle_mm", "nozle_mm"),
         ("value = 0.996", "value = 0.99", "from low 0.9955 to high 0.9965"),
         ("factor = 0.7", 'factor = "a"', "must be a finite number"),

@@ -130,7 +130,7 @@ def test_unplugging_blocks_the_line_while_the_firmware_keeps_running() -> None:
         ({"kind": "slip", "axis": "w"}, "axis"),
         ({"kind": "slip", "mm": "far"}, "mm"),
         ({"kind": "drop", "when": 3}, "when"),
-        ({}, "kind: is missing; must be one of drop"),
+        ({}, "kind: is missing"),
     ],
 )
 def test_invalid_faults_are_refused(values: dict[str, Any], message: str) -> None:

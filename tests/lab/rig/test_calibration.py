@@ -140,7 +140,7 @@ def test_a_missing_point_without_load_causes_a_warning() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"mass_g": -1.0}, "mass_g = -1.0: must be from 0 to 10000"),
+        ({"mass_g": -1.0}, "mass_g = -1.0: must be at least 0"),
         ({"mass_g": float("nan")}, "mass_g"),
         ({"counts": float("inf")}, "counts"),
         ({"samples": 0}, "samples = 0"),

@@ -7,7 +7,9 @@ from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from tacbench_cad.util.convert import Bounds, Checked, read_toml
+from annotated_types import Interval
+
+from tacbench_cad.util.convert import Checked, read_toml
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
 
@@ -64,7 +66,7 @@ class Publication(Checked):
     """
 
     title: str
-    year: Annotated[int, Bounds(0, 2200)]
+    year: Annotated[int, Interval(ge=0, le=2200)]
     publisher: str
     licence: str
     authors: tuple[Author, ...]

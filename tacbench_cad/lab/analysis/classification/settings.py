@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Len
 
 from tacbench_cad import __version__
 from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation
@@ -21,7 +22,7 @@ from tacbench_cad.lab.analysis.feature import Feature, feature_of
 from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED
 from tacbench_cad.lab.analysis.tables import read_settings, write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
-from tacbench_cad.util.convert import Bounds, Length, check_fields
+from tacbench_cad.util.convert import check_fields
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
 from tacbench_cad.util.untrusted import read_bytes
 
@@ -77,20 +78,20 @@ class ClassificationSettings:
     protocol: Protocol = "leak-free"
     estimators: tuple[str, ...] = ("forest",)
     resolution: float = 0.4
-    components: Annotated[int, Bounds(1)] | None = 25
+    components: Annotated[int, Ge(1)] | None = 25
     augmentation: Augmentation = field(default_factory=Augmentation)
     clip: bool = False
-    seed: Annotated[int, Bounds(0)] = 0
+    seed: Annotated[int, Ge(0)] = 0
     hold_out: tuple[str, ...] = HOLD_OUT_LEVELS
-    folds: Annotated[int, Bounds(2)] = FOLDS
-    copies: Annotated[int, Bounds(1)] | None = None
-    epochs: Annotated[int, Bounds(1)] = 1500
-    batch_size: Annotated[int, Bounds(1)] = 200
-    depth: Annotated[int, Bounds(1)] = 50
+    folds: Annotated[int, Ge(2)] = FOLDS
+    copies: Annotated[int, Ge(1)] | None = None
+    epochs: Annotated[int, Ge(1)] = 1500
+    batch_size: Annotated[int, Ge(1)] = 200
+    depth: Annotated[int, Ge(1)] = 50
     train_on: tuple[str, ...] = ()
     features: str = "pixels"
     series: bool = False
-    frames: Annotated[int, Bounds(1)] | None = None
+    frames: Annotated[int, Ge(1)] | None = None
     roi: str | None = None
 
     def __post_init__(self) -> None:
@@ -193,7 +194,7 @@ class ClassificationRecord(ClassificationSettings):
     analysis: Literal["classification"] = "classification"
     version: str = __version__
     trials: int
-    textures: Annotated[tuple[str, ...], Length(2)]
+    textures: Annotated[tuple[str, ...], Len(2)]
     sensor: str
     units: str
     summary: str = Feature.summary

@@ -6,9 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from annotated_types import Ge
+
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
 from tacbench_cad.lab.study.spec import UNKNOWN
-from tacbench_cad.util.convert import Bounds, check_fields
+from tacbench_cad.util.convert import check_fields
 from tacbench_cad.util.errors import InputError
 
 #: The ``force_level`` of a cell that is the mean over the force levels.
@@ -20,8 +22,8 @@ FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
 Quantity = Literal["prints and repeats", "repeats of one print"]
 #: A force level from 1, or :data:`ALL_LEVELS`.
 Level = int | str
-_Variance = Annotated[float, Bounds(0.0)]
-_Count = Annotated[int, Bounds(1)]
+_Variance = Annotated[float, Ge(0.0)]
+_Count = Annotated[int, Ge(1)]
 
 
 @dataclass(frozen=True, kw_only=True)

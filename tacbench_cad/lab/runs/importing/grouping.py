@@ -16,10 +16,12 @@ from tacbench_cad.lab.runs.importing.sources import MEASURED, LeftOutFile, Sampl
 from tacbench_cad.lab.runs.origins import FILE, INDEX, column_of
 from tacbench_cad.lab.study.spec import Specimen
 from tacbench_cad.spec.protocol import FORCES_N
-from tacbench_cad.util.convert import Word, read_toml
+from tacbench_cad.util.convert import read_toml
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import natural
 
+#: A word that may also be written as a whole number.
+Word = str | int
 #: The largest number of force levels. If there are more different forces than this, and more than one for every two
 #: samples, they are taken for measured forces.
 MAX_FORCES = 20
@@ -239,13 +241,13 @@ def _row(
     }
 
 
-def _labels(samples: Sequence[Sample], mapping: Mapping[str, str]) -> Callable[[str | None], str | None]:
+def _labels(samples: Sequence[Sample], mapping: Mapping[str, Word]) -> Callable[[str | None], str | None]:
     """Return the function that converts labels.
 
     Raises:
         InputError: Two labels differ only in case.
     """
-    chosen = {word.casefold(): name for word, name in mapping.items()}
+    chosen = {word.casefold(): str(name) for word, name in mapping.items()}
     seen: dict[str, tuple[str, str]] = {}
     for sample in samples:
         word = sample.fields.get("label")
@@ -257,14 +259,14 @@ def _labels(samples: Sequence[Sample], mapping: Mapping[str, str]) -> Callable[[
     return lambda word: None if word is None else chosen.get(word.casefold(), word)
 
 
-def _names(what: str, samples: Sequence[Sample], mapping: Mapping[str, str]) -> Callable[[str | None], str | None]:
+def _names(what: str, samples: Sequence[Sample], mapping: Mapping[str, Word]) -> Callable[[str | None], str | None]:
     """Return the function that converts names of printers or filaments. Case does not matter.
 
     Raises:
         InputError: Two different names would become the same name.
     """
     words = _words(samples, what)
-    chosen = {word.casefold(): name for word, name in mapping.items()}
+    chosen = {word.casefold(): str(name) for word, name in mapping.items()}
     result: dict[str, str] = {}
     spelled: dict[str, str] = {}
     for word in words:
