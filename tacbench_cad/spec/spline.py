@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -18,18 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.extremes import Extremes, Region, search_cells
-from tacbench_cad.spec.lookup import Intervals
-from tacbench_cad.spec.sines import Sines
 from tacbench_cad.spec.surface import Ends, Surface, Unit
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The largest error of the extremes, as a fraction of the height of the surface; at least a tenth of its own error.
 EXTREMES_FRACTION = 1e-6
-#: The largest number of poles for which the polynomials of all spans are kept in memory (16 numbers for each span).
-MAX_TABLE_POLES = 3_000_000
-#: The number of points in one array operation, so that their polynomials fit into the cache of the processor.
-_POINTS_AT_A_TIME = 8192
 #: Two knots that are nearer than this fraction of the length of the axis are the same knot.
 _SAME = 1e-12
 
@@ -86,11 +80,6 @@ class SplineAxis:
         low, high = self.ends
         return np.asarray(low + np.mod(t - low, high - low) if self.repeats else np.clip(t, low, high))
 
-    @cached_property
-    def intervals(self) -> Intervals:
-        """The spans, as intervals in which coordinates can be searched."""
-        return Intervals(self.breaks)
-
     def span(self, t: Floats, left: bool = False) -> Ints:
         """Return the index of the knot at the beginning of the span of each coordinate.
 
@@ -102,42 +91,15 @@ class SplineAxis:
         return np.asarray(np.clip(found, self.degree, self.count - 1))
 
     def local(self, t: Floats) -> tuple[Ints, Floats]:
-        """Compute the ``degree + 1`` nonzero functions at ``t``, by the recursion of Cox and de Boor.
+        """Return the ``degree + 1`` functions that are not zero at ``t``.
 
         Returns:
             The index of the first of these functions, shape (len(t),), and their values, shape (degree + 1, len(t)).
         """
-        span = self.span(t)
-        values = np.ones((1, len(t)))
-        for k in range(1, self.degree + 1):
-            low = self.knots[span + 1 - k + np.arange(k)[:, None]]
-            high = self.knots[span + 1 + np.arange(k)[:, None]]
-            upper = values * ((t - low) / (high - low))
-            lower = values - upper
-            values = np.zeros((k + 1, len(t)))
-            values[:-1] = lower
-            values[1:] += upper
-        return span - self.degree, values
+        from scipy.interpolate import BSpline
 
-    @cached_property
-    def spans(self) -> tuple[Floats, Floats]:
-        """The lower end and the length of each span, shape (spans,) each."""
-        return self.breaks[:-1], np.diff(self.breaks)
-
-    @cached_property
-    def polynomials(self) -> tuple[Ints, Floats]:
-        """The nonzero functions on each span as polynomials of the place in the span, from 0 to 1.
-
-        Returns:
-            The index of the first of these functions, shape (spans,), and the coefficients of the powers, shape (spans,
-            powers, functions).
-        """
-        low, width = self.spans
-        count = self.degree + 1
-        inside = (np.arange(count) + 0.5) / count
-        first, values = self.local((low[:, None] + width[:, None] * inside).ravel())
-        solve = np.linalg.inv(np.vander(inside, increasing=True))
-        return first[::count], np.einsum("pk,rik->ipr", solve, values.reshape(count, len(low), count))
+        matrix, shape = BSpline.design_matrix(t, self.knots, self.degree), (len(t), self.degree + 1)
+        return np.asarray(matrix.indices.reshape(shape)[:, 0]), np.asarray(matrix.data.reshape(shape).T)
 
     def derived(self, poles: Floats) -> tuple[SplineAxis, Floats]:
         """Return the derivative along the first axis of the poles."""
@@ -147,22 +109,16 @@ class SplineAxis:
         return SplineAxis(self.knots[1:-1], self.degree - 1, self.repeats), np.diff(poles, axis=0) * shaped
 
     def inserted(self, poles: Floats, at: float, times: int) -> tuple[SplineAxis, Floats]:
-        """Insert a knot until it has the given number of copies, by Boehm's rule. The surface does not change."""
-        knots, degree = self.knots, self.degree
-        near = np.abs(knots - at) <= _SAME * (knots[-1] - knots[0])
-        if near.any():
-            at = float(knots[near][0])
-        for _ in range(times - int(np.count_nonzero(near))):
-            k = int(np.searchsorted(knots, at, "right")) - 1
-            s = int(np.count_nonzero(knots == at))
-            first, last = k - degree + 1, k - s
-            index = np.arange(first, last + 1)
-            weight = (at - knots[index]) / (knots[index + degree] - knots[index])
-            weight = weight.reshape(-1, *([1] * (poles.ndim - 1)))
-            mixed = weight * poles[first : last + 1] + (1.0 - weight) * poles[first - 1 : last]
-            poles = np.concatenate([poles[:first], mixed, poles[last:]])
-            knots = np.insert(knots, k + 1, at)
-        return SplineAxis(knots, degree, self.repeats), poles
+        """Insert a knot until it has the given number of copies. The surface does not change."""
+        from scipy.interpolate import BSpline
+
+        near = np.abs(self.knots - at) <= _SAME * (self.knots[-1] - self.knots[0])
+        missing = times - int(np.count_nonzero(near))
+        if missing <= 0:
+            return self, poles
+        at = float(self.knots[near][0]) if near.any() else at
+        spline = BSpline(self.knots, poles, self.degree).insert_knot(at, missing)
+        return SplineAxis(spline.t, self.degree, self.repeats), np.asarray(spline.c)
 
     def tiled(self, poles: Floats, low: float, high: float) -> tuple[SplineAxis, Floats]:
         """Return as many periods as are needed to cover an interval."""
@@ -187,18 +143,6 @@ class SplineAxis:
         inner = axis.knots[first + axis.degree + 1 : last]
         ends = [np.full(axis.degree + 1, end) for end in (low, high)]
         return SplineAxis(np.concatenate([ends[0], inner, ends[1]]), axis.degree), poles[first:last]
-
-    def integrals(self, low: float, high: float) -> Floats:
-        """Return the integral of each basis function from ``low`` to ``high``, shape (count,)."""
-        raised = SplineAxis(np.concatenate([self.knots[:1], self.knots, self.knots[-1:]]), self.degree + 1)
-        width = (self.knots[self.degree + 1 :] - self.knots[: -self.degree - 1]) / (self.degree + 1)
-        ends = []
-        for at in (low, high):
-            first, values = raised.local(np.array([at]))
-            full = np.zeros(raised.count)
-            full[first[0] : first[0] + self.degree + 2] = values[:, 0]
-            ends.append(np.cumsum(full[::-1])[::-1][1:])
-        return np.asarray(width * (ends[1] - ends[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,21 +193,6 @@ class SplineSurface(Surface):
         return hash(self._key)
 
     @property
-    def is_separable(self) -> bool:
-        """False: a spline is always treated as a surface that is not separable."""
-        return False
-
-    @property
-    def along_u(self) -> Sines:
-        """Not available, because the surface is not separable."""
-        raise InputError("surface", str(self), "is not separable")
-
-    @property
-    def along_v(self) -> Sines:
-        """Not available, because the surface is not separable."""
-        return self.along_u
-
-    @property
     def is_flat(self) -> bool:
         """Whether all heights are equal."""
         return bool(np.ptp(self.poles) == 0.0)
@@ -311,72 +240,24 @@ class SplineSurface(Surface):
         Outside of the domain, the value at the nearest point of the domain is returned, unless the surface repeats.
         """
         uu, vv = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
-        (values,) = self._at(uu.ravel(), vv.ravel(), (order,))
-        return values.reshape(uu.shape)
-
-    def _at(self, u: Floats, v: Floats, orders: Sequence[tuple[int, int]]) -> list[Floats]:
-        """Return derivatives at points from the polynomials of their spans. Arrays have the shape (n,)."""
-        if self.poles.size > MAX_TABLE_POLES:
-            return [self._slowly_at(u, v, order) for order in orders]
-        table, totals = self._polynomials, [np.empty(len(u)) for _ in orders]
-        (first_u, width_u), (first_v, width_v) = self.u.spans, self.v.spans
-        for start in range(0, len(u), _POINTS_AT_A_TIME):
-            part = slice(start, start + _POINTS_AT_A_TIME)
-            at_u, at_v = self.u.inside(u[part]), self.v.inside(v[part])
-            i, j = self.u.intervals.index(at_u), self.v.intervals.index(at_v)
-            # All indices are valid. NumPy is faster if it need not check them.
-            rows = table.take(j * len(first_u) + i, axis=0, mode="clip")
-            x, y = (at_u - first_u[i]) / width_u[i], (at_v - first_v[j]) / width_v[j]
-            for total, (order_u, order_v) in zip(totals, orders, strict=True):
-                inner = np.einsum("npq,nq->np", rows, _powers(y, width_v[j], self.v.degree, order_v))
-                np.einsum("np,np->n", inner, _powers(x, width_u[i], self.u.degree, order_u), out=total[part])
-        return totals
+        points = np.stack([self.u.inside(uu), self.v.inside(vv)], axis=-1)
+        return np.asarray(self._function(points, nu=order))
 
     @cached_property
-    def _polynomials(self) -> Floats:
-        """The coefficients of the powers of the place in each span, shape (spans, degree u + 1, degree v + 1).
+    def _function(self) -> Callable[..., Floats]:
+        from scipy.interpolate import NdBSpline
 
-        The spans along u follow one another most closely.
-        """
-        (i, to_u), (j, to_v) = self.u.polynomials, self.v.polynomials
-        along_u = np.matmul(to_u, self.poles[i[:, None] + np.arange(self.u.degree + 1)])
-        columns = np.ascontiguousarray(along_u.reshape(-1, self.v.count).T)
-        table = np.empty((len(j), columns.shape[1], self.v.degree + 1))
-        for span, first in enumerate(j.tolist()):
-            np.matmul(columns[first : first + self.v.degree + 1].T, to_v[span].T, out=table[span])
-        return table.reshape(-1, self.u.degree + 1, self.v.degree + 1)
-
-    def _slowly_at(self, u: Floats, v: Floats, order: tuple[int, int]) -> Floats:
-        """Return a derivative at points without the table of polynomials, which would be too large."""
-        surface = self.derivative(order)
-        i, left = surface.u.local(surface.u.inside(u))
-        j, right = surface.v.local(surface.v.inside(v))
-        total = np.zeros(len(u))
-        for a, along_u in enumerate(left):
-            row = np.zeros(len(u))
-            for b, along_v in enumerate(right):
-                row += along_v * surface.poles[i + a, j + b]
-            total += along_u * row
-        return total
+        function: Callable[..., Floats] = NdBSpline(
+            (self.u.knots, self.v.knots), self.poles, (self.u.degree, self.v.degree)
+        )
+        return function
 
     def grid(self, u: Floats, v: Floats, order: tuple[int, int] = (0, 0)) -> Floats:
         """Return the values or a partial derivative on a grid of lines, shape (n, m)."""
-        surface = self.derivative(order)
-        i, left = surface.u.local(surface.u.inside(np.asarray(u)))
-        j, right = surface.v.local(surface.v.inside(np.asarray(v)))
-        rows = np.zeros((len(i), surface.poles.shape[1]))
-        for a, along_u in enumerate(left):
-            rows += along_u[:, None] * surface.poles[i + a]
-        total = np.zeros((len(i), len(j)))
-        for b, along_v in enumerate(right):
-            total += along_v * rows[:, j + b]
-        return total
+        from scipy.interpolate import BSpline
 
-    def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
-        """Return both first partial derivatives at the points ``(u, v)``."""
-        uu, vv = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
-        along_u, along_v = self._at(uu.ravel(), vv.ravel(), ((1, 0), (0, 1)))
-        return along_u.reshape(uu.shape), along_v.reshape(uu.shape)
+        rows = BSpline(self.u.knots, self.poles, self.u.degree)(self.u.inside(np.asarray(u)), order[0])
+        return np.asarray(BSpline(self.v.knots, rows, self.v.degree, axis=1)(self.v.inside(np.asarray(v)), order[1]))
 
     def bound(self, order_u: int, order_v: int) -> float:
         """Return an upper bound of the absolute value of a partial derivative over the domain, except on creases."""
@@ -420,7 +301,10 @@ class SplineSurface(Surface):
 
     def integral(self, u: tuple[float, float], v: tuple[float, float]) -> float:
         """Return the integral over a rectangle inside the domain."""
-        return float(self.u.integrals(*u) @ self.poles @ self.v.integrals(*v))
+        from scipy.interpolate import BSpline
+
+        columns = BSpline(self.u.knots, self.poles, self.u.degree).integrate(*u)
+        return float(BSpline(self.v.knots, columns, self.v.degree).integrate(*v))
 
     def integral_triangle(self, corners: Sequence[tuple[float, float]]) -> float:
         """Return the integral over a triangle with these corners ``(u, v)``.
@@ -527,16 +411,6 @@ class SplineSurface(Surface):
         return replace(self, u=axes[0], v=axes[1], poles=np.ascontiguousarray(poles), error=self.error + slack)
 
 
-def _powers(x: Floats, width: Floats, degree: int, order: int) -> Floats:
-    """Return the derivatives of the powers of the place in spans of a width, shape (n, degree + 1)."""
-    powers = np.zeros((len(x), degree + 1))
-    if order <= degree:
-        powers[:, order] = math.factorial(order) / width**order
-        for p in range(order + 1, degree + 1):
-            powers[:, p] = powers[:, p - 1] * (x * (p / (p - order)))
-    return powers
-
-
 def _rounded(axis: SplineAxis, low: float, high: float) -> tuple[SplineAxis, float]:
     """Set the ends exactly, round the creases to float32 values, and return the largest change."""
     knots = axis.knots.copy()
@@ -560,12 +434,6 @@ def _through(axis: SplineAxis, order: int, lines: Floats) -> Bools:
 
 def _range_max(values: Floats, first: Ints, last: Ints) -> Floats:
     """Return the largest value of ``values[first:last]`` along the first axis for each pair."""
-    width = int((last - first).max())
-    if np.all(last - first == width):
-        largest = values[first]
-        for k in range(1, width):
-            np.maximum(largest, values[first + k], out=largest)
-        return largest
     padded = np.concatenate([values, np.full((1, *values.shape[1:]), -np.inf)])
     pairs = np.stack([first, last], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(padded, pairs, axis=0)[::2])

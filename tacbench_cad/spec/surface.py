@@ -13,12 +13,14 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Literal, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 # the operations make splines, which are surfaces, so their modules are loaded when they are used
 from tacbench_cad import spec
 from tacbench_cad.spec.extremes import Extremes, Region
 from tacbench_cad.spec.sines import Sines, Wave
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
 
 #: What the numbers of a surface are: ``units`` without a dimension, which a block maps to mm, or lengths in ``mm``.
@@ -46,12 +48,12 @@ class Surface(Protocol):
     @property
     def error(self) -> float:
         """The largest vertical distance of the surface from the function that it represents; 0 for a definition."""
-        ...
+        return 0.0
 
     @property
     def evidence(self) -> Literal["proved", "measured"]:
         """Whether the error is proved, or only measured at many points."""
-        ...
+        return "proved"
 
     @property
     def creases(self) -> tuple[Floats, Floats]:
@@ -59,7 +61,7 @@ class Surface(Protocol):
 
         A cell must not have a crease inside, because its second derivatives have no bound there.
         """
-        ...
+        return np.zeros(0), np.zeros(0)
 
     @property
     def breaks(self) -> tuple[Floats, Floats]:
@@ -67,7 +69,7 @@ class Surface(Protocol):
 
         They are empty for a surface without such lines.
         """
-        ...
+        return np.zeros(0), np.zeros(0)
 
     @property
     def is_flat(self) -> bool:
@@ -82,17 +84,17 @@ class Surface(Protocol):
     @property
     def is_separable(self) -> bool:
         """Whether ``z = p(u) + q(v)``."""
-        ...
+        return False
 
     @property
     def along_u(self) -> Sines:
         """The part ``p(u)`` of a separable surface, including its constant."""
-        ...
+        raise InputError("surface", str(self), "is not separable")
 
     @property
     def along_v(self) -> Sines:
         """The part ``q(v)`` of a separable surface."""
-        ...
+        return self.along_u
 
     @property
     def highest_frequency(self) -> tuple[float, float]:
@@ -109,7 +111,7 @@ class Surface(Protocol):
 
     def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
         """Return both first partial derivatives at the points ``(u, v)``."""
-        ...
+        return self(u, v, (1, 0)), self(u, v, (0, 1))
 
     def bound(self, order_u: int, order_v: int) -> float:
         """Return an upper bound of the absolute value of a partial derivative over the whole domain."""
@@ -159,7 +161,7 @@ class Surface(Protocol):
         Raises:
             InputError: The surface is not known over the whole rectangle.
         """
-        ...
+        return self
 
     @property
     def plane_waves(self) -> tuple[Wave, ...] | None:

@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,10 +36,6 @@ class WaveSum(Surface):
 
     waves: tuple[Wave, ...]
     unit: Unit = "units"
-    #: A sum of waves is its own definition, so it has no error.
-    error: ClassVar[float] = 0.0
-    #: The kind of evidence for the error.
-    evidence: ClassVar[Literal["proved", "measured"]] = "proved"
 
     def __str__(self) -> str:
         """Return the formula as text with at most three waves: ``0.6 sin(2u + v) + sin(2u - v)``.
@@ -63,16 +58,6 @@ class WaveSum(Surface):
     def plane_waves(self) -> tuple[Wave, ...]:
         """The waves."""
         return self.waves
-
-    @property
-    def creases(self) -> tuple[Floats, Floats]:
-        """The lines along which the slope changes suddenly. A sum of waves has none."""
-        return np.zeros(0), np.zeros(0)
-
-    @property
-    def breaks(self) -> tuple[Floats, Floats]:
-        """The lines between which bounds are tightest. A sum of waves has none."""
-        return np.zeros(0), np.zeros(0)
 
     @cached_property
     def amplitude_sum(self) -> float:
@@ -170,18 +155,6 @@ class WaveSum(Surface):
         along_u, along_v = np.outer(u, f) + (phase + turn), np.outer(v, g)
         first = (weight * np.sin(along_u)) @ np.cos(along_v).T
         return np.asarray(first + (weight * np.cos(along_u)) @ np.sin(along_v).T, dtype=np.float64)
-
-    def gradient(self, u: ArrayLike, v: ArrayLike) -> tuple[Floats, Floats]:
-        """Return both first partial derivatives at the points ``(u, v)``.
-
-        Args:
-            u: The coordinates u.
-            v: The coordinates v. They must broadcast with ``u``.
-
-        Returns:
-            The derivatives along u and along v, each with the broadcast shape.
-        """
-        return self(u, v, (1, 0)), self(u, v, (0, 1))
 
     def bound(self, order_u: int, order_v: int) -> float:
         """Return an upper bound of ``|d^(i+j) z / du^i dv^j|`` over the whole plane: ``sum |A| |f|^i |g|^j``.
@@ -283,10 +256,6 @@ class WaveSum(Surface):
             ),
             unit or self.unit,
         )
-
-    def over(self, u: tuple[float, float], v: tuple[float, float]) -> WaveSum:
-        """Return the surface itself, because it is known over the whole plane."""
-        return self
 
 
 # A study has many blocks of few textures, and each block asks for the same.
