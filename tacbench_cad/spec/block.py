@@ -328,7 +328,7 @@ class Block:
         """The label in the underside; None if the block has none."""
         if not self.label:
             return None
-        return engrave(self.label_words, self.size_mm, self.key_mm or 0.0, self.outline)
+        return engrave(self.label_words, self.size_mm, self.region)
 
     @property
     def label_words(self) -> tuple[str, ...]:

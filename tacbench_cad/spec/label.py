@@ -9,11 +9,12 @@ from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
+import shapely
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
-from tacbench_cad.spec.outlines import Outline, area_mm2
+from tacbench_cad.spec.outlines import LoopRegion, Outline, area_mm2
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Bools, Floats
+from tacbench_cad.util.types import Floats
 
 #: The depth of the engraving, in mm.
 LABEL_DEPTH_MM = 0.4
@@ -27,11 +28,8 @@ MAX_GLYPH_MM = 5.0
 MARGIN_MM = 1.6
 #: The step between the heights that are tried, in mm.
 _STEP_MM = 0.05
-#: For outlines that are not rectangles: the distance between points of a line at which its place is tested, in mm, and
-#: the number of places along each side that are tried if the middle has no room.
-_TEST_STEP_MM, _PLACES = 0.25, 9
-#: The approximate number of points that are tested first.
-_FEW_POINTS = 40
+#: The number of places along each side that are tried if the middle of an outline has no room.
+_PLACES = 9
 #: The gaps between glyphs, words and lines, as fractions of the glyph's height.
 _GLYPH_GAP, _WORD_GAP, _LINE_GAP = 0.2, 0.9, 0.3
 #: Coordinates are rounded to _ROUND_MM, and outlines are simplified within _SIMPLIFY_MM, in mm. No edge is therefore
@@ -115,15 +113,11 @@ class _Page:
 
     Args:
         size_mm: The sides x, y of the block.
-        key_mm: The leg of the key; 0 for no key.
         along_y: Whether lines run along the block's y axis (otherwise along x).
-        outline: The outline of the block; None for a rectangle.
     """
 
     size_mm: tuple[float, float]
-    key_mm: float
     along_y: bool
-    outline: Outline | None = None
 
     @property
     def width(self) -> float:
@@ -138,72 +132,31 @@ class _Page:
         x, y = self.size_mm
         return (x - b, y - a) if self.along_y else (a, y - b)
 
-    def place(self, layout: _Layout) -> list[tuple[float, float]] | None:
-        """Return the lower left corner of each line on the page, or None if the layout does not fit.
+    def place(self, layout: _Layout, room: shapely.Polygon) -> list[tuple[float, float]] | None:
+        """Return the lower left corner of each line on the page, or None if the lines do not fit.
 
-        Lines are centred. If they would cut the key, they move to the opposite corner.
+        Lines are centred. If they do not fit in the middle of the page, they move to the nearest of some other places.
         """
-        if layout.width > self.width - 2 * MARGIN_MM + 1e-9 or layout.depth > self.depth - 2 * MARGIN_MM + 1e-9:
+        spare = self.width - layout.width - 2 * MARGIN_MM, self.depth - layout.depth - 2 * MARGIN_MM
+        if min(spare) < -1e-9:
             return None
-        if self.outline is not None:
-            return self._place_inside(self.outline, layout)
-        for centred in (True, False):
-            corners = self._corners(layout, centred)
-            if all(self._clear(layout, line, at) for line, at in zip(layout.lines, corners, strict=True)):
-                return corners
-        return None
-
-    def _place_inside(self, outline: Outline, layout: _Layout) -> list[tuple[float, float]] | None:
-        """Return the corners of the lines nearest to the centre of the page that are inside of an outline."""
-        corners = self._corners(layout, True)
-        points = []
-        for line, (a, b) in zip(layout.lines, corners, strict=True):
-            width = _width(line, layout.height)
-            across = np.linspace(a, a + width, math.ceil(width / _TEST_STEP_MM) + 1)
-            up = np.linspace(b, b + layout.height, math.ceil(layout.height / _TEST_STEP_MM) + 1)
-            points.append(np.stack(np.meshgrid(across, up), axis=-1).reshape(-1, 2))
-        on_page = np.concatenate(points)
-        room = (self.width - layout.width) / 2.0 - MARGIN_MM, (self.depth - layout.depth) / 2.0 - MARGIN_MM
-        steps = np.linspace(-1.0, 1.0, _PLACES) if len(outline.loops) > 1 or outline.turns == 1 else np.zeros(1)
-        places = np.array([(s * room[0], t * room[1]) for s in steps for t in steps])
-        places = places[np.argsort(np.hypot(*places.T), kind="stable")]
-        # most places have no room, which a few points show
-        few = on_page[:: math.ceil(len(on_page) / _FEW_POINTS)]
-        for place in places[self._inside(outline, places[:, None] + few).all(axis=1)]:
-            if self._inside(outline, place + on_page).all():
-                return [(a + float(place[0]), b + float(place[1])) for a, b in corners]
-        return None
-
-    def _inside(self, outline: Outline, points: Floats) -> Bools:
-        """Return which points of the page, shape (..., 2), are inside of an outline and not near it."""
-        x, y = self.to_block(points[..., 0], points[..., 1])
-        excess = outline.distance(x.ravel(), y.ravel()).reshape(x.shape)
-        return np.asarray(excess <= 1e-9 - MARGIN_MM)
-
-    def _corners(self, layout: _Layout, centred: bool) -> list[tuple[float, float]]:
-        # The key is at large x and small y. On the page, a is large there; b is large if lines run along x, else small.
-        bottom = self.depth - MARGIN_MM - layout.depth if self.along_y else MARGIN_MM
-        top = (self.depth - layout.depth) / 2.0 + layout.depth if centred else bottom + layout.depth
+        widths = np.array([_width(line, layout.height) for line in layout.lines])
         step = layout.height * (1.0 + _LINE_GAP)
-        corners = []
-        for i, line in enumerate(layout.lines):
-            room = self.width - _width(line, layout.height)
-            a = room / 2.0 if centred else MARGIN_MM
-            corners.append((a, top - layout.height - i * step))
-        return corners
-
-    def _clear(self, layout: _Layout, line: str, at: tuple[float, float]) -> bool:
-        if not self.key_mm:
-            return True
-        (a, b), width = at, _width(line, layout.height)
-        ends = (self.to_block(p, q) for p in (a, a + width) for q in (b, b + layout.height))
-        limit = self.size_mm[0] - self.key_mm - MARGIN_MM * math.sqrt(2.0)
-        return all(x - y <= limit + 1e-9 for x, y in ends)
+        a = (self.width - widths) / 2.0
+        b = (self.depth + layout.depth) / 2.0 - layout.height - step * np.arange(len(widths))
+        steps = np.linspace(-0.5, 0.5, _PLACES)
+        places = np.array([(s * spare[0], t * spare[1]) for s in steps for t in steps])
+        places = places[np.argsort(np.hypot(*places.T), kind="stable")]
+        a, b = a + places[:, :1], b + places[:, 1:]
+        (x0, y0), (x1, y1) = self.to_block(a, b), self.to_block(a + widths, b + layout.height)
+        lines = shapely.box(np.minimum(x0, x1), np.minimum(y0, y1), np.maximum(x0, x1), np.maximum(y0, y1))
+        fitting = np.flatnonzero(shapely.covers(room, lines).all(axis=1))
+        if not len(fitting):
+            return None
+        return list(zip(a[fitting[0]].tolist(), b[fitting[0]].tolist(), strict=True))
 
 
-def engrave(
-    words: tuple[str, ...], size_mm: tuple[float, float], key_mm: float, outline: Outline | None = None
-) -> Engraving:
+def engrave(words: tuple[str, ...], size_mm: tuple[float, float], region: LoopRegion | None = None) -> Engraving:
     """Engrave words in the underside with the largest glyphs that fit (3 to 5 mm), to be read from below.
 
     Words keep their order, and each line has one or more words. Lines run along the side that allows larger glyphs. A
@@ -213,8 +166,7 @@ def engrave(
     Args:
         words: The words, with A to Z, 0 to 9, hyphens and full stops. Small letters become capitals.
         size_mm: The sides x, y of the underside, in mm.
-        key_mm: The leg of the chamfered corner at (x, 0), in mm; 0 for no key.
-        outline: The outline of the underside; None for a rectangle.
+        region: The part of this rectangle that belongs to the block; None for all of it.
 
     Returns:
         The pockets in the block frame. They are the same on every run, their coordinates are float32 values, and no
@@ -230,9 +182,9 @@ def engrave(
     if not text:
         raise InputError("label", text, "needs at least one character")
     # characters of the same width have the same place, so the labels of many copies need only a few searches
-    placed = _placed("".join(_LIKE.get(character, character) for character in text), size_mm, key_mm, outline)
+    placed = _placed("".join(_LIKE.get(character, character) for character in text), size_mm, region)
     if placed is None:
-        raise InputError("label", text, _refusal(_breaks(text), _pages(size_mm, key_mm, outline)))
+        raise InputError("label", text, _refusal(_breaks(text), _pages(size_mm), region))
     page, layout, corners = placed
     lines, start = [], 0
     for line in layout.lines:
@@ -243,29 +195,32 @@ def engrave(
     return Engraving(_outlines(own, page, corners), own.height, page.along_y)
 
 
-def _pages(size_mm: tuple[float, float], key_mm: float, outline: Outline | None) -> tuple[_Page, _Page]:
-    return _Page(size_mm, key_mm, False, outline), _Page(size_mm, key_mm, True, outline)
+def _pages(size_mm: tuple[float, float]) -> tuple[_Page, _Page]:
+    return _Page(size_mm, False), _Page(size_mm, True)
 
 
 @lru_cache(maxsize=128)
 def _placed(
-    text: str, size_mm: tuple[float, float], key_mm: float, outline: Outline | None
+    text: str, size_mm: tuple[float, float], region: LoopRegion | None
 ) -> tuple[_Page, _Layout, list[tuple[float, float]]] | None:
     """Return the page, the lines with the largest glyphs that fit, and the corner of each line; None if none fit."""
     breaks = _breaks(text)
+    whole = shapely.box(0.0, 0.0, *size_mm) if region is None else region.polygon
+    room = whole.buffer(1e-9 - MARGIN_MM, join_style="mitre")
+    shapely.prepare(room)
     steps = round((MAX_GLYPH_MM - MIN_GLYPH_MM) / _STEP_MM)
     for step in range(steps + 1):
         height = round(MAX_GLYPH_MM - step * _STEP_MM, 2)
-        for page in _pages(size_mm, key_mm, outline):
+        for page in _pages(size_mm):
             for lines in breaks:
                 layout = _Layout(lines, height)
-                corners = page.place(layout)
+                corners = page.place(layout, room)
                 if corners is not None:
                     return page, layout, corners
     return None
 
 
-def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
+def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page], region: LoopRegion | None) -> str:
     """Say which size the smallest glyphs need, and which size the underside has."""
     needs = []
     for lines in breaks:
@@ -275,16 +230,15 @@ def _refusal(breaks: list[tuple[str, ...]], pages: tuple[_Page, _Page]) -> str:
             needs.append((max(need[0] / page.width, need[1] / page.depth), need[::-1] if page.along_y else need))
     _, (x, y) = min(needs)
     have = f"{pages[0].size_mm[0]:.4g} x {pages[0].size_mm[1]:.4g} mm"
-    key = pages[0].key_mm
-    if pages[0].outline is not None:
+    if isinstance(region, Outline):
         return (
-            f"glyphs of {MIN_GLYPH_MM:g} mm do not fit into the underside of a {pages[0].outline} at a distance of "
+            f"glyphs of {MIN_GLYPH_MM:g} mm do not fit into the underside of a {region} at a distance of "
             f"{MARGIN_MM:g} mm from the outline; choose a larger outline or no label"
         )
     return (
         f"needs an underside of {math.ceil(10 * x) / 10:g} x {math.ceil(10 * y) / 10:g} mm for glyphs of "
         f"{MIN_GLYPH_MM:g} mm at a distance of {MARGIN_MM:g} mm from the outline; this one has {have}"
-        + (f" and a key of {key:g} mm" if key else "")
+        + (" and a key" if region else "")
     )
 
 

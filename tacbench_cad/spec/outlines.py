@@ -226,6 +226,11 @@ class LoopRegion(ABC):
         """The area inside of the outer loop, without the holes."""
         return self.loops[0].area_mm2 - sum(hole.area_mm2 for hole in self.loops[1:])
 
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """The region as a polygon of shapely, in which chords replace circles."""
+        return shapely.Polygon(self.loops[0].polygon.exterior, [hole.polygon.exterior for hole in self.loops[1:]])
+
     def integral(self, surface: Surface) -> float:
         """Return the integral of a surface over this area."""
         return self.loops[0].integral(surface) - sum(hole.integral(surface) for hole in self.loops[1:])
@@ -254,11 +259,8 @@ class LoopRegion(ABC):
         """Return a point of the area with a coordinate along a unit vector."""
         (c, s), reach = direction, 2.0 * float(np.abs(self.loops[0].box).max())
         line = shapely.LineString([(c * along - s * way, s * along + c * way) for way in (-reach, reach)])
-        area = self.loops[0].polygon
-        for hole in self.loops[1:]:
-            area = area.difference(hole.polygon)
-        inside = max(shapely.get_parts(area.intersection(line)), key=shapely.length, default=None)
-        point = shapely.shortest_line(line, area).interpolate(0.0) if inside is None else inside.centroid
+        inside = max(shapely.get_parts(self.polygon.intersection(line)), key=shapely.length, default=None)
+        point = shapely.shortest_line(line, self.polygon).interpolate(0.0) if inside is None else inside.centroid
         return point.x, point.y
 
 

@@ -98,7 +98,7 @@ class SplineAxis:
         """
         from scipy.interpolate import BSpline
 
-        matrix, shape = BSpline.design_matrix(t, self.knots, self.degree), (len(t), self.degree + 1)
+        matrix, shape = BSpline.design_matrix(t, self.knots, self.degree, extrapolate=True), (len(t), self.degree + 1)
         return np.asarray(matrix.indices.reshape(shape)[:, 0]), np.asarray(matrix.data.reshape(shape).T)
 
     def derived(self, poles: Floats) -> tuple[SplineAxis, Floats]:

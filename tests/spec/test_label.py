@@ -20,7 +20,7 @@ from tacbench_cad.spec.label import (
     _placed,
     engrave,
 )
-from tacbench_cad.spec.outlines import Ring, area_mm2
+from tacbench_cad.spec.outlines import Ring, area_mm2, without_key
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools
 
@@ -35,6 +35,10 @@ CASES = [
     (("ABCDEFGHI", "JKLMNOPQR", "STUVWXYZ", "0123456789-."), (80.0, 80.0), 0.0),
     (("ABCDEFGHI", "JKLMNOPQR", "STUVWXYZ", "0123456789-."), (33.0, 24.0), 0.0),
 ]
+
+
+def engraved(words: tuple[str, ...], size: tuple[float, float], key: float) -> Engraving:
+    return engrave(words, size, without_key(size, key) if key else None)
 
 
 def section(engraving: Engraving) -> CrossSection:
@@ -86,7 +90,7 @@ def differing(first: Bools, second: Bools) -> float:
 @pytest.mark.parametrize("size", [(30.0, 30.0), (6.2, 6.2)], ids=["5mm", "3mm"])
 def test_each_glyph_is_legible_from_below(character: str, size: tuple[float, float]) -> None:
     """Turned over about x, a glyph matches its drawing better than its mirror image or other glyphs match it."""
-    engraving = engrave((character,), size, 0.0)
+    engraving = engraved((character,), size, 0.0)
     assert engraving.glyph_mm == (MAX_GLYPH_MM if size[0] == 30.0 else MIN_GLYPH_MM)
     picture = seen_from_below(engraving)
     scores = {glyph: differing(picture, as_drawn(glyph, engraving.glyph_mm)) for glyph in GLYPHS}
@@ -124,7 +128,7 @@ def test_strokes_run_along_the_axes_or_at_45_degrees(character: str) -> None:
 
 def test_turned_text_reads_upwards_from_below() -> None:
     """On a narrow block, the line runs along y. Seen from below, a quarter turn clockwise makes it upright."""
-    engraving = engrave(("LF",), (8.0, 30.0), 0.0)
+    engraving = engraved(("LF",), (8.0, 30.0), 0.0)
     picture = np.rot90(seen_from_below(engraving), k=-1)
     letters = np.flatnonzero(np.diff(np.concatenate([[0], picture.any(axis=0).astype(int), [0]])))
     assert len(letters) == 4, "two letters with a gap between them"
@@ -135,7 +139,7 @@ def test_turned_text_reads_upwards_from_below() -> None:
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_contours_are_clean(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
     """Contours have float32 values, no short edges or repeated points, clockwise islands, and the union's area."""
-    engraving = engrave(words, size, key)
+    engraving = engraved(words, size, key)
     points = np.concatenate(engraving.contours)
     assert np.array_equal(points, points.astype(np.float32))
     assert len(np.unique(points, axis=0)) == len(points)
@@ -158,7 +162,7 @@ def test_contours_are_clean(words: tuple[str, ...], size: tuple[float, float], k
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_inside_the_outline(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
     """Every point is at least the margin away from the sides and from the key."""
-    engraving = engrave(words, size, key)
+    engraving = engraved(words, size, key)
     points = np.concatenate(engraving.contours)
     slack = 0.002  # rounding to 0.001 mm
     assert (points >= MARGIN_MM - slack).all()
@@ -170,7 +174,7 @@ def test_inside_the_outline(words: tuple[str, ...], size: tuple[float, float], k
 
 def test_area_is_the_strokes_union() -> None:
     """An L of 5 mm has two strokes. Its area, with octagonal ends, is computed by hand."""
-    engraving = engrave(("L",), (30.0, 30.0), 0.0)
+    engraving = engraved(("L",), (30.0, 30.0), 0.0)
     unit = (5.0 - STROKE_MM) / UNITS_HIGH
     octagon = 2.0 * (math.sqrt(2.0) - 1.0) * STROKE_MM**2
     ends_and_corner = 2 * octagon / 2
@@ -183,7 +187,7 @@ def test_area_is_the_strokes_union() -> None:
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_strokes_are_a_pen_wide(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
     """A pen slightly thinner than the stroke reaches all parts, and no part is thicker than the stroke."""
-    union = section(engrave(words, size, key))
+    union = section(engraved(words, size, key))
     assert len(union.offset(-0.38, JoinType.Miter).decompose()) == len("".join(words))
     assert union.offset(-0.38, JoinType.Miter).offset(0.38, JoinType.Round).area() > 0.93 * union.area()
 
@@ -191,7 +195,7 @@ def test_strokes_are_a_pen_wide(words: tuple[str, ...], size: tuple[float, float
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_gaps_can_be_printed(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
     """Gaps between strokes are at least 0.4 mm (the nozzle) for glyphs of 3.2 mm or higher, otherwise 0.3 mm."""
-    engraving = engrave(words, size, key)
+    engraving = engraved(words, size, key)
     min_gap = 0.4 if engraving.glyph_mm >= 3.2 else 0.3
     assert engraving.glyph_mm / 2.0 - 1.5 * STROKE_MM >= min_gap - 1e-9
     islands = [c for c in engraving.contours if area_mm2(c) < 0]
@@ -203,19 +207,19 @@ def test_gaps_can_be_printed(words: tuple[str, ...], size: tuple[float, float], 
 
 
 def test_the_label_is_equal_on_every_run() -> None:
-    first, second = (engrave(("T4", "PAPER", "X1", "03"), BLOCK, 3.0) for _ in range(2))
+    first, second = (engraved(("T4", "PAPER", "X1", "03"), BLOCK, 3.0) for _ in range(2))
     assert len(first.contours) == len(second.contours)
     assert all(np.array_equal(a, b) for a, b in zip(first.contours, second.contours, strict=True))
 
 
 def test_the_key_moves_the_label() -> None:
     """A large key would overlap the centred label. The label is moved or made smaller, and the block is not refused."""
-    plain, keyed = (engrave(("HEX-WIDE-2", "PAPER", "X1", "03"), BLOCK, key) for key in (0.0, 7.7))
+    plain, keyed = (engraved(("HEX-WIDE-2", "PAPER", "X1", "03"), BLOCK, key) for key in (0.0, 7.7))
     assert not all(np.array_equal(a, b) for a, b in zip(plain.contours, keyed.contours, strict=False))
 
 
 def test_small_letters_are_written_as_capitals() -> None:
-    small, large = engrave(("hex",), BLOCK, 0.0), engrave(("HEX",), BLOCK, 0.0)
+    small, large = engraved(("hex",), BLOCK, 0.0), engraved(("HEX",), BLOCK, 0.0)
     assert all(np.array_equal(a, b) for a, b in zip(small.contours, large.contours, strict=True))
 
 
@@ -233,33 +237,33 @@ def test_too_small_is_refused(scale: float) -> None:
     with pytest.raises(
         InputError, match=r"needs an underside of [\d.]+ x [\d.]+ mm .* this one has [\d.]+ x [\d.]+ mm"
     ):
-        engrave(("T4", "PAPER", f"X{scale}", "03"), (23.3 * scale, 30.0 * scale), 0.0)
+        engraved(("T4", "PAPER", f"X{scale}", "03"), (23.3 * scale, 30.0 * scale), 0.0)
 
 
 def test_the_size_in_the_error_message_is_enough() -> None:
     words = ("T4", "PAPER", "X1", "03")
     with pytest.raises(InputError) as refused:
-        engrave(words, (10.0, 12.0), 0.0)
+        engraved(words, (10.0, 12.0), 0.0)
     numbers = refused.value.allowed.split("underside of ")[1].split(" mm")[0].split(" x ")
-    engraving = engrave(words, (float(numbers[0]), float(numbers[1])), 0.0)
+    engraving = engraved(words, (float(numbers[0]), float(numbers[1])), 0.0)
     assert MIN_GLYPH_MM <= engraving.glyph_mm < MIN_GLYPH_MM + 0.2
 
 
 @pytest.mark.parametrize("word", ["Ä", "T_4", "a/b", "T4\n"])
 def test_unknown_characters_are_named(word: str) -> None:
     with pytest.raises(InputError, match="no glyph for"):
-        engrave((word,), BLOCK, 0.0)
+        engraved((word,), BLOCK, 0.0)
 
 
 def test_nothing_to_write_is_refused() -> None:
     with pytest.raises(InputError, match="at least one character"):
-        engrave((" ",), BLOCK, 0.0)
+        engraved((" ",), BLOCK, 0.0)
 
 
 def test_the_labels_of_all_copies_need_few_searches() -> None:
     _placed.cache_clear()
     ring = Ring(outer_mm=40.0, inner_mm=8.0)
     for copy in range(1, MAX_COPIES + 1, 7):
-        engrave(("T2", "PAPER", "X1", f"{copy:02d}"), ring.size_mm, 0.0, ring)
+        engrave(("T2", "PAPER", "X1", f"{copy:02d}"), ring.size_mm, ring)
     # digits have three widths, and a copy has two or three digits
     assert _placed.cache_info().misses <= 3**2 + 3**3

@@ -140,7 +140,7 @@ def label_picture(printed: PrintedBlock) -> dict[str, Any] | None:
     """
     block = replace(printed.in_file, copy=printed.copy)
     try:
-        label = engrave(block.label_words, block.size_mm, block.key_mm or 0.0, block.outline)
+        label = engrave(block.label_words, block.size_mm, block.region)
     except (InputError, ImportError):  # the library that joins the strokes is not part of the light installation
         return None
     size, contours = label.as_read(block.size_mm)
