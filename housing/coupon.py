@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import shapely
+
 from housing.engraving import engraved
 from housing.fits import (
     FITS,
@@ -23,7 +25,7 @@ from housing.fits import (
 )
 from housing.fixture import Fixture
 from housing.lettering import COUNTER_MM, HEIGHT_MM, width_mm, word
-from housing.marks import DEPTH_MM, Groove, merged
+from housing.marks import DEPTH_MM, merged
 from housing.shapes import Rectangle, box, cut, fused, one_solid
 from tacbench_cad.spec.block import Block
 
@@ -117,7 +119,7 @@ class Coupon(Fixture):
         return (top - TAB_MM[1], top)
 
     @cached_property
-    def grooves(self) -> tuple[Groove, ...]:
+    def grooves(self) -> tuple[shapely.Polygon, ...]:
         """The numerals, which state the clearance per side in hundredths of a mm."""
         strokes = []
         for plan, clearance in zip(self.pockets, CLEARANCES_MM, strict=True):
@@ -158,7 +160,7 @@ class Coupon(Fixture):
         """The volume of plate, tab and stub without pockets and numerals, in mm^3."""
         x, y, z = self.plate_mm
         pockets = sum(plan.area_mm2 for plan in self.pockets) * DEPTH_OF_POCKET_MM
-        numerals = sum(groove.area_mm2 for groove in self.grooves) * DEPTH_MM
+        numerals = float(sum(groove.area for groove in self.grooves)) * DEPTH_MM
         stub = self.stub.area_mm2 * STUB_MM[2]
         return x * y * z - pockets - numerals + stub + self.tab.area_mm2 * TAB_MM[1]
 

@@ -9,15 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 import shapely
 
-from housing.marks import Groove
 from housing.shapes import prism
 from tacbench_cad.geometry.kernel import box_mm, distinct, volume_mm3
-from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.util.errors import CheckFailedError
-from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
@@ -27,13 +23,14 @@ if TYPE_CHECKING:
 VOLUME_FRACTION = 1e-9
 
 
-def engraved(solid: TopoDS_Solid, z_mm: float, grooves: Sequence[Groove], depth_mm: float) -> TopoDS_Solid:
+def engraved(solid: TopoDS_Solid, z_mm: float, grooves: Sequence[shapely.Polygon], depth_mm: float) -> TopoDS_Solid:
     """Engrave grooves into the upper face of a solid at a given height.
 
     Args:
         solid: The solid. It must have exactly one such face.
         z_mm: The height of the face.
-        grooves: The grooves. They must be inside the face and must not touch each other.
+        grooves: The grooves. The holes of a polygon are islands that are not engraved. The grooves must be inside the
+            face and must not touch each other.
         depth_mm: The depth of the grooves.
 
     Raises:
@@ -57,14 +54,15 @@ def engraved(solid: TopoDS_Solid, z_mm: float, grooves: Sequence[Groove], depth_
     for face in others:
         builder.Add(shell, face)
     outer, holes = _wires(upper[0])
-    islands: list[tuple[Floats, TopoDS_Wire]] = []
+    islands: list[tuple[shapely.Polygon, TopoDS_Wire]] = []
     for groove in grooves:
-        for face in distinct(prism(groove.outer, groove.islands, (z_mm - depth_mm, z_mm)), "FACE"):
+        loops = [shapely.get_coordinates(ring)[:-1] for ring in (groove.exterior, *groove.interiors)]
+        for face in distinct(prism(loops[0], loops[1:], (z_mm - depth_mm, z_mm)), "FACE"):
             if _is_upper(face, z_mm):
                 # The outlines of a groove are also the holes, or the outer outlines, of the faces around and in it.
                 around, inside = _wires(face)
                 holes.append(_reversed(around))
-                islands += [(_loop_of(wire, groove), _reversed(wire)) for wire in inside]
+                islands += [(_island_of(wire, groove), _reversed(wire)) for wire in inside]
             else:
                 builder.Add(shell, face)
     for outline, inner in _level_faces(outer, islands, holes):
@@ -76,7 +74,7 @@ def engraved(solid: TopoDS_Solid, z_mm: float, grooves: Sequence[Groove], depth_
     repair.FixFaceOrientation(shell)
     closed = BRepBuilderAPI_MakeSolid(repair.Shell()).Solid()
     BRepLib.OrientClosedSolid_s(closed)
-    expected = volume_mm3(solid) - sum(groove.area_mm2 for groove in grooves) * depth_mm
+    expected = volume_mm3(solid) - sum(groove.area for groove in grooves) * depth_mm
     volume = volume_mm3(closed)
     if abs(volume - expected) > VOLUME_FRACTION * expected:
         raise CheckFailedError(f"the engraved fixture has {volume:.6g} mm^3 instead of {expected:.6g} mm^3")
@@ -104,30 +102,28 @@ def _reversed(wire: TopoDS_Wire) -> TopoDS_Wire:
     return TopoDS.Wire_s(wire.Reversed())
 
 
-def _first_point(wire: TopoDS_Wire) -> Floats:
+def _first_point(wire: TopoDS_Wire) -> shapely.Point:
     from OCP.BRep import BRep_Tool
 
     point = BRep_Tool.Pnt_s(distinct(wire, "VERTEX")[0])
-    return np.array([point.X(), point.Y()])
+    return shapely.Point(point.X(), point.Y())
 
 
-def _loop_of(wire: TopoDS_Wire, groove: Groove) -> Floats:
-    """Return the outline of the island that a wire was made from."""
-    point = _first_point(wire)
-    return min(groove.islands, key=lambda loop: float(np.linalg.norm(loop - point, axis=1).min()))
+def _island_of(wire: TopoDS_Wire, groove: shapely.Polygon) -> shapely.Polygon:
+    """Return the island that a wire was made from."""
+    return shapely.Polygon(min(groove.interiors, key=_first_point(wire).distance))
 
 
 def _level_faces(
-    outline: TopoDS_Wire, islands: list[tuple[Floats, TopoDS_Wire]], holes: list[TopoDS_Wire]
+    outline: TopoDS_Wire, islands: list[tuple[shapely.Polygon, TopoDS_Wire]], holes: list[TopoDS_Wire]
 ) -> list[tuple[TopoDS_Wire, list[TopoDS_Wire]]]:
     """Return the outer face and the islands with their holes. A hole belongs to the smallest island around it."""
     faces: list[tuple[TopoDS_Wire, list[TopoDS_Wire]]] = [(outline, []), *((wire, []) for _, wire in islands)]
-    sizes = [abs(area_mm2(loop)) for loop, _ in islands]
     for hole in holes:
         point = _first_point(hole)
         # The groove around an island is outside the island, and so is the outer wire of that groove.
-        around = [i for i, (loop, _) in enumerate(islands) if shapely.contains_xy(shapely.Polygon(loop), *point)]
-        place = 1 + min(around, key=lambda i: sizes[i]) if around else 0
+        around = [i for i, (island, _) in enumerate(islands) if island.contains(point)]
+        place = 1 + min(around, key=lambda i: float(islands[i][0].area)) if around else 0
         faces[place][1].append(hole)
     return faces
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from housing.engraving import engraved
 from housing.fits import (
@@ -30,11 +31,8 @@ from housing.holder import Holder, pocket_tool
 from housing.lettering import COUNTER_MM
 from housing.marks import (
     DEPTH_MM,
-    Groove,
     datum_lines,
-    gap_to_circle_mm,
     hairs,
-    is_engraved,
     merged,
     min_gap_mm,
     numerals,
@@ -168,7 +166,7 @@ class Jig(Fixture):
                 f"a lip of the jig would be {short:.4g} mm long between the corners for the screws; it must be at "
                 f"least {MIN_LIP_LENGTH_MM:g} mm long, so make a larger block",
             )
-        lost = outside_mm2([groove.outer for groove in self._grooves_in_holder], self.seat.outline(), EDGE_MM)
+        lost = outside_mm2(self._grooves_in_holder, self.seat.outline(), EDGE_MM)
         if lost > 1e-6:
             raise InputError(
                 "press grid",
@@ -208,29 +206,30 @@ class Jig(Fixture):
         return self._marker.lead_in_mm / 2.0 + self.nozzle_mm
 
     @cached_property
-    def grooves(self) -> tuple[Groove, ...]:
+    def grooves(self) -> tuple[shapely.Polygon, ...]:
         """The engraved grooves for one block, in the block frame."""
         strokes = hairs(self.grid, self.holes_mm, self._keep_off_mm, self.nozzle_mm)
         strokes += numerals(self.grid, self._keep_off_mm)
         return merged(strokes + datum_lines(self.holder.block.size_mm))
 
     @cached_property
-    def _grooves_in_holder(self) -> tuple[Groove, ...]:
+    def _grooves_in_holder(self) -> tuple[shapely.Polygon, ...]:
         return tuple(
-            Groove(place.to_holder(groove.outer), tuple(place.to_holder(island) for island in groove.islands))
+            shapely.transform(groove, place.to_holder)
             for place in self.holder.block_placements()
             for groove in self.grooves
         )
 
     @cached_property
     def _marker_walls(self) -> Mapping[str, float]:
-        outlines = [groove.outer for groove in self._grooves_in_holder]
+        grooves = self._grooves_in_holder
         radius = self._marker.lead_in_mm / 2.0
-        holes = [gap_to_circle_mm(outline, bore.at_mm, radius) for outline in outlines for bore in self.bores]
+        axes = shapely.points([bore.at_mm for bore in self.bores])
+        to_holes = shapely.distance(np.array(grooves, dtype=object)[:, None], axes) - radius
         lead_ins = self._min_hole_distance_mm - 2.0 * radius
         return {
-            # The value is rounded to a nanometre, because outlines are merged on a grid of 1e-8 mm.
-            "wall between markers": round(min(lead_ins, *holes, min_gap_mm(outlines)), 6),
+            # The value is rounded to a nanometre, because grooves are merged on a grid of 1e-8 mm.
+            "wall between markers": round(min(lead_ins, float(to_holes.min()), min_gap_mm(grooves)), 6),
             "wall inside a numeral": COUNTER_MM,
         }
 
@@ -320,7 +319,7 @@ class Jig(Fixture):
     @property
     def volume_mm3(self) -> float:
         """The volume of arms, lips and roof without holes and marks, in mm^3."""
-        marks = self.holder.slots * sum(groove.area_mm2 for groove in self.grooves) * DEPTH_MM
+        marks = self.holder.slots * float(sum(groove.area for groove in self.grooves)) * DEPTH_MM
         return self.seat.volume_mm3 - sum(bore.volume_mm3(ROOF_MM) for bore in self.bores) - marks
 
     @property
@@ -398,6 +397,5 @@ class Jig(Fixture):
     @property
     def crossings_cut_short(self) -> int:
         """The number of cross hairs without a groove at the crossing point, because a hole is too near."""
-        if len(self.cross_hairs_mm) == 0:
-            return 0
-        return sum(not is_engraved(point, self.grooves) for point in self.cross_hairs_mm)
+        at_crossings = shapely.contains_xy(np.array(self.grooves, dtype=object)[:, None], *self.cross_hairs_mm.T)
+        return int(np.count_nonzero(~at_crossings.any(axis=0)))

@@ -14,7 +14,6 @@ import numpy as np
 import shapely
 
 from housing.lettering import HEIGHT_MM, stroke, width_mm, word
-from tacbench_cad.spec.outlines import area_mm2
 from tacbench_cad.spec.protocol import PER_SIDE, PressGrid
 from tacbench_cad.util.types import Floats
 
@@ -24,6 +23,8 @@ HAIR_MM = 0.4
 MIN_PIECE_MM = 0.3
 #: The depth of all engravings, in mm.
 DEPTH_MM = 0.4
+#: Coordinates of grooves are multiples of this length, in mm.
+GRID_MM = 1e-8
 #: Smaller steps in an outline are removed, in mm. Overlapping strokes cause such steps at their joints.
 SIMPLIFY_MM = 0.02
 #: The length of the tick beyond the last marker, in mm.
@@ -38,40 +39,18 @@ NUMERAL_GAP_MM = 1.0
 DATUM_MM = 5.0
 
 
-@dataclass(frozen=True, eq=False)
-class Groove:
-    """One connected engraving.
-
-    Args:
-        outer: The outer outline, counter-clockwise, shape (n, 2), in mm.
-        islands: The outlines of the parts inside that are not engraved, clockwise.
-    """
-
-    outer: Floats
-    islands: tuple[Floats, ...]
-
-    @property
-    def area_mm2(self) -> float:
-        """The area of the groove's floor, in mm^2."""
-        return area_mm2(self.outer, *self.islands)
-
-
-def merged(strokes: Iterable[Floats]) -> tuple[Groove, ...]:
+def merged(strokes: Iterable[Floats]) -> tuple[shapely.Polygon, ...]:
     """Join overlapping strokes into grooves, sorted by their lowest y and then by their lowest x.
 
     Args:
-        strokes: Convex outlines, counter-clockwise, shape (n, 2), in mm.
-    """
-    from manifold3d import CrossSection, FillRule
+        strokes: Convex outlines, shape (n, 2), in mm.
 
-    pieces = CrossSection(list(strokes), FillRule.NonZero).simplify(SIMPLIFY_MM).decompose()
-    grooves = []
-    for piece in pieces:
-        loops = [np.asarray(loop, dtype=np.float64) for loop in piece.to_polygons()]
-        outer = [loop for loop in loops if area_mm2(loop) > 0.0]
-        islands = tuple(loop for loop in loops if area_mm2(loop) < 0.0)
-        grooves.append(Groove(outer[0], islands))
-    return tuple(sorted(grooves, key=lambda groove: (float(groove.outer[:, 1].min()), float(groove.outer[:, 0].min()))))
+    Returns:
+        The grooves. The holes of a polygon are islands that are not engraved.
+    """
+    joined = shapely.union_all([shapely.Polygon(stroke) for stroke in strokes], grid_size=GRID_MM)
+    grooves = shapely.get_parts(shapely.simplify(joined, SIMPLIFY_MM))
+    return tuple(sorted(grooves, key=lambda groove: (groove.bounds[1], groove.bounds[0])))
 
 
 def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float, wall_mm: float) -> list[Floats]:
@@ -169,42 +148,14 @@ def datum_lines(size_mm: tuple[float, float]) -> list[Floats]:
     return [edge_x, *word("X0", (gap, y + 1.0)), edge_y, *word("Y0", (start, -gap - HEIGHT_MM))]
 
 
-def is_engraved(point: Floats, grooves: Iterable[Groove]) -> bool:
-    """Return whether a point, shape (2,), is in a groove."""
-    return any(shapely.contains_xy(shapely.Polygon(groove.outer, groove.islands), *point) for groove in grooves)
+def min_gap_mm(grooves: Sequence[shapely.Polygon]) -> float:
+    """Return the smallest distance between any two grooves; infinite for fewer than two."""
+    i, j = np.triu_indices(len(grooves), 1)
+    each = np.array(grooves, dtype=object)
+    return float(shapely.distance(each[i], each[j]).min(initial=math.inf))
 
 
-def min_gap_mm(outlines: Sequence[Floats]) -> float:
-    """Return the smallest distance between any two outlines, which must not overlap; infinite for fewer than two."""
-    boxes = np.array([[*outline.min(axis=0), *outline.max(axis=0)] for outline in outlines])
-    min_gap = math.inf
-    for i in range(len(outlines)):
-        for j in range(i + 1, len(outlines)):
-            away = np.maximum(np.maximum(boxes[j, :2] - boxes[i, 2:], boxes[i, :2] - boxes[j, 2:]), 0.0)
-            if np.hypot(*away) < min_gap:
-                a, b = outlines[i], outlines[j]
-                min_gap = min(min_gap, _to_outline(a, b), _to_outline(b, a))
-    return min_gap
-
-
-def gap_to_circle_mm(outline: Floats, centre_mm: tuple[float, float], radius_mm: float) -> float:
-    """Return the distance from an outline to a circle outside it, in mm."""
-    return _to_outline(np.array([centre_mm]), outline) - radius_mm
-
-
-def outside_mm2(outlines: Iterable[Floats], plate: Floats, edge_mm: float) -> float:
-    """Return the area of outlines outside a plate or within a distance of its edge, in mm^2."""
-    from manifold3d import CrossSection, FillRule, JoinType
-
-    room = CrossSection([plate], FillRule.NonZero).offset(-edge_mm, JoinType.Miter)
-    return float((CrossSection(list(outlines), FillRule.NonZero) - room).area())
-
-
-def _to_outline(points: Floats, outline: Floats) -> float:
-    """Return the smallest distance from points to the edges of an outline."""
-    start, end = outline, np.roll(outline, -1, axis=0)
-    edge = end - start
-    length2 = np.maximum(np.einsum("ij,ij->i", edge, edge), 1e-300)
-    offset = points[:, None, :] - start[None, :, :]
-    fraction = np.clip(np.einsum("pij,ij->pi", offset, edge) / length2, 0.0, 1.0)
-    return float(np.linalg.norm(offset - fraction[..., None] * edge, axis=2).min())
+def outside_mm2(grooves: Iterable[shapely.Polygon], plate: Floats, edge_mm: float) -> float:
+    """Return the area of grooves and their islands outside a plate or within a distance of its edge, in mm^2."""
+    room = shapely.Polygon(plate).buffer(-edge_mm, join_style="mitre")
+    return float(sum(shapely.Polygon(groove.exterior).difference(room).area for groove in grooves))

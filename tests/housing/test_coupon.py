@@ -62,9 +62,7 @@ def test_each_pocket_is_marked_with_its_clearance_in_hundredths() -> None:
         strip = manifold3d.CrossSection([pocket.corners - (0.0, 4.1)], manifold3d.FillRule.NonZero)
         strip = strip ^ manifold3d.CrossSection.square((200.0, 4.1)).translate((0.0, 0.3))
         engraved = (strip - section).area()
-        assert engraved == pytest.approx(
-            sum(polygon.area_mm2 for polygon in merged(word(letters, (0.0, 0.0)))), rel=1e-3
-        )
+        assert engraved == pytest.approx(sum(polygon.area for polygon in merged(word(letters, (0.0, 0.0)))), rel=1e-3)
 
 
 def test_walls_are_stated_and_checked() -> None:
