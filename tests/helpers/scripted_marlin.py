@@ -105,7 +105,7 @@ class ScriptedMarlin:
             yield "echo:  M92 X{:.2f} Y{:.2f} Z{:.2f} E93.00\n".format(*self.steps_per_mm).encode()
         elif word == b"M203":
             yield b"echo:  M203 X300.00 Y300.00 Z10.00 E25.00\n"
-        elif word not in (b"G90", b"G91", b"M400", b"M113"):
+        elif word not in (b"G90", b"G91", b"M84", b"M400", b"M113"):
             yield b'echo:Unknown command: "' + command + b'"\n'
         yield b"ok\n"
 

@@ -71,7 +71,7 @@ class Marlin(MarlinCore):
             # A whole number of seconds from 0 to 255.
             self._auto_every_s = float(min(255, int(max(0.0, values.get("S") or 0.0))))
             self._auto_s = self.now_s + self._auto_every_s if self._auto_every_s > 0.0 else None
-        elif name in ("M18", "M84") and self.knows_m84:
+        elif name in ("M18", "M84"):
             yield from self._motors_off(values.get("S"))
         elif name == "M105":
             self._send(" T:20.00 /0.00 @:0\n")

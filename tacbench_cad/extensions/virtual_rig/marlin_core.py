@@ -62,7 +62,6 @@ class MarlinCore(Firmware):
         idle_s: The time in s without motion after which the motors are switched off; ``M84 S`` changes it, and 0 means
             never (``DEFAULT_STEPPER_INACTIVE_TIME``).
         idle_drop_mm: The distance by which z drops when its motor is switched off.
-        knows_m84: Whether the build knows ``M84``.
         z_steps_per_mm: The motor steps of z per mm.
     """
 
@@ -79,14 +78,13 @@ class MarlinCore(Firmware):
         first_move_s: float = 0.1,
         idle_s: float = 120.0,
         idle_drop_mm: float = 0.3,
-        knows_m84: bool = True,
         z_steps_per_mm: float = 400.0,
     ) -> None:
         self.baud = baud
         self.emergency_parser = emergency_parser
         self.min_steps = min_steps
         self.first_move_s = first_move_s
-        self.default_idle_s, self.idle_drop_mm, self.knows_m84 = idle_s, idle_drop_mm, knows_m84
+        self.default_idle_s, self.idle_drop_mm = idle_s, idle_drop_mm
         *xy, z = carriage.axes
         carriage.axes = (*xy, replace(z, steps_per_mm=z_steps_per_mm))
         super().__init__(carriage, boot_s=boot_s)

@@ -17,7 +17,6 @@ from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.camera import open_camera
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.colours import with_inside_colours
-from tacbench_cad.lab.rig.firmware_settings import HasLimits
 from tacbench_cad.lab.rig.gauge import Force, Gauge
 from tacbench_cad.lab.rig.grbl import GrblStage
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
@@ -60,7 +59,8 @@ def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedSt
     opened = open_device("stage", settings, Context(clock=clock or Clock()))
     stage = LimitedStage(opened, settings.limits_mm)
     try:
-        if isinstance(opened, HasLimits):
+        if hasattr(opened, "kept_limits_mm"):
+            # A firmware may have limits of its own.
             stage.limits_mm = opened.kept_limits_mm(settings.limits_mm)
         if settings.home:
             stage.home()

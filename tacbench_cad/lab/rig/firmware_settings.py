@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
-from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.study.spec import Point, StageSettings
 
 #: The coarsest step of the z axis, in mm, that reaches the paper's narrowest force band.
@@ -36,26 +34,6 @@ class FirmwareSetting:
     meaning: str
     change: str = ""
     reason: str = ""
-
-
-@runtime_checkable
-class HasSettings(Protocol):
-    """A stage whose firmware lists its settings."""
-
-    def checked_settings(self, stage: StageSettings | None = None) -> tuple[FirmwareSetting, ...]:
-        """Compare the firmware's settings with those of a press rig, and with a study's ``[stage]`` if given."""
-
-
-@runtime_checkable
-class HasLimits(Protocol):
-    """A stage whose firmware has limits of its own."""
-
-    def kept_limits_mm(self, limits_mm: Limits) -> Limits:
-        """Return the limits of a study file, shortened so that no end stop is reached.
-
-        Raises:
-            InputError: The limits reach beyond the travel at which the firmware stops.
-        """
 
 
 def grbl_settings(

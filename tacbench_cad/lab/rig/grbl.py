@@ -252,7 +252,11 @@ class GrblStage(SerialStage[GrblLink]):
         return grbl_settings(self.settings, counts_from_switch=self._machine.counts_from_switch, stage=stage)
 
     def kept_limits_mm(self, limits_mm: Limits) -> Limits:
-        """See :class:`tacbench_cad.lab.rig.firmware_settings.HasLimits`."""
+        """Return the limits of a study file, shortened so that no end stop is reached.
+
+        Raises:
+            InputError: The limits reach beyond the travel at which the firmware stops.
+        """
         return self._machine.kept_limits_mm(limits_mm)
 
     @contextmanager
@@ -284,9 +288,8 @@ class GrblStage(SerialStage[GrblLink]):
         return self._place(report)
 
     def _place(self, report: Status) -> Point:
-        at = self._link.machine(report)
-        assert at is not None, "status() waits for a position"
-        return at
+        assert report.machine_mm is not None, "status() refuses work coordinates"
+        return report.machine_mm
 
     def _there(self, at: Point, target: Point) -> bool:
         return is_near(at, target, self._tolerance_mm)
@@ -328,7 +331,7 @@ class GrblStage(SerialStage[GrblLink]):
                 if answer == "ok":
                     # Until now, the carriage may have stood because the firmware was slow.
                     accepted, foreign, standing = accepted or not foreign, max(foreign - 1, 0), None
-            if not isinstance(answer, Status) or (at := link.machine(answer)) is None:
+            if not isinstance(answer, Status) or (at := answer.machine_mm) is None:
                 continue
             reported_s, ask_at = now, self._next_poll_s(now, start_s + travel_s)
             link.not_locked(answer)

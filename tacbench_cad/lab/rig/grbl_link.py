@@ -13,13 +13,10 @@ from tacbench_cad.lab.rig.grbl_replies import Status
 from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.lab.rig.serial_stage import Link
-from tacbench_cad.lab.study.spec import Point, plus
 
 #: The shortest wait, in s, before an unanswered status request is repeated. Two requests close together may get one
 #: answer. The wait grows with the time that the device takes to answer, up to a quarter of the timeout.
 ANSWER_S = 0.3
-#: The pause, in s, before the next status request while no report had the work offset.
-OFFSET_S = 0.01
 #: The longest wait for the banner after Ctrl-X, in s. Half a second was observed.
 RESET_S = 1.5
 #: The longest wait for the first answer, in s. Opening a port may reset the board and start a boot loader.
@@ -59,7 +56,6 @@ class GrblLink(Link):
         self._unreadable, self._unreadable_s = "", -math.inf
         self.marked: tuple[int, ...] = ()
         self._text = ""
-        self._offset: Point | None = None
         # The number of status requests whose answers may still come, and the time of the first of them.
         self._pending, self._asked_s = 0, 0.0
         self._after_banner = False
@@ -138,7 +134,6 @@ class GrblLink(Link):
             took_s = self.line.now_s() - self._asked_s
             self.answer_s = max(ANSWER_S, min(max(2.0 * took_s, 0.8 * self.answer_s), self.timeout_s / 4.0))
             self._pending -= 1
-        self._offset = report.offset_mm or self._offset
         return report
 
     def _unexpected_reset(self, line: str) -> RigError:
@@ -246,16 +241,15 @@ class GrblLink(Link):
         self.line.write(ASK)
 
     def status(self) -> Status:
-        """Request a report and return the first one with a position. Reports of earlier requests are discarded.
+        """Request a report and return the first one. Reports of earlier requests are discarded.
 
         Raises:
-            RigError: The firmware is silent or gone, was reset, or raised an alarm.
+            RigError: The firmware is silent or gone, was reset, raised an alarm, or reports work coordinates.
         """
         until = self.line.now_s() + self.answer_s
         while self._pending and (left := until - self.line.now_s()) > 0.0:
             self.next(left)
         self._pending = 0
-        answered = False
         until = self.line.now_s() + self.timeout_s
         while self.line.now_s() < until:
             self.request()
@@ -263,22 +257,10 @@ class GrblLink(Link):
             while (left := again - self.line.now_s()) > 0.0:
                 answer = self.next(left)
                 if isinstance(answer, Status):
-                    if self.machine(answer) is not None:
-                        return answer
-                    # The report has work coordinates. The offset comes with about every tenth report.
-                    answered = True
-                    again = min(again, self.line.now_s() + OFFSET_S)
-        if answered:
-            raise RigError(f"{self.name}: reports work coordinates without their offset; send it $10=1")
+                    if answer.machine_mm is None:
+                        raise RigError(f"{self.name}: reports work coordinates; send it $10=1")
+                    return answer
         raise self.silence()
-
-    def machine(self, report: Status) -> Point | None:
-        """Return the machine position of a report; None if the necessary work offset is not known yet."""
-        if report.machine_mm is not None:
-            return report.machine_mm
-        if report.work_mm is None or self._offset is None:
-            return None
-        return plus(report.work_mm, self._offset)
 
     def reset(self) -> None:
         """Send Ctrl-X, and wait for the banner and for the end of earlier lines.

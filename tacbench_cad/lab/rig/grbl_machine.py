@@ -88,7 +88,11 @@ class GrblMachine:
         return tuple(ranges)
 
     def kept_limits_mm(self, limits_mm: Limits) -> Limits:
-        """See :class:`tacbench_cad.lab.rig.firmware_settings.HasLimits`."""
+        """Return the limits of a study file, shortened so that no end stop is reached.
+
+        Raises:
+            InputError: The limits reach beyond the travel at which the firmware stops.
+        """
         for axis, (low, high), allowed in zip("xyz", limits_mm, self.travel_mm, strict=True):
             if allowed is not None and not allowed[0] <= low <= high <= allowed[1]:
                 raise InputError(

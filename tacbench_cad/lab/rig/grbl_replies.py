@@ -57,17 +57,13 @@ class Status:
     Args:
         state: ``Idle``, ``Run``, ``Hold``, ``Jog``, ``Alarm``, ``Door``, ``Check``, ``Home``, ``Sleep`` or ``Tool``.
         detail: The number after the state: 0 for ``Hold:0`` (standing still); None if there is none.
-        machine_mm: The machine position, if reported.
-        work_mm: The work position, if reported instead.
-        offset_mm: The work offset: machine position minus work position. Only some reports contain it.
+        machine_mm: The machine position; None if the work position is reported instead.
         pins: The closed inputs: ``XZ`` if the end stops of x and z are closed.
     """
 
     state: str
     detail: int | None
     machine_mm: Point | None
-    work_mm: Point | None
-    offset_mm: Point | None
     pins: str = ""
 
 
@@ -92,8 +88,6 @@ def status(line: str) -> Status | None:
         state=match[1],
         detail=int(match[2]) if match[2] else None,
         machine_mm=points.get("MPos"),
-        work_mm=points.get("WPos"),
-        offset_mm=points.get("WCO"),
         pins=pins,
     )
 

@@ -20,8 +20,7 @@ a move in three parts if each part has enough motor steps. The parts lie on one 
 between them.
 
 Idle motors: Marlin switches the motors off after some time without motion, usually 120 s. The z axis can then drop
-unnoticed. The driver switches this off with ``M84 S0``. If a build does not know this command, the position counts as
-unknown after ``IDLE_S`` without motion.
+unnoticed. The driver switches this off with ``M84 S0``.
 
 Homing: the end stops that ``M119`` lists show the direction in which z is homed. With an end stop at the top, z is
 homed first and upwards. With one only at the bottom (as usual on a printer), z is homed downwards: the driver first
@@ -37,7 +36,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Iterator
 from typing import Unpack
 
@@ -74,8 +72,6 @@ PART_STEPS = 7
 DETOUR_MM = 0.03
 #: The distance below the upper end of z, in mm, from which a closed end stop is faulty.
 SWITCH_MM = 1.0
-#: The time without motion, in s, after which a build without ``M84`` may have switched its motors off.
-IDLE_S = 60.0
 
 
 class MarlinStage(SerialStage[MarlinLink]):
@@ -101,7 +97,6 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._counts = self._settled = False
         self._highest_mm = -math.inf
         self._switches = switches.SwitchCheck()
-        self._idle_since_s: float | None = None
         with self._opening():
             self._link.greet(self._bauds)
             self.identity = f"marlin: {self._link.firmware} at {port}"
@@ -138,7 +133,6 @@ class MarlinStage(SerialStage[MarlinLink]):
         counted = self._counted(place)
         self._counts = counted is not None
         self._link.lost = ""
-        self._idle_since_s = self._idle_since_s and time.monotonic()
         self._home_mm = self._settle_at(counted or place.planned_mm)
 
     def home_offset_mm(self) -> Point | None:
@@ -190,7 +184,7 @@ class MarlinStage(SerialStage[MarlinLink]):
             PositionLostError: The position is unknown: reset, halted, or never homed.
             RigError: The device is gone or silent.
         """
-        self._require_known()
+        self._link.require_known()
         if self._link.stopping or self._line.torn or self._link.unsure:
             self._link.resume()
             self._prepare()
@@ -266,7 +260,7 @@ class MarlinStage(SerialStage[MarlinLink]):
 
     def _start(self) -> Point:
         """Return the position at rest. It is read only if the last move failed; a reset shows in the line numbers."""
-        self._require_known()
+        self._link.require_known()
         clean = self._settled and not (self._link.stopping or self._line.torn or self._link.unsure)
         return self._last if clean and self._last is not None else self.position()
 
@@ -275,14 +269,6 @@ class MarlinStage(SerialStage[MarlinLink]):
         self._last, self._settled = at, True
         self._highest_mm = max(self._highest_mm, at[2])
         return at
-
-    def _require_known(self) -> None:
-        """Check that the position is known and that the motors were not switched off."""
-        if self._idle_since_s is not None and time.monotonic() - self._idle_since_s > IDLE_S:
-            self._link.lost = self._link.lost or (
-                f"there was no motion for {IDLE_S:g} s, and a firmware without M84 may have switched its motors off"
-            )
-        self._link.require_known()
 
     def _send(self, start: Point, target: Point, speed_mm_s: float) -> None:
         """Send a move, in parts that the firmware neither withholds nor delays if possible."""
@@ -321,18 +307,15 @@ class MarlinStage(SerialStage[MarlinLink]):
 
     def _go(self, target: Point, speed_mm_s: float) -> None:
         x, y, z = target
-        if self._idle_since_s is not None:
-            self._idle_since_s = time.monotonic()
         self._require(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{max(60.0 * speed_mm_s, 0.1):.3f}")
 
     def _prepare(self) -> None:
         """Set the modes that a reset clears (mm, absolute, no reports, motors on), and read the axes' limits."""
         self._require("G90")
+        self._require("M84 S0")
         # Some builds do not know these commands. They then have no such mode to switch off.
         for command in ("G21", "M154 S0", "M155 S0"):
             self._link.command(command)
-        knows = not any(replies.unknown(line) is not None for line in self._link.command("M84 S0"))
-        self._idle_since_s = None if knows else self._idle_since_s or time.monotonic()
         lines = [line for command in ("M92", "M203") for line in self._link.command(command)]
         per_axis = dict(numbers for line in lines if (numbers := replies.per_axis(line)))
         self._steps_per_mm, self._rates_mm_s = per_axis.get("M92"), per_axis.get("M203")

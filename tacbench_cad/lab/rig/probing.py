@@ -10,7 +10,7 @@ from functools import partial
 from tacbench_cad.lab.rig.camera_devices import STABLE_FOLDERS, Opener, cameras, open_capture
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError
-from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting, HasSettings
+from tacbench_cad.lab.rig.firmware_settings import FirmwareSetting
 from tacbench_cad.lab.rig.samples import parse_numbers
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError, TacbenchError
@@ -94,8 +94,7 @@ def identify(port: str, stage: StageSettings | None = None) -> PortAnswer:
     for factory in (partial(GrblStage, checks_settings=False), MarlinStage):
         try:
             with factory(port, clock=Clock(), timeout_s=_ANSWER_S) as device:
-                checked = device.checked_settings(stage) if isinstance(device, HasSettings) else ()
-                return PortAnswer(identity=device.identity, settings=checked)
+                return PortAnswer(identity=device.identity, settings=device.checked_settings(stage))
         except InputError:
             raise
         except TacbenchError:

@@ -430,20 +430,11 @@ def test_trait_13_grblhal_reset_in_motion_sends_only_the_banner() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_work_coordinates_are_converted_to_machine_coordinates() -> None:
+def test_work_coordinates_are_refused() -> None:
     script = ScriptedGrbl()
-    reports = 0
-
-    def on_status() -> Iterator[bytes]:
-        nonlocal reports
-        reports += 1
-        x, y, z = (a - 100.0 for a in script.at)
-        offset = b"|WCO:100.000,100.000,100.000" if reports % 5 == 3 else b""
-        return iter([f"<{script.state}|WPos:{x:.3f},{y:.3f},{z:.3f}|FS:0,0".encode() + offset + b">\r\n"])
-
-    script.on_status = on_status
-    with opened(script) as stage:
-        assert stage.move(THERE, 20.0) == pytest.approx(THERE)
+    script.on_status = lambda: iter([b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"])
+    with script.peer() as peer, pytest.raises(RigError, match=r"reports work coordinates; send it \$10=1"):
+        GrblStage(peer.port)
 
 
 def test_inches_are_refused() -> None:

@@ -7,8 +7,7 @@ from helpers.rig_here import FakeTime, launch
 from helpers.scripted_marlin import ScriptedMarlin
 
 from tacbench_cad.extensions.virtual_rig import VirtualRig
-from tacbench_cad.lab.rig import marlin
-from tacbench_cad.lab.rig.errors import PositionLostError
+from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.study.spec import Point
 
@@ -90,18 +89,8 @@ def test_idle_motors_stay_on(rig_time: FakeTime) -> None:
         assert rig.true_position()[2] == pytest.approx(70.0, abs=0.01)
 
 
-def test_without_m84_the_position_is_lost_when_the_motors_may_be_off(rig_time: FakeTime) -> None:
-    with (
-        launch("marlin", speed=SPEED, resets_on_open=False, idle_s=50.0, knows_m84=False) as rig,
-        opened(rig) as stage,
-    ):
-        stage.home()
-        stage.move((50.0, 60.0, 70.0), 50.0)
-        rig_time.sleep(0.6 * marlin.IDLE_S)
-        stage.position()
-        rig_time.sleep(0.6 * marlin.IDLE_S)
-        with pytest.raises(PositionLostError, match="without M84 may have switched its motors off"):
-            stage.move((50.0, 60.0, 60.0), 50.0)
-        stage.home()
-        stage.move((50.0, 60.0, 60.0), 50.0)
-        assert rig.true_position()[2] == pytest.approx(60.0, abs=0.01)
+def test_a_build_without_m84_is_refused() -> None:
+    script = ScriptedMarlin()
+    script.on[b"M84"] = lambda line: iter([b'echo:Unknown command: "M84 S0"\n', b"ok\n"])
+    with script.peer() as peer, pytest.raises(RigError, match="does not know M84 S0"):
+        MarlinStage(peer.port)
