@@ -59,9 +59,9 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     yield tab
     context.close()
     assert messages == []
-    loaded = {url.removeprefix(address) for url in requests}
-    files = {"", "page.css", "page.js", "block.html"}
-    assert files <= {name for name in loaded if not name.startswith("blob:")} <= {*files, "data:,"}
+    loaded = {url.removeprefix(address).partition("?")[0] for url in requests}
+    files = {"", "page.css", "page.js", "block.html", "ask"}
+    assert files <= {name for name in loaded if not name.startswith("blob:")} <= {*files, "upload", "data:,"}
 
 
 def settle(tab: Any, status: str = "Relief") -> None:

@@ -1,18 +1,16 @@
-"""The messages between the design page and the server.
+"""The questions of the design page and the answers of the server.
 
-The page sends JSON texts with an ``id``, and the answer has the same ``id``. Answers are JSON texts. Only a picture is
-sent as bytes: the ``id`` as a 32-bit integer, and then :func:`tacbench_cad.extensions.design.model.picture`. The page
-sends a height map as bytes; see :class:`Upload`.
+The page sends a :class:`Question` as JSON to the path ``ask``, and the bytes of a height map to ``upload``. Answers are
+JSON texts, except a picture; see :func:`tacbench_cad.extensions.design.model.picture`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import re
-import struct
 import tempfile
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +18,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Interval
-from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute, Route
 
 from tacbench_cad.extensions.design.document import (
     NEW_WAVE,
@@ -45,12 +44,10 @@ from tacbench_cad.util.errors import InputError, TacbenchError, one_line
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.untrusted import parse_json
 
-#: The largest size of the JSON text of a message, in characters.
+#: The largest size of the JSON text of a message, in bytes.
 MAX_TEXT = 1_000_000
 #: The endings of height maps that the page accepts.
 IMAGES = (*PICTURES, *TABLES, ".npy")
-#: The largest number of slow answers that a page may wait for at the same time.
-MAX_WAITING = 4
 #: The content of the 3D page until the first picture of the block is there: one triangle.
 PLACEHOLDER = Scene(
     things=(
@@ -75,7 +72,6 @@ class Question:
     """A message of the page.
 
     Args:
-        id: A number that the answer repeats.
         do: What to do.
         design: The state of the page; None before the first texture is chosen.
         text: A texture file (open), the name of a texture (start).
@@ -84,44 +80,12 @@ class Question:
         count: The number of waves.
     """
 
-    id: Annotated[int, Interval(ge=0, le=2**31)]
     do: Literal["hello", "start", "open", "waves", "picture", "facts", "toml", "write"]
     design: Design | None = None
     text: str = ""
     name: str = "texture.toml"
     formats: tuple[str, ...] = ()
     count: Annotated[int, Interval(ge=1, le=100)] = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Upload:
-    """A height map that the user dropped on the page.
-
-    Args:
-        id: A number that the answer repeats.
-        name: The name of the file.
-        content: Its bytes.
-    """
-
-    id: int
-    name: str
-    content: bytes
-
-    @classmethod
-    def of(cls, message: bytes) -> Upload:
-        """Read a message: the id and the length of the name as 32-bit integers, the name, the content.
-
-        Raises:
-            InputError: The message is too short, or the file has an unknown ending.
-        """
-        if len(message) < 8:
-            raise InputError("message", None, "is too short for a height map")
-        number, length = struct.unpack_from("<II", message)
-        given = message[8 : 8 + min(length, 500)].decode("utf-8", "replace")
-        name = re.sub(r"[^A-Za-z0-9._-]", "_", given)[-100:].lstrip(".-")
-        if Path(name).suffix.lower() not in IMAGES:
-            raise InputError("height map", given, f"must end in {', '.join(IMAGES)}")
-        return cls(id=number, name=name, content=message[8 + length :])
 
 
 class DesignPage:
@@ -138,7 +102,7 @@ class DesignPage:
         self._out, self._uploads, self._first, self._start = out, uploads, first, name
         # A state names its height map, because every tab, and every state of a tab, can have another.
         self._folders = {"": first.folder}
-        self._slow = asyncio.Lock()
+        self._slow = threading.Lock()
 
     @property
     def routes(self) -> list[BaseRoute]:
@@ -146,60 +110,21 @@ class DesignPage:
         return [
             *file_routes("tacbench_cad.extensions.design", "page.html", "page.css", "page.js"),
             Route("/block.html", lambda request: framed(page_of(PLACEHOLDER)), methods=["GET"]),
-            WebSocketRoute("/socket", self._talk),
+            Route("/ask", self._respond, methods=["POST"]),
+            Route("/upload", self._respond, methods=["POST"]),
         ]
 
-    async def _talk(self, socket: WebSocket) -> None:
-        await socket.accept()
-        waiting: set[asyncio.Task[None]] = set()
+    async def _respond(self, request: Request) -> Response:
+        """Answer a question, or keep a height map. The name of the height map is in the address."""
+        data, name = await request.body(), request.query_params.get("name")
         try:
-            await self._answer_all(socket, waiting)
-        finally:
-            for task in waiting:
-                task.cancel()
-
-    async def _answer_all(self, socket: WebSocket, waiting: set[asyncio.Task[None]]) -> None:
-        """Answer the messages of a page until it is closed."""
-        while (message := await socket.receive())["type"] == "websocket.receive":
-            data = message.get("text") or message.get("bytes") or b""
-            try:
-                question = question_of(data) if isinstance(data, str) else Upload.of(data)
-            except InputError as error:
-                await socket.send_text(json.dumps({"id": None, "error": one_line(error)}))
-                continue
-            if isinstance(question, Question) and question.do not in ("facts", "write"):
-                await self._answer(socket, question)
-            elif len(waiting) >= MAX_WAITING:
-                await socket.send_text(json.dumps({"id": question.id, "error": "Wait for the last result."}))
-            else:
-                task = asyncio.create_task(self._answer_slowly(socket, question))
-                waiting.add(task)
-                task.add_done_callback(waiting.discard)
-
-    async def _answer_slowly(self, socket: WebSocket, question: Question | Upload) -> None:
-        """Answer a question when all earlier slow questions are answered."""
-        async with self._slow:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the page was closed in the meantime
-                await self._answer(socket, question)
-
-    async def _answer(self, socket: WebSocket, question: Question | Upload) -> None:
-        answer: dict[str, Any] | None
-        try:
-            if isinstance(question, Upload):
-                answer = await asyncio.to_thread(self._upload, question)
-            elif question.do == "picture":
-                data = await asyncio.to_thread(picture, self._state_of(question))
-                answer = None
-            else:
-                answer = await asyncio.to_thread(self.answer, question)
-        except TacbenchError as error:
-            answer = {"error": one_line(error)}
-        except Exception as error:  # a fault of this program, or of the system: the page says so and goes on
-            answer = {"error": f"unexpected error: {type(error).__name__}: {one_line(error, 200)}"}
-        if answer is None:
-            await socket.send_bytes(struct.pack("<I", question.id) + data)
-        else:
-            await socket.send_text(json.dumps({"id": question.id, **answer}, allow_nan=False))
+            if name is not None:
+                return JSONResponse(await asyncio.to_thread(self.upload, name, data))
+            answer = await asyncio.to_thread(self.answer, question_of(data))
+        except Exception as error:  # also a fault of this program, or of the system: the page says so and goes on
+            unexpected = "" if isinstance(error, TacbenchError) else f"unexpected error: {type(error).__name__}: "
+            return JSONResponse({"error": f"{unexpected}{one_line(error, 200)}"})
+        return Response(answer) if isinstance(answer, bytes) else JSONResponse(answer)
 
     def _state_of(self, question: Question) -> Design:
         """Return the state of the page, with the folder of its files."""
@@ -210,21 +135,33 @@ class DesignPage:
             raise InputError("upload", question.design.upload, "is unknown; open the height map again")
         return replace(question.design, folder=folder)
 
-    def _upload(self, upload: Upload) -> dict[str, Any]:
-        """Keep a height map and return the state that shows it."""
+    def upload(self, given: str, content: bytes) -> dict[str, Any]:
+        """Keep a height map and return the state that shows it.
+
+        Args:
+            given: The name of the file.
+            content: Its bytes.
+
+        Raises:
+            InputError: The file has an unknown ending, or is not a height map.
+        """
+        name = re.sub(r"[^A-Za-z0-9._-]", "_", given)[-100:].lstrip(".-")
+        if Path(name).suffix.lower() not in IMAGES:
+            raise InputError("height map", given, f"must end in {', '.join(IMAGES)}")
         folder = Path(tempfile.mkdtemp(dir=self._uploads))
-        (folder / upload.name).write_bytes(upload.content)
-        state = of_image(folder, upload.name)
+        (folder / name).write_bytes(content)
+        state = of_image(folder, name)
         self._folders[folder.name] = folder
         return _state(replace(state, upload=folder.name))
 
-    def answer(self, question: Question) -> dict[str, Any]:
-        """Return the answer to a question that is not about a picture.
+    def answer(self, question: Question) -> dict[str, Any] | bytes:
+        """Return the answer to a question.
 
         Raises:
             TacbenchError: The question asks for something that is not possible.
         """
-        answers: dict[str, Callable[[], dict[str, Any]]] = {
+        answers: dict[str, Callable[[], dict[str, Any] | bytes]] = {
+            "picture": lambda: picture(self._state_of(question)),
             "hello": lambda: {
                 **_state(self._first),
                 "starts": list(STARTS),
@@ -240,7 +177,8 @@ class DesignPage:
             "toml": lambda: {"toml": toml(self._state_of(question)), "name": f"{self._state_of(question).name}.toml"},
             "write": lambda: self._write(self._state_of(question), question.formats),
         }
-        return answers[question.do]()
+        with self._slow if question.do in ("facts", "write") else contextlib.nullcontext():  # slow answers, one by one
+            return answers[question.do]()
 
     def _write(self, design: Design, formats: tuple[str, ...]) -> dict[str, Any]:
         """Write the files of the block, and its texture file."""
@@ -267,14 +205,14 @@ class DesignPage:
         }
 
 
-def question_of(message: str) -> Question:
+def question_of(message: bytes) -> Question:
     """Return the question in a message of the page.
 
     Raises:
         InputError: The message is not a question.
     """
     if len(message) > MAX_TEXT:
-        raise InputError("message", None, f"may have at most {MAX_TEXT:,} characters")
+        raise InputError("message", None, f"may have at most {MAX_TEXT:,} bytes")
     return from_plain(Question, parse_json(message, "message", "of the page"))
 
 

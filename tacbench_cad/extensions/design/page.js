@@ -3,9 +3,9 @@
 (() => {
   const byId = (id) => document.getElementById(id);
   const MAX_TEXT = 500000, MAX_IMAGE = 60000000, PAUSE_MS = 300;
-  let socket, design, shown = 0, last = null, groups = [];
-  let number = 0, busy = false, changed = 0, pause = 0, state = 0, sliders = 0;
-  const waiting = new Map();
+  let design, shown = 0, last = null, groups = [];
+  let busy = false, changed = 0, pause = 0, state = 0, sliders = 0;
+  const STOPPED = "The server has stopped. Start the command again to continue.", ALIVE_MS = 2000;
 
   const say = (text) => { byId("status").textContent = text; };
   function complain(text) {
@@ -14,26 +14,13 @@
   }
 
   // ---- the connection ----
-  function ask(question) {
-    number += 1;
-    const id = number;
-    return new Promise((answer, refuse) => {
-      if (socket.readyState !== WebSocket.OPEN) { refuse(new Error("The server has stopped. Start the command again.")); return; }
-      waiting.set(id, { answer, refuse });
-      if (question instanceof Uint8Array) {
-        new DataView(question.buffer).setUint32(0, id, true);
-        socket.send(question);
-      } else socket.send(JSON.stringify({ id, ...question }));
-    });
-  }
-
-  function receive(data) {
-    const binary = data instanceof ArrayBuffer, message = binary ? { id: new DataView(data).getUint32(0, true), data } : JSON.parse(data);
-    const question = waiting.get(message.id);
-    waiting.delete(message.id);
-    if (!question) { if (message.error) complain(message.error); return; }
-    if (message.error) question.refuse(new Error(message.error));
-    else question.answer(message);
+  async function ask(question, address = "ask") {
+    const body = question instanceof File ? question : JSON.stringify(question);
+    const answer = await fetch(address, { method: "POST", body }).catch(() => { throw new Error(STOPPED); });
+    if (!answer.headers.get("content-type")) return answer.arrayBuffer();
+    const result = answer.ok ? await answer.json() : { error: await answer.text() };
+    if (result.error) throw new Error(result.error);
+    return result;
   }
 
   async function tried(work) {
@@ -54,7 +41,7 @@
     busy = true;
     changed = 0;
     try {
-      last = unpack((await ask({ do: "picture", design })).data);
+      last = unpack(await ask({ do: "picture", design }));
       complain("");
       await draw();
       requestAnimationFrame(() => {
@@ -69,9 +56,9 @@
   }
 
   function unpack(data) {
-    const length = new DataView(data).getUint32(4, true), header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 8, length)));
+    const length = new DataView(data).getUint32(0, true), header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     const count = header.lines[0] * header.lines[1], { points } = header;
-    let at = 8 + length;
+    let at = 4 + length;
     const take = (size) => { const part = new Float32Array(data, at, size); at += 4 * size; return part; };
     return { ...header, tops: [take(count), take(count)], cuts: [take(points), take(points)], cut: cutLine(header.size) };
   }
@@ -283,21 +270,12 @@
     if (file.size > most) throw new Error(`${file.name} is too large: it has ${(file.size / 1e6).toFixed(1)} MB, and ${most / 1e6} MB are allowed.`);
     say(`Reading ${file.name}…`);
     try {
-      take(isText ? await ask({ do: "open", text: await file.text(), name: file.name }) : await ask(await packed(file)));
+      take(isText ? await ask({ do: "open", text: await file.text(), name: file.name }) : await ask(file, `upload?name=${encodeURIComponent(file.name)}`));
       byId("start").value = "";
     } catch (error) {
       say("The file was not opened.");
       throw error;
     }
-  }
-
-  // A height map as bytes: a place for the id, the length of the name, the name, the content.
-  async function packed(file) {
-    const name = new TextEncoder().encode(file.name), message = new Uint8Array(8 + name.length + file.size);
-    new DataView(message.buffer).setUint32(4, name.length, true);
-    message.set(name, 8);
-    message.set(new Uint8Array(await file.arrayBuffer()), 8 + name.length);
-    return message;
   }
 
   function listen() {
@@ -342,13 +320,6 @@
   const framed = () => { byId("block").contentDocument.addEventListener("shown", draw); draw(); };
   byId("block").addEventListener("load", framed);
   if (byId("block").contentDocument.readyState === "complete") framed();
-  socket = new WebSocket(Object.assign(new URL("socket", location.href), { protocol: "ws:" }));
-  socket.binaryType = "arraybuffer";
-  socket.addEventListener("message", (event) => receive(event.data));
-  socket.addEventListener("open", () => tried(async () => { listen(); await begin(); }));
-  socket.addEventListener("close", () => {
-    complain("The server has stopped. Start the command again to continue.");
-    for (const { refuse } of waiting.values()) refuse(new Error("The server has stopped. Start the command again to continue."));
-    waiting.clear();
-  });
+  tried(async () => { listen(); await begin(); });
+  setInterval(() => fetch("page.css", { method: "HEAD" }).catch(() => complain(STOPPED)), ALIVE_MS);
 })();

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import struct
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
 import pytest
@@ -21,8 +21,7 @@ from starlette.testclient import TestClient
 from trimesh import load
 
 from tacbench_cad.checks.check import check
-from tacbench_cad.extensions.design import app
-from tacbench_cad.extensions.design.app import MAX_TEXT, DesignPage, Upload, question_of
+from tacbench_cad.extensions.design.app import MAX_TEXT, DesignPage, question_of
 from tacbench_cad.extensions.design.document import STARTS, controls, first_state, opened, start, toml
 from tacbench_cad.extensions.design.model import CUT_POINTS, Design, facts, picture
 from tacbench_cad.spec.authors_later import EQUATIONS
@@ -126,21 +125,21 @@ def test_every_number_of_a_state_has_a_control_with_its_value() -> None:
 @pytest.mark.parametrize(
     ("text", "allowed"),
     [
-        ("{}", "id: is missing"),
+        ("{}", "do: is missing"),
         ("[", "is not valid JSON"),
-        ('{"id": NaN, "do": "hello"}', "is not valid JSON"),
-        ('{"id": 1, "do": "shell"}', "do = 'shell'"),
-        ('{"id": 1, "do": "picture", "design": {"texture": {}, "size_mm": [0, 1]}}', "must be at least 0.5"),
-        ('{"id": 1, "do": "picture", "design": {"texture": {}, "folder": "/etc"}}', "unknown key"),
-        ('{"id": 1, "do": "picture", "design": {"texture": {}, "out": "/etc"}}', "unknown key"),
-        ('{"id": 1, "do": "write", "formats": "stl"}', "must be a list"),
+        ('{"do": NaN}', "is not valid JSON"),
+        ('{"do": "shell"}', "do = 'shell'"),
+        ('{"do": "picture", "design": {"texture": {}, "size_mm": [0, 1]}}', "must be at least 0.5"),
+        ('{"do": "picture", "design": {"texture": {}, "folder": "/etc"}}', "unknown key"),
+        ('{"do": "picture", "design": {"texture": {}, "out": "/etc"}}', "unknown key"),
+        ('{"do": "write", "formats": "stl"}', "must be a list"),
         ("[" * 50_000, "nested deeper|not valid JSON"),
-        ('"' + "x" * MAX_TEXT + '"', "at most 1,000,000 characters"),
+        ('"' + "x" * MAX_TEXT + '"', "at most 1,000,000 bytes"),
     ],
 )
 def test_a_bad_message_is_refused_in_one_line(text: str, allowed: str) -> None:
     with pytest.raises(InputError, match=allowed):
-        question_of(text)
+        question_of(text.encode())
 
 
 @pytest.mark.parametrize("file", ["x\0.png", "/etc/passwd", "../secret.png", "a/../../secret.csv"])
@@ -153,47 +152,39 @@ def test_files_outside_of_the_folder_are_not_read(file: str, tmp_path: Path) -> 
         opened('[texture]\nname = "scan"\nfamily = "image"\nfile = "scan.png"\n', "scan.toml")
 
 
-def test_names_of_uploads_cannot_leave_their_folder() -> None:
-    def message(name: str) -> bytes:
-        return struct.pack("<II", 3, len(name.encode())) + name.encode() + b"content"
-
-    assert Upload.of(message("scan 1.png")) == Upload(id=3, name="scan_1.png", content=b"content")
-    assert Upload.of(message("../../é.npy")).name == "_.._é.npy".replace("é", "_")
-    for data in (b"", b"1234567", message("run.sh"), message("x.png.exe"), struct.pack("<II", 1, 2**31) + b"a.sh"):
-        with pytest.raises(InputError):
-            Upload.of(data)
-
-
 class Page:
-    """A page that is connected to the server."""
+    """A page that asks the server."""
 
-    def __init__(self, connection: Any) -> None:
-        self.connection = connection
+    def __init__(self, client: TestClient) -> None:
+        self.client = client
+
+    def post(self, path: str, data: bytes) -> Any:
+        answer = self.client.post(path, content=data)
+        assert answer.status_code == 200
+        return answer.json() if answer.headers.get("content-type") == "application/json" else answer.content
 
     def ask(self, **question: Any) -> Any:
-        self.connection.send_text(json.dumps({"id": 7, **question}))
-        answer = json.loads(self.connection.receive_text())
-        assert answer.pop("id") in (7, None)
-        return answer
+        return self.post("/ask", json.dumps(question).encode())
 
     def upload(self, name: str, content: bytes) -> Any:
-        self.connection.send_bytes(struct.pack("<II", 7, len(name)) + name.encode() + content)
-        return json.loads(self.connection.receive_text())
+        return self.post(f"/upload?{urlencode({'name': name})}", content)
 
 
 @pytest.fixture
-def server(tmp_path: Path) -> Any:
+def page(tmp_path: Path) -> Any:
     (tmp_path / "uploads").mkdir()
     first, name = first_state("2")
     routes = DesignPage(tmp_path / "out", tmp_path / "uploads", first, name).routes
-    with TestClient(Starlette(routes=routes)) as client:  # all connections have the same event loop
-        yield client
+    with TestClient(Starlette(routes=routes)) as client:
+        yield Page(client)
 
 
-@pytest.fixture
-def page(server: TestClient) -> Any:
-    with server.websocket_connect("/socket") as connection:
-        yield Page(connection)
+def test_names_of_uploads_cannot_leave_their_folder(page: Page, tmp_path: Path) -> None:
+    for name, kept in (("scan 1.csv", "scan_1.csv"), ("../../é.csv", "_.._é.csv".replace("é", "_"))):
+        state = page.upload(name, lines(np.tile(np.linspace(0.0, 1.0, 41), (31, 1))))["design"]
+        assert (tmp_path / "uploads" / state["upload"] / kept).is_file()
+    for name in ("", "run.sh", "x.png.exe", ".png"):
+        assert "must end in" in page.upload(name, b"content")["error"]
 
 
 def test_the_page_gets_states_pictures_facts_and_errors(page: Page) -> None:
@@ -201,22 +192,18 @@ def test_the_page_gets_states_pictures_facts_and_errors(page: Page) -> None:
     assert hello["start"] == "texture 2" and "dunes" in hello["starts"]
     design = page.ask(do="start", text="three waves")["design"]
     assert len(page.ask(do="waves", design=design, count=5)["design"]["wave"]) == 5
-    page.connection.send_text(json.dumps({"id": 9, "do": "picture", "design": design}))
-    data = page.connection.receive_bytes()
-    assert struct.unpack_from("<I", data) == (9,)
-    assert unpacked(data[4:])[0]["range"][1] == 7.0
+    assert unpacked(page.ask(do="picture", design=design))[0]["range"][1] == 7.0
     assert dict(page.ask(do="facts", design=design))["facts"][1] == ["relief", "2.25 mm"]
     assert "is missing" in page.ask(do="picture")["error"]
     even = design | {"wave": [], "texture": {"family": "series", "law": "square", "N": 4}}
     assert "must be odd" in page.ask(do="picture", design=even)["error"]
     assert "a-z" in page.ask(do="toml", design=design | {"name": "../x"})["error"]
-    page.connection.send_text("nonsense")
-    assert "not valid JSON" in json.loads(page.connection.receive_text())["error"]
+    assert "not valid JSON" in page.post("/ask", b"nonsense")["error"]
     for file in ("x\0.png", "a" * 5000, ".", ""):
         assert page.ask(do="picture", design=design | {"texture": {"family": "image", "file": file}, "wave": []})[
             "error"
         ]
-    assert page.ask(do="hello")["start"] == "texture 2", "the connection works after errors"
+    assert page.ask(do="hello")["start"] == "texture 2", "the server works after errors"
 
 
 @pytest.mark.usefixtures("no_preview")
@@ -238,8 +225,7 @@ def test_a_height_map_becomes_a_block(page: Page, tmp_path: Path) -> None:
     design = answer["design"]
     assert design["size_mm"] == pytest.approx([20.0, 30.0])
     assert design["texture"] == {"family": "image", "file": "map.npy", "mm_per_pixel": 0.5, "smooth_mm": 0.0}
-    page.connection.send_text(json.dumps({"id": 9, "do": "picture", "design": design}))
-    header, (top, *_) = unpacked(page.connection.receive_bytes()[4:])
+    header, (top, *_) = unpacked(page.ask(do="picture", design=design))
     assert (header["lines"], float(np.ptp(top))) == ([171, 256], pytest.approx(float(np.ptp(values)), abs=1e-2))
     answer = page.ask(do="write", design=design | {"tolerance_mm": 0.1}, formats=["stl"])
     assert answer["files"][1:] == ["my-texture.toml", "map.npy"]
@@ -254,48 +240,32 @@ def lines(values: Floats) -> bytes:
 
 def shown(page: Page, design: Any) -> float:
     """Return the relief of the picture of a state, in mm."""
-    page.connection.send_text(json.dumps({"id": 9, "do": "picture", "design": design}))
-    return float(np.ptp(unpacked(page.connection.receive_bytes()[4:])[1][0]))
+    return float(np.ptp(unpacked(page.ask(do="picture", design=design))[1][0]))
 
 
 @pytest.mark.usefixtures("no_preview")
-def test_every_tab_keeps_its_own_height_map(page: Page, server: TestClient, tmp_path: Path) -> None:
+def test_every_tab_keeps_its_own_height_map(page: Page, tmp_path: Path) -> None:
     """Both files have the same name; the relief, 1 mm or 3 mm, says which one is shown and written."""
     ramp = np.tile(np.linspace(0.0, 1.0, 41), (31, 1))
-    with server.websocket_connect("/socket") as connection:
-        other = Page(connection)
-        first = page.upload("map.csv", lines(ramp))["design"]
-        second = other.upload("map.csv", lines(3.0 * ramp))["design"]
-        assert shown(page, first) == pytest.approx(1.0, abs=0.02)
-        assert shown(other, second) == pytest.approx(3.0, abs=0.02)
-        assert dict(page.ask(do="facts", design=first)["facts"])["relief"].startswith("1 mm")
-        third = page.upload("map.csv", lines(2.0 * ramp))["design"]
-        assert shown(page, first) == pytest.approx(1.0, abs=0.02), "a state that came before the next upload"
-        assert shown(page, third) == pytest.approx(2.0, abs=0.02)
-        made = {"do": "write", "formats": ["stl"]}
-        answer = page.ask(**made, design=first | {"tolerance_mm": 0.1, "name": "mm1"})
-        assert answer["files"][1:] == ["mm1.toml", "map.csv"]
-        heights = load(tmp_path / "out" / answer["files"][0]).vertices[:, 2]
-        assert heights.max() - heights[heights > 1.0].min() == pytest.approx(1.0, abs=0.11)
-        answer = other.ask(**made, design=second | {"tolerance_mm": 0.1, "name": "mm3"})
-        assert "already has another content" in answer["error"], "mm1.toml needs its own map.csv"
-        assert (tmp_path / "out" / "map.csv").read_bytes() == lines(ramp)
-        assert not list((tmp_path / "out").glob("mm3*"))
-        assert "is unknown" in other.ask(do="facts", design=second | {"upload": "../out"})["error"]
-
-
-def test_slow_questions_are_limited(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    release = threading.Event()
-    monkeypatch.setattr(app, "facts", lambda design: release.wait(10) and [])
-    design = page.ask(do="hello")["design"]
-    for number in range(app.MAX_WAITING + 1):
-        page.connection.send_text(json.dumps({"id": number, "do": "facts", "design": design}))
-    answer = json.loads(page.connection.receive_text())
-    assert answer == {"id": app.MAX_WAITING, "error": "Wait for the last result."}
-    release.set()
-    assert [json.loads(page.connection.receive_text())["id"] for _ in range(app.MAX_WAITING)] == list(
-        range(app.MAX_WAITING)
-    )
+    other = Page(page.client)
+    first = page.upload("map.csv", lines(ramp))["design"]
+    second = other.upload("map.csv", lines(3.0 * ramp))["design"]
+    assert shown(page, first) == pytest.approx(1.0, abs=0.02)
+    assert shown(other, second) == pytest.approx(3.0, abs=0.02)
+    assert dict(page.ask(do="facts", design=first)["facts"])["relief"].startswith("1 mm")
+    third = page.upload("map.csv", lines(2.0 * ramp))["design"]
+    assert shown(page, first) == pytest.approx(1.0, abs=0.02), "a state that came before the next upload"
+    assert shown(page, third) == pytest.approx(2.0, abs=0.02)
+    made = {"do": "write", "formats": ["stl"]}
+    answer = page.ask(**made, design=first | {"tolerance_mm": 0.1, "name": "mm1"})
+    assert answer["files"][1:] == ["mm1.toml", "map.csv"]
+    heights = load(tmp_path / "out" / answer["files"][0]).vertices[:, 2]
+    assert heights.max() - heights[heights > 1.0].min() == pytest.approx(1.0, abs=0.11)
+    answer = other.ask(**made, design=second | {"tolerance_mm": 0.1, "name": "mm3"})
+    assert "already has another content" in answer["error"], "mm1.toml needs its own map.csv"
+    assert (tmp_path / "out" / "map.csv").read_bytes() == lines(ramp)
+    assert not list((tmp_path / "out").glob("mm3*"))
+    assert "is unknown" in other.ask(do="facts", design=second | {"upload": "../out"})["error"]
 
 
 @pytest.mark.parametrize("name", KNOWN)
