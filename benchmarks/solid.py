@@ -156,7 +156,7 @@ def print_patches() -> None:
                 print(f"{block.name:<24}{'none: the grid aliases the formula':>40}")
                 continue
             relief = patches(block, 0.001)
-            spans = [len(axis.inner_knots(0)) + 1 for axis in (relief.x, relief.y)]
+            spans = [len(axis.knots_of(0)[0]) - 1 for axis in (relief.x, relief.y)]
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "block.step"
                 write_shape(solid_block(block)[0], block.name, block.name, path)

@@ -79,14 +79,10 @@ def texture_face(block: Block) -> TopoDS_Face:
     Raises:
         InputError: Same as for :func:`solid_block`.
     """
-    from OCP.TopoDS import TopoDS
-
-    from tacbench_cad.geometry.splines.build import SolidBuilder
-    from tacbench_cad.geometry.splines.trimmed import inside_of
+    from tacbench_cad.geometry.splines.block_solid import face_of
 
     _require_solid(block)
-    face = SolidBuilder(block, _patches(block)).face()
-    return face if block.outline is None else TopoDS.Face_s(inside_of(face, block.outline, block, "FACE"))
+    return face_of(block, _patches(block))
 
 
 def _require_solid(block: Block) -> None:
@@ -97,17 +93,10 @@ def _require_solid(block: Block) -> None:
 
 @lru_cache(maxsize=8)
 def _solid(block: Block) -> tuple[TopoDS_Solid, Certificate]:
-    from OCP.TopoDS import TopoDS
-
-    from tacbench_cad.geometry.splines.build import SolidBuilder
-    from tacbench_cad.geometry.splines.trimmed import inside_of
+    from tacbench_cad.geometry.splines.block_solid import solid_of
 
     relief = _patches(block)
-    solid = SolidBuilder(block, relief).solid()
-    if block.outline is not None:
-        # The patches cover the rectangle around the outline.
-        solid = TopoDS.Solid_s(inside_of(solid, block.outline, block, "SOLID"))
-    return solid, relief.certificate
+    return solid_of(block, relief), relief.certificate
 
 
 def _patches(block: Block) -> Patches | SplinePatches:

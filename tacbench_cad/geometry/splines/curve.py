@@ -232,10 +232,6 @@ class Axis:
         ends = self.degree + 1
         return self.knots_mm(patch), [ends, *([1] * (self.basis.spans - 1)), ends]
 
-    def inner_knots(self, patch: int) -> dict[float, int]:
-        """Return the inner knots of a patch on the unit interval, and the number of copies of each."""
-        return {number / self.basis.spans: 1 for number in range(1, self.basis.spans)}
-
     def values(self, patch: int, t: Floats) -> Floats:
         """Return all basis functions of a patch at ``t`` in [0, 1], shape (len(t), count)."""
         return self.basis.values(t)

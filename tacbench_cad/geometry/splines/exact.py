@@ -67,12 +67,6 @@ class PieceAxis:
         times = np.diff(np.append(np.searchsorted(piece.knots, piece.breaks), len(piece.knots)))
         return piece.breaks, times.tolist()
 
-    def inner_knots(self, patch: int) -> dict[float, int]:
-        """Return the inner knots of a patch on the unit interval, and the number of copies of each."""
-        knots, times = self.knots_of(patch)
-        places = (knots - knots[0]) / (knots[-1] - knots[0])
-        return {round(float(at), 12): count for at, count in zip(places[1:-1], times[1:-1], strict=True)}
-
     def values(self, patch: int, t: Floats) -> Floats:
         """Return all basis functions of a patch at ``t`` in [0, 1], shape (len(t), count)."""
         piece = self.pieces[patch]
@@ -116,7 +110,6 @@ class SplinePatches:
         y: The axis along y.
         poles: The heights of all poles without the datum, shape (x.pole_count, y.pole_count).
         certificate: The proved bounds of the distance between the patches and the surface, which is only rounding.
-        key_patches: The number of patches along each side of the key's square; 0 without a key.
     """
 
     surface: SplineSurface
@@ -125,10 +118,6 @@ class SplinePatches:
     y: PieceAxis
     poles: Floats
     certificate: Certificate
-    key_patches: int
-
-    #: A spline surface is never treated as separable.
-    profiles_mm = None
 
     @property
     def pole_count(self) -> int:
@@ -164,7 +153,7 @@ def spline_patches(block: Block, tolerance_mm: float) -> SplinePatches:
     Raises:
         InputError: The surface has too many poles, or its own error is larger than the tolerance.
     """
-    (width, depth), key = block.size_mm, block.key_mm or 0.0
+    width, depth = block.size_mm
     surface = as_spline(block.surface, tolerance_mm / 2.0).over((0.0, width), (0.0, depth))
     if refusal := spline_refusal(surface):
         raise InputError("formats", "step", f"{block.texture.name} has no solid: {refusal}")
@@ -174,16 +163,7 @@ def spline_patches(block: Block, tolerance_mm: float) -> SplinePatches:
             tolerance_mm,
             f"must be larger than the error {surface.error:.2g} mm of the texture itself",
         )
-    offsets = np.zeros(0)
-    if key:
-        near = [axis.breaks - start for axis, start in ((surface.u, width - key), (surface.v, 0.0))]
-        creases = [axis.creases - start for axis, start in ((surface.u, width - key), (surface.v, 0.0))]
-        most = max(int(np.count_nonzero((part > 0.0) & (part < key))) for part in near) + 1
-        even = key * np.arange(math.ceil(most / MAX_SPANS) + 1) / math.ceil(most / MAX_SPANS)
-        offsets = _merged(even, np.concatenate([part[(part > 0.0) & (part < key)] for part in creases]), key)
-    lines_x = np.concatenate([_lines(surface.u, 0.0, width - key), (width - key) + offsets[1:]])
-    lines_y = np.concatenate([offsets[:-1], _lines(surface.v, key, depth)])
-    lines_x[-1], lines_y[-1] = width, depth
+    lines_x, lines_y = _lines(surface.u, 0.0, width), _lines(surface.v, 0.0, depth)
     x, poles = _pieces(surface.u, surface.poles, lines_x)
     y, turned = _pieces(surface.v, poles.T, lines_y)
     rounding = KERNEL_MM + 64.0 * float(np.finfo(float).eps) * (surface.amplitude_sum + abs(block.solid_datum_mm))
@@ -194,15 +174,7 @@ def spline_patches(block: Block, tolerance_mm: float) -> SplinePatches:
         y=y,
         poles=np.ascontiguousarray(turned.T),
         certificate=Certificate(distance_mm=rounding, vertical_mm=rounding),
-        key_patches=max(len(offsets) - 1, 0),
     )
-
-
-def _merged(lines: Floats, creases: Floats, length: float) -> Floats:
-    """Add creases to lines. A line that is not at an end is replaced by a crease near it."""
-    keep = [line for line in lines[1:-1] if not np.any(np.abs(creases - line) < 0.05 * length / len(lines))]
-    merged = np.unique(np.concatenate([lines[[0, -1]], np.array(keep), creases]))
-    return np.asarray(merged[np.append(True, np.diff(merged) > 1e-9 * length)])
 
 
 def _lines(axis: SplineAxis, low: float, high: float) -> Floats:

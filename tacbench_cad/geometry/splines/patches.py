@@ -67,7 +67,6 @@ class Patches:
         x: The axis along x.
         y: The axis along y.
         certificate: The proved bounds of the distance between the patches and the formula.
-        key_patches: The number of patches along each side of the key's square; 0 without a key.
         profiles_mm: If the surface is ``p(x) + q(y)``, the poles of p, including the datum, and of q, each with the
             shape (patches, count); otherwise None.
     """
@@ -77,7 +76,6 @@ class Patches:
     x: Axis | PieceAxis
     y: Axis | PieceAxis
     certificate: Certificate
-    key_patches: int
     profiles_mm: tuple[Floats, Floats] | None = None
 
     @property
@@ -165,7 +163,6 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
         x=x,
         y=y,
         certificate=Certificate(distance_mm=bound, vertical_mm=bound),
-        key_patches=plan.key_patches,
         profiles_mm=profiles,
     )
 
@@ -175,34 +172,28 @@ class _Plan:
     """The numbers of patches and spans of both axes.
 
     Args:
-        patches: The numbers of patches along x and y outside of the key's square.
-        key_patches: The number of patches along each side of the key's square.
+        patches: The numbers of patches along x and y.
         spans: The numbers of spans on each patch along x and y.
     """
 
     patches: tuple[int, int]
-    key_patches: int
     spans: tuple[int, int]
 
     @property
     def poles(self) -> int:
         """The number of poles of the whole surface."""
-        along = [(self.patches[i] + self.key_patches) * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
+        along = [self.patches[i] * (DEGREE + self.spans[i] - 1) + 1 for i in (0, 1)]
         return along[0] * along[1]
 
     def lines(self, block: Block, rounded: bool) -> tuple[Floats, Floats]:
-        """Return the ends of the patches. The key's square is at the end of x and at the beginning of y.
+        """Return the ends of the patches along x and y.
 
         Args:
             block: The block.
             rounded: Whether to round the distances between the lines to few decimals.
         """
-        (x, y), key, square = block.size_mm, block.key_mm or 0.0, self.key_patches
-        steps = _steps(key, max(square, 1), rounded) if square else np.zeros(1)
-        along_x = np.concatenate([_steps(x - key, self.patches[0], rounded), (x - key) + steps[1:]])
-        along_y = np.concatenate([steps[:-1], key + _steps(y - key, self.patches[1], rounded)])
-        along_x[-1], along_y[-1] = x, y
-        return along_x, along_y
+        x, y = (_steps(side, count, rounded) for side, count in zip(block.size_mm, self.patches, strict=True))
+        return x, y
 
     def axes(self, block: Block) -> tuple[Axis, Axis]:
         """Return both axes with equal spans."""
@@ -215,6 +206,7 @@ def _steps(length: float, count: int, rounded: bool) -> Floats:
     if rounded and count > 1:
         unit = short_decimal(_ROUNDING_OF_LINES * length / count)
         steps[1:-1] = np.round(steps[1:-1] / unit) * unit
+    steps[-1] = length
     return np.asarray(steps, dtype=np.float64)
 
 
@@ -247,19 +239,20 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
     finest = [_finest(amplitude, f, fraction / 4.0) for f in frequency]
     limit = 1024.0 * max(float(f.max()) for f in frequency)
     while max(finest) <= limit:
-        patches, in_key = _patches(block, finest)
-        smallest = _Plan(patches, in_key, (MIN_SPANS, MIN_SPANS))
+        patches = _patches(block, finest)
+        widths = [side / count for side, count in zip(block.size_mm, patches, strict=True)]
+        smallest = _Plan(patches, (MIN_SPANS, MIN_SPANS))
         if smallest.poles > MAX_POLES:
             return smallest
-        along_x = spans_needed(frequency[0] * _widest(block, 0, patches, in_key), amplitude, fraction)
+        along_x = spans_needed(frequency[0] * widths[0], amplitude, fraction)
         weight = amplitude
         if along_x <= MAX_SPANS and not block.surface.is_separable:
-            turn = frequency[0] * _widest(block, 0, patches, in_key)
+            turn = frequency[0] * widths[0]
             single = [basis(DEGREE, along_x).error(turn[[k]], np.ones(1)) for k in range(len(turn))]
             weight = amplitude * (1.0 + np.array(single))
-        along_y = spans_needed(frequency[1] * _widest(block, 1, patches, in_key), weight, fraction)
+        along_y = spans_needed(frequency[1] * widths[1], weight, fraction)
         if max(along_x, along_y) <= MAX_SPANS:
-            return _Plan(patches, in_key, (along_x, along_y))
+            return _Plan(patches, (along_x, along_y))
         finest = [fine * (2.0 if n > MAX_SPANS else 1.0) for fine, n in zip(finest, (along_x, along_y), strict=True)]
     raise InputError("step-tolerance", tolerance_mm, "is too fine for the rounding of this surface")
 
@@ -272,8 +265,8 @@ def _finest(amplitude: Floats, frequency: Floats, rest: float) -> float:
     return float(frequency[order[min(first, len(order) - 1)]])
 
 
-def _patches(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
-    """Return the numbers of patches along x and y outside of the key's square, and along each side of the square.
+def _patches(block: Block, finest: list[float]) -> tuple[int, int]:
+    """Return the numbers of patches along x and y.
 
     The kernel's default area uses few points on a face (see :mod:`.kernelrule`). If the waves are steep, the area of a
     patch with many waves is not accurate enough, so more patches are made.
@@ -282,22 +275,13 @@ def _patches(block: Block, finest: list[float]) -> tuple[tuple[int, int], int]:
         block: The block.
         finest: The highest relevant frequencies along x and y, in radians per mm.
     """
-    (x, y), key = block.size_mm, block.key_mm or 0.0
     on_patch = _WAVES_AT_FIRST
-
-    def count(length: float, axis: int) -> int:
-        return max(1, math.ceil(length * finest[axis] / (2.0 * math.pi * on_patch) - 1e-9))
-
-    while on_patch > 1.0 and area_error(block, (count(x, 0), count(y, 1))) > AREA_ERROR:
+    while True:
+        waves = [side * fine / (2.0 * math.pi) for side, fine in zip(block.size_mm, finest, strict=True)]
+        x, y = (max(1, math.ceil(count / on_patch - 1e-9)) for count in waves)
+        if on_patch <= 1.0 or area_error(block, (x, y)) <= AREA_ERROR:
+            return x, y
         on_patch /= 1.25
-    in_key = max(count(key, 0), count(key, 1)) if key else 0
-    return (count(x - key, 0), count(y - key, 1)), in_key
-
-
-def _widest(block: Block, axis: int, patches: tuple[int, int], in_key: int) -> float:
-    """Return the width of the widest patch along an axis, in mm."""
-    key = block.key_mm or 0.0
-    return max((block.size_mm[axis] - key) / patches[axis], key / max(in_key, 1))
 
 
 def spans_needed(turn: Floats, weight: Floats, fraction: float) -> int:

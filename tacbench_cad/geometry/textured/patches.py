@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from tacbench_cad.geometry.textured.height import Height
 from tacbench_cad.spec.spline import greville
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Complexes, Floats
+
+if TYPE_CHECKING:
+    from OCP.TopoDS import TopoDS_Solid
 
 #: The largest number of poles of all patches of an area.
 MAX_POLES = 1_500_000
@@ -57,11 +61,17 @@ class PatchGrid:
     error_mm: float
     is_proved: bool
 
-    def poles(self, i: int, j: int) -> Floats:
-        """Return the poles of a patch in the coordinates of the part, shape (count, count, 3)."""
-        s, t, values = self.s.abscissae_mm(i)[:, None], self.t.abscissae_mm(j)[None, :], self.values[i, j]
-        frame = self.height.area.frame
-        return frame.world(s, t, np.real(values)) if frame.radius_mm is None else frame.world(values, t)
+    def solid_from(self, other_mm: float) -> TopoDS_Solid:
+        """Return the solid between the patches and a constant height, in the coordinates of the part."""
+        from tacbench_cad.geometry.splines.patch_solid import solid_between
+
+        area, poles = self.height.area, {}
+        for (i, j), values in self.values.items():
+            s, t = self.s.abscissae_mm(i)[:, None], self.t.abscissae_mm(j)[None, :]
+            flat = area.frame.radius_mm is None
+            poles[i, j] = area.frame.world(s, t, np.real(values)) if flat else area.frame.world(values, t)
+        above = other_mm < self.height.range_mm[0]
+        return solid_between(poles, (self.s, self.t), area.frame, other_mm, is_above=above, is_closed=area.is_closed)
 
 
 def patches_of(height: Height) -> PatchGrid:

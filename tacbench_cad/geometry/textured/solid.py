@@ -6,13 +6,15 @@ patches, so the distance of the solid from the formula is that of the patches.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
-from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakePolygon, BRepBuilderAPI_Transform
 from OCP.BRepCheck import BRepCheck_Analyzer
-from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
-from OCP.gp import gp_Trsf, gp_Vec
+from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism, BRepPrimAPI_MakeRevol
+from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tacbench_cad.geometry import kernel
@@ -20,7 +22,6 @@ from tacbench_cad.geometry.textured.amount import added_volume_mm3
 from tacbench_cad.geometry.textured.area import Area
 from tacbench_cad.geometry.textured.frame import frame_of
 from tacbench_cad.geometry.textured.height import FLOOR_MM, Height, height_over, require_radius, require_room
-from tacbench_cad.geometry.textured.patch_body import body_above, body_between
 from tacbench_cad.geometry.textured.patches import PatchGrid, patches_of
 from tacbench_cad.geometry.textured.region import areas_of
 from tacbench_cad.geometry.texturing import Texturing
@@ -90,7 +91,7 @@ def textured_solid(shape: TopoDS_Shape, face: TopoDS_Face, texturing: Texturing)
         require_room(height, abs(kernel.volume_mm3(common)), abs(kernel.volume_mm3(space)))
         patches = patches_of(height)
         other = OVERLAP_MM if texturing.sunk else -OVERLAP_MM
-        body = body_above(patches, other)
+        body = patches.solid_from(other)
         if not area.is_rectangle:
             low, high = height.range_mm
             body = BRepAlgoAPI_Common(body, _space(area, min(low, other) - 1.0, max(high, other) + 1.0)).Shape()
@@ -127,8 +128,21 @@ def _owner(shape: TopoDS_Shape, face: TopoDS_Face) -> tuple[TopoDS_Solid, TopoDS
 def _space(area: Area, low_mm: float, high_mm: float) -> TopoDS_Shape:
     """Return the space above an area between two heights along the normal, as a solid."""
     if area.face is None:
-        return body_between(area, low_mm, high_mm)
+        return _ring(area, low_mm, high_mm)
     move, normal = gp_Trsf(), area.frame.axes[2]
     move.SetTranslation(gp_Vec(*(normal * low_mm).tolist()))
     start = BRepBuilderAPI_Transform(area.face, move, True).Shape()
     return BRepPrimAPI_MakePrism(start, gp_Vec(*(normal * (high_mm - low_mm)).tolist())).Shape()
+
+
+def _ring(area: Area, low_mm: float, high_mm: float) -> TopoDS_Shape:
+    """Return the space above a rectangle or a band of a cylinder between two heights."""
+    frame, polygon = area.frame, BRepBuilderAPI_MakePolygon()
+    assert frame.radius_mm is not None
+    for t, h in ((0.0, low_mm), (area.size_mm[1], low_mm), (area.size_mm[1], high_mm), (0.0, high_mm)):
+        polygon.Add(gp_Pnt(*frame.point(np.array(0.0), np.array(t), h).tolist()))
+    polygon.Close()
+    profile = BRepBuilderAPI_MakeFace(polygon.Wire(), True).Face()
+    axis = gp_Ax1(gp_Pnt(*frame.origin.tolist()), gp_Dir(*(frame.side * frame.axes[2]).tolist()))
+    angle = 2.0 * math.pi if area.is_closed else area.size_mm[0] / frame.radius_mm
+    return BRepPrimAPI_MakeRevol(profile, axis, angle).Shape()
