@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -72,20 +72,15 @@ class Checks:
         (self.passed if ok else self.failed)(name, good if ok else bad)
         return ok
 
-    def attempt(self, name: str, call: Callable[[], Any]) -> Any:
-        """Call the driver. An exception fails the check and gives None.
-
-        Args:
-            name: The name of the check that fails.
-            call: Calls the driver.
-        """
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Let an exception of the driver in the body fail a check, and end the body."""
         try:
-            return call()
+            yield
         except RigError as error:
             self.failed(name, one_line(error))
         except Exception as error:
             self.failed(name, _raised(error))
-        return None
 
     def refused(self, name: str, call: Callable[[], Any], what: str) -> bool:
         """Check that the driver refuses a call with an error of the rig.
@@ -152,12 +147,14 @@ def check_gauge(
     """
     checks = Checks()
     if check_interface(checks, "gauge", gauge):
-        _check_force(checks, gauge, clock)
+        with checks.step("read"):
+            _check_force(checks, gauge, clock)
         if load is None:
             for name in ("sign", "unit", "fresh samples"):
                 checks.not_tested(name, "needs a known mass; name it with --mass-g")
         else:
-            _check_load(checks, gauge, load, mass_g)
+            with checks.step("fresh samples"):
+                _check_load(checks, gauge, load, mass_g)
         check_close(checks, "gauge", gauge)
     with suppress(Exception):
         gauge.close()
@@ -166,10 +163,8 @@ def check_gauge(
 
 def _check_force(checks: Checks, gauge: Any, clock: Clock) -> None:
     began_s = clock.now_s()
-    force = checks.attempt("read", lambda: gauge.read(WINDOW_S))
+    force = gauge.read(WINDOW_S)
     took_s = clock.now_s() - began_s
-    if force is None:
-        return
     good = isinstance(force, Force) and all(map(math.isfinite, (force.mean_n, force.spread_n)))
     if not checks.require(
         "read",
@@ -186,22 +181,20 @@ def _check_force(checks: Checks, gauge: Any, clock: Clock) -> None:
     )
     late_s = (took_s - WINDOW_S) / clock.speed
     checks.require("timing", late_s <= SLACK_S, f"{1000 * late_s:.0f} ms late", f"took {took_s:.1f} s")
-    if isinstance(checks.attempt("tare", lambda: (gauge.tare(), True)), tuple):
-        zero = checks.attempt("tare", lambda: gauge.read(WINDOW_S))
-        if zero is not None:
-            near = abs(zero.mean_n) <= max(0.02, 3.0 * force.spread_n)
-            checks.require("tare", near, f"{zero.mean_n:.4f} N afterwards", f"{zero.mean_n:.4f} N after tare()")
+    with checks.step("tare"):
+        gauge.tare()
+        zero_n = gauge.read(WINDOW_S).mean_n
+        near = abs(zero_n) <= max(0.02, 3.0 * force.spread_n)
+        checks.require("tare", near, f"{zero_n:.4f} N afterwards", f"{zero_n:.4f} N after tare()")
 
 
 def _check_load(checks: Checks, gauge: Any, load: Callable[[float], None], mass_g: float) -> None:
     expected_n = GRAVITY * mass_g / 1000.0
-    empty = checks.attempt("fresh samples", lambda: gauge.read(WINDOW_S))
+    empty = gauge.read(WINDOW_S)
     load(mass_g)
-    loaded = checks.attempt("unit", lambda: gauge.read(WINDOW_S))
+    loaded = gauge.read(WINDOW_S)
     load(0.0)
-    free = checks.attempt("fresh samples", lambda: gauge.read(WINDOW_S))
-    if empty is None or loaded is None or free is None:
-        return
+    free = gauge.read(WINDOW_S)
     shown = f"{empty.mean_n:.4f} N, {loaded.mean_n:.4f} N under {mass_g:g} g, {free.mean_n:.4f} N without it"
     change_n, left_n = loaded.mean_n - empty.mean_n, abs(free.mean_n - empty.mean_n)
     if max(abs(change_n), left_n) < 0.05 * expected_n:
@@ -231,7 +224,8 @@ def check_sensor(sensor: Any, clock: Clock, channels: Channels | None = None) ->
         checks.require(
             "colours", not fault, str(channels or getattr(sensor, "channels", None) or ""), f"channels {fault}"
         )
-        _check_frames(checks, sensor, clock)
+        with checks.step("read"):
+            _check_frames(checks, sensor, clock)
         check_close(checks, "sensor", sensor)
     with suppress(Exception):
         sensor.close()
@@ -255,9 +249,7 @@ def _check_frames(checks: Checks, sensor: Any, clock: Clock) -> None:
     frames, copies, times = [], [], []
     for _ in range(FRAMES):
         began_s = clock.now_s()
-        frame = checks.attempt("read", lambda: RESULTS["sensor"]["read"](sensor.read()))
-        if frame is None:
-            return
+        frame = RESULTS["sensor"]["read"](sensor.read())
         times.append((clock.now_s() - began_s) / clock.speed)
         frames.append(frame)
         copies.append(frame.copy())

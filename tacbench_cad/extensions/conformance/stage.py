@@ -56,8 +56,10 @@ def check_stage(
     if check_interface(checks, "stage", stage):
         kit = _Kit(checks, stage, limits_mm, clock, distance_mm)
         if kit.home("home"):
-            kit.moves()
-            kit.small_move()
+            with checks.step("move"):
+                kit.moves()
+            with checks.step("small move"):
+                kit.small_move()
             kit.beyond(beyond_mm)
             kit.stop()
         with suppress(Exception):
@@ -82,23 +84,20 @@ class _Kit:
 
     def home(self, name: str) -> bool:
         """Home the stage and bring it inside of the limits."""
-        done = self.checks.attempt(name, lambda: (self.stage.home(), self.at())[1])
-        if done is None:
-            return False
-        inside = tuple(
-            min(max(value, low + MARGIN_MM), high - MARGIN_MM)
-            for value, (low, high) in zip(done, self.limits_mm, strict=True)
-        )
-        if inside != done and self.checks.attempt(name, lambda: self._moved(inside, 4.0 * SPEED_MM_S)) is None:
-            return False
-        self.checks.passed(name, "at x {:.3f}, y {:.3f}, z {:.3f} mm".format(*done))
-        return True
+        with self.checks.step(name):
+            self.stage.home()
+            at = self.at()
+            inside = tuple(
+                min(max(value, low + MARGIN_MM), high - MARGIN_MM)
+                for value, (low, high) in zip(at, self.limits_mm, strict=True)
+            )
+            if inside != at:
+                self._moved(inside, 4.0 * SPEED_MM_S)
+            self.checks.passed(name, "at x {:.3f}, y {:.3f}, z {:.3f} mm".format(*at))
+        return self.checks.results[-1].result == "passed"
 
     def moves(self) -> None:
         """Move along each axis and back; look at direction, unit, speed and the end of the move."""
-        started = self.checks.attempt("position", self.at)
-        if started is None:
-            return
         waits: list[str] = []
         units: list[str] = []
         slow: list[str] = []
@@ -108,10 +107,8 @@ class _Kit:
             start = self.at()
             target = self._target(start, axis, self.distance_mm)
             began_s = self.clock.now_s()
-            result = self.checks.attempt("move", lambda target=target: self._moved(target, SPEED_MM_S))  # type: ignore[misc]
+            result = self._moved(target, SPEED_MM_S)
             took_s = self.clock.now_s() - began_s
-            if result is None:
-                return
             took.append(took_s)
             least_s = abs(target[axis] - start[axis]) / SPEED_MM_S
             end = self.at()
@@ -131,32 +128,23 @@ class _Kit:
         unit = next((name for name, factor in LENGTH_UNITS.items() if abs(ratio / factor - 1.0) < 0.02), "")
         hint = f"; are these {unit}?" if unit else ""
         self.checks.passed("move", f"{max(took):.2f} s for {self.distance_mm:g} mm at {SPEED_MM_S:g} mm/s")
-        self.checks.require(
-            "unit",
-            not units,
-            "",
-            f"moves of {self.distance_mm:g} mm changed the reported position: {'; '.join(units)}{hint}",
-        )
+        bad = f"moves of {self.distance_mm:g} mm changed the reported position: {'; '.join(units)}{hint}"
+        self.checks.require("unit", not units, "", bad)
         bad = f"move() returned before the stage had time to arrive: {'; '.join(waits)}"
         self.checks.require("blocking", not waits, "", bad)
         self.checks.require("speed", not slow, "", f"too slow, are these mm/min? {'; '.join(slow)}")
 
     def small_move(self) -> None:
         """Move by a step of the search; look at its accuracy and at the time of a move and of a question."""
-        start = self.checks.attempt("position", self.at)
-        if start is None:
-            return
-        target = self._target(start, 2, SMALL_MM)
+        target = self._target(self.at(), 2, SMALL_MM)
         began_s = time.monotonic()
-        end = self.checks.attempt("small move", lambda: self._moved(target, SPEED_MM_S))
+        end = self._moved(target, SPEED_MM_S)
         moved_s = time.monotonic() - began_s
-        if end is None:
-            return
         error_mm = abs(end[2] - target[2])
         shown = f"{SMALL_MM:g} mm with an error of {error_mm:.4f} mm"
         self.checks.require("small move", error_mm <= SMALL_ERROR_MM, shown, shown)
         began_s = time.monotonic()
-        self.checks.attempt("position", self.at)
+        self.at()
         asked_s = time.monotonic() - began_s
         shown = f"small move {1000 * moved_s:.0f} ms, position() {1000 * asked_s:.0f} ms"
         self.checks.require("timing", moved_s <= SLACK_S and asked_s <= SLACK_S / 4.0, shown, shown)
@@ -173,11 +161,14 @@ class _Kit:
     def stop(self) -> None:
         """Stop in the middle of a move, look at where the stage stands, and use it again."""
         # On a computer under heavy load, the stop may come when the move has ended.
-        while not self._stop_in_time():
-            if self.checks.attempt("stop", lambda: (self.stage.home(), self.at())) is None:
-                return
-        if self.home("recovery"):
-            self.checks.attempt("recovery", lambda: self._moved(self._target(self.at(), 0, 1.0), SPEED_MM_S))
+        ready = False
+        with self.checks.step("stop"):
+            while not self._stop_in_time():
+                self.stage.home()
+            ready = True
+        if ready and self.home("recovery"):
+            with self.checks.step("recovery"):
+                self._moved(self._target(self.at(), 0, 1.0), SPEED_MM_S)
 
     def _stop_in_time(self) -> bool:
         """Stop in the middle of a move. Return False, without a result, if the stop came too late.
@@ -185,9 +176,7 @@ class _Kit:
         After the last attempt, a stop that came too late is a failed check.
         """
         self._attempts += 1
-        start = self.checks.attempt("stop", self.at)
-        if start is None:
-            return True
+        start = self.at()
         target = self._target(start, 0, self.distance_mm)
         least_s = abs(target[0] - start[0]) / STOPPED_MM_S
         began_s, stopped_s = time.monotonic(), math.inf
