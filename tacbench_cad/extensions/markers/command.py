@@ -76,13 +76,13 @@ def command(
         if row is None:
             continue
         frame = run.frame(row)
-        start, spots = features.references_px[run.info.printed.name], features.finder.find(frame)
+        start, spots = features.trackers[run.info.printed.name].reference_px, features.finder.find(frame)
         track = features.track(run, frame)
         path = out / f"{run.folder.name}_markers.png"
         write_png(path, markers_drawn(frame, start, spots, track))
         largest = float((track.displacement_px**2).sum(axis=1).max()) ** 0.5
         rows.append((run.folder.name, row.number, int(track.found.sum()), round(largest, 2), str(path)))
-    finder, first = features.finder, next(iter(features.references_px.values()))
+    finder, first = features.finder, features.first.reference_px
     expected, circle = expected_count(first), circle_around(first)
     if json:
         keys = ("run", "press", "found", "largest_displacement_px", "picture")

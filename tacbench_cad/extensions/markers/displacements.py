@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,17 +45,15 @@ class MarkerFeatures:
 
     Args:
         finder: The finder of the markers.
-        references_px: The positions from which displacements are measured, by the name of the run's print; shape
-            (n, 2) each.
+        trackers: The trackers from the positions from which displacements are measured, by the name of the run's print.
         shape: The height and width of a frame.
         origin: What these positions are, see :func:`origin_of`.
     """
 
     finder: MarkerFinder
-    references_px: dict[str, Floats]
+    trackers: dict[str, MarkerTracker]
     shape: tuple[int, int]
     origin: str = AT_REST
-    _trackers: dict[str, MarkerTracker] = field(default_factory=dict, repr=False)
 
     @classmethod
     def learn(
@@ -85,28 +83,28 @@ class MarkerFeatures:
         tracker = MarkerTracker(reference_px=first)
         tracks = [[tracker.follow(finder.find(frame).centres_px) for frame in frames] for frames in resting]
         seen = np.mean([track.found for of_run in tracks for track in of_run], axis=0) >= _IN_RUNS
-        references: dict[str, Floats] = {}
+        trackers: dict[str, MarkerTracker] = {}
         pressed = [track for of_run, without in zip(tracks, in_contact, strict=True) if without for track in of_run]
         for run, of_run, without in zip(runs, tracks, in_contact, strict=True):
             what = "its frames" if without else "its frames without contact"
             _require_found(max(of_run, key=lambda track: track.found.sum()), f"{run.folder}: {what}")
             displacement = np.median([track.displacement_px for track in (pressed if without else of_run)], axis=0)
-            references[run.info.printed.name] = (first + displacement)[seen]
-        return cls(finder=finder, references_px=references, shape=samples[0].shape[:2], origin=origin_of(runs))
+            trackers[run.info.printed.name] = MarkerTracker(reference_px=(first + displacement)[seen])
+        return cls(finder=finder, trackers=trackers, shape=samples[0].shape[:2], origin=origin_of(runs))
 
     @property
     def count(self) -> int:
         """The number of markers."""
-        return len(next(iter(self.references_px.values())))
+        return len(self.first.reference_px)
+
+    @property
+    def first(self) -> MarkerTracker:
+        """The tracker of the first run."""
+        return next(iter(self.trackers.values()))
 
     def track(self, run: Run, frame: Frame) -> Track:
         """Find the markers in a frame of a run."""
-        return self._tracker(run.info.printed.name).follow(self.finder.find(frame).centres_px)
-
-    def _tracker(self, name: str) -> MarkerTracker:
-        if name not in self._trackers:
-            self._trackers[name] = MarkerTracker(reference_px=self.references_px[name])
-        return self._trackers[name]
+        return self.trackers[run.info.printed.name].follow(self.finder.find(frame).centres_px)
 
     def displacement_px(self, run: Run, path: str) -> Floats:
         """Return the displacements of the markers in a frame of a run, as column and row, shape (n, 2).
@@ -132,7 +130,7 @@ class MarkerFeatures:
         """
         from scipy.spatial import cKDTree
 
-        tracker = self._tracker(next(iter(self.references_px)))
+        tracker = self.first
         y, x = np.mgrid[: self.shape[0] : _PICTURE_STEP, : self.shape[1] : _PICTURE_STEP]
         places = np.column_stack([x.ravel(), y.ravel()])
         distance, nearest = cKDTree(tracker.reference_px).query(places)

@@ -11,7 +11,6 @@ import pandas as pd
 
 from tacbench_cad.extensions.markers.displacements import MarkerFeatures
 from tacbench_cad.extensions.markers.markers import MarkerSettings
-from tacbench_cad.extensions.markers.tracking import MarkerTracker
 from tacbench_cad.lab.analysis import Collection, Exhibit, Feature, Words
 from tacbench_cad.lab.runs import Region, Run
 from tacbench_cad.util.convert import NOT_STORED
@@ -92,7 +91,7 @@ class MarkerDisplacements(MarkerSettings, Feature):
 
     @property
     def _places(self) -> Floats:
-        return next(iter(self.markers.references_px.values()))
+        return self.markers.first.reference_px
 
     def _table(self, mean: Floats) -> pd.DataFrame:
         """Return the mean displacement of each marker, and its position in the first run."""
@@ -104,7 +103,7 @@ class MarkerDisplacements(MarkerSettings, Feature):
         """Draw the displacements as arrows, longer than they are so that they can be seen well."""
         places, shifts = self._places, [mean.reshape(-1, 2) for _, mean in panels]
         longest = max(float(np.max(np.hypot(*shift.T))) for shift in shifts)
-        spacing = MarkerTracker(reference_px=places).spacing_px
+        spacing = self.markers.first.spacing_px
         longer = float(max(1, round(1.5 * spacing / longest))) if longest else 1.0
         low, high = places.min(axis=0) - spacing, places.max(axis=0) + spacing
         for (axes, _), shift in zip(panels, shifts, strict=True):

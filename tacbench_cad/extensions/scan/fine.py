@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tacbench_cad.extensions.scan.estimates import Estimate, Fit
-from tacbench_cad.extensions.scan.faces import TABLE, TOP, WALL, assign, walls_of
+from tacbench_cad.extensions.scan.faces import TABLE, TOP, WALL, walls_of
 from tacbench_cad.extensions.scan.height_model import Relief
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.refining import (
@@ -19,7 +19,6 @@ from tacbench_cad.extensions.scan.refining import (
     Solved,
     State,
     Unknowns,
-    edge_width,
     errors,
     iterate,
     moved,
@@ -91,8 +90,7 @@ class Rough:
 
 def cost(points: Floats, block: Block, state: State, limit_mm: float) -> Floats:
     """Return the squared distance of each point from its face, at most the squared limit, in mm^2; shape (n,)."""
-    nominal = state.pose.to_block(points)
-    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offsets_mm)
+    _, assigned = state.assigned(points, block, limit_mm)
     distance = errors(assigned, state) / np.sqrt(1.0 + assigned.slope2)
     return np.asarray(np.minimum(np.nan_to_num(distance**2, nan=limit_mm**2), limit_mm**2))
 
@@ -102,8 +100,7 @@ def faces_seen(points: Floats, block: Block, state: State, limit_mm: float) -> f
 
     The lower ends of walls and outliers beside them are no table, so points of the table count from some distance on.
     """
-    nominal = state.pose.to_block(points)
-    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offsets_mm)
+    nominal, assigned = state.assigned(points, block, limit_mm)
     middle = np.array(block.size_mm) / 2.0
     beside = np.max(np.abs(nominal[:, :2] - middle) - middle, axis=1) > _TABLE_FROM * max(block.size_mm)
     counted = assigned.clear & ((assigned.face != TABLE) | beside)

@@ -23,7 +23,6 @@ from tacbench_cad.extensions.scan.refining import (
     State,
     Unknowns,
     chunks,
-    edge_width,
     errors,
     normal_equations,
     solve,
@@ -337,8 +336,7 @@ def _require_block(cloud: Cloud, block: Block, points: Floats, final: fine.Final
     """
     some = thinned(points, COMPARED_POINTS)
     state = final.state
-    nominal = state.pose.to_block(some)
-    assigned = assign(nominal, block, state.relief, limit, edge_width(state), state.wall_offsets_mm)
+    nominal, assigned = state.assigned(some, block, limit)
     top = assigned.face == TOP
     low, high = np.zeros(3) - limit, np.array([*block.size_mm, block.height_mm]) + limit
     box = np.all((nominal > low) & (nominal < high), axis=1)
@@ -385,8 +383,7 @@ def _result(
     plain = Relief.of(block)
     reach = 3.0 * limit
     for part in chunks(count):
-        nominal = state.pose.to_block(points[part])
-        fitted = assign(nominal, block, state.relief, reach, edge_width(state), state.wall_offsets_mm)
+        nominal, fitted = state.assigned(points[part], block, reach)
         rest = errors(fitted, state)
         used[part] = np.nan_to_num(rest**2, nan=math.inf) < TUKEY**2 * variance(fitted, state)
         face[part] = fitted.face

@@ -66,6 +66,15 @@ class State:
         x, y, _ = np.diag(self.pose.stretch)
         return self.wall_offset_mm / float(x), self.wall_offset_mm / float(y)
 
+    def assigned(self, points: Floats, block: Block, limit_mm: float) -> tuple[Floats, Assigned]:
+        """Return points of the scan in the frame of the block, shape (n, 3), and the face to which each belongs.
+
+        Near an edge, the noise may move a point to another face.
+        """
+        nominal = self.pose.to_block(points)
+        edge_mm = TUKEY * self.depth_mm
+        return nominal, assign(nominal, block, self.relief, limit_mm, edge_mm, self.wall_offsets_mm)
+
 
 @dataclass(frozen=True)
 class Unknowns:
@@ -182,11 +191,6 @@ def chunks(count: int) -> Iterator[slice]:
         yield slice(start, min(start + _CHUNK, count))
 
 
-def edge_width(state: State) -> float:
-    """Return the distance from edges within which the noise may move a point to another face."""
-    return TUKEY * state.depth_mm
-
-
 def normal_equations(
     points: Floats, block: Block, state: State, unknown: Unknowns, limit_mm: float, *, scores: bool = False
 ) -> Normal:
@@ -195,8 +199,7 @@ def normal_equations(
     size = len(unknown.names) + len(free)
     total = Normal(np.zeros((size, size)), np.zeros(size), np.zeros((size, size)))
     for part in chunks(len(points)):
-        nominal = state.pose.to_block(points[part])
-        assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offsets_mm)
+        nominal, assigned = state.assigned(points[part], block, limit_mm)
         error, expected = errors(assigned, state), variance(assigned, state)
         usable = assigned.clear & np.isin(assigned.face, list(state.faces))
         usable &= error**2 < TUKEY**2 * expected
@@ -334,8 +337,7 @@ def with_noise(points: Floats, block: Block, state: State, limit_mm: float, *, b
 
     The noise along x and y is seen where the top is steep: the variance of the error grows with the squared slope.
     """
-    nominal = state.pose.to_block(points)
-    assigned = assign(nominal, block, state.relief, limit_mm, edge_width(state), state.wall_offsets_mm)
+    _, assigned = state.assigned(points, block, limit_mm)
     error = errors(assigned, state)
     top = (assigned.face == TOP) & assigned.clear
     if np.count_nonzero(top) < 100:

@@ -340,7 +340,7 @@ def _track(shown: _Shown) -> None:
             shown.has_markers = False
         shown.markers = {"path": path, "lines": []}
         return
-    start = shown.features.references_px[run.info.printed.name]
+    start = shown.features.trackers[run.info.printed.name].reference_px
     length = np.hypot(*track.displacement_px.T)
     lines = np.column_stack([start, start + track.displacement_px])[track.found]
     good = track.found.mean() >= MIN_FOUND

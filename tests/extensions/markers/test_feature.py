@@ -51,7 +51,7 @@ def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Pa
         assert cell.variance == pytest.approx(np.mean(truth), rel=0.1)
     assert len(result.means) == 2 * 4
     mean = result.means[2, ("ender-3_pla-plus", "texture-1")].reshape(-1, 2)
-    reference = next(iter(feature.markers.references_px.values()))
+    reference = feature.markers.first.reference_px
     nearest = np.argmin(np.hypot(*(reference[:, None] - REST[None]).transpose(2, 0, 1)), axis=1)
     run = next(run for run in collection.runs if run.info.printed.combination == "ender-3_pla-plus")
     press = plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)[-1]
