@@ -11,7 +11,6 @@ import contextlib
 import importlib
 import math
 import os
-import pickle
 import signal
 import traceback
 from collections.abc import Callable, Iterator
@@ -19,7 +18,6 @@ from concurrent.futures import Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from tacbench_cad.util.errors import CheckFailedError, InputError, TacbenchError, one_line
@@ -87,9 +85,7 @@ class Workers:
     def __enter__(self) -> Workers:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -126,7 +122,7 @@ class Workers:
                 self.close()
             pool = self._pool = self._pool or _new_pool(self._count)
             pool.schedule(run_call, call, timeout=seconds).add_done_callback(
-                partial(_settle, future, function.__name__, seconds, limit_mb)
+                partial(_settle, future, function.__name__, seconds)
             )
         return future
 
@@ -155,33 +151,28 @@ def _without_interruptions() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _settle(future: Future[Any], name: str, seconds: float | None, max_mb: float | None, ended: Future[Any]) -> None:
+def _settle(future: Future[Any], name: str, seconds: float | None, ended: Future[Any]) -> None:
     """Give a future the result of a call that has ended, or the error that describes what went wrong."""
     from pebble import ProcessExpired
 
-    error: BaseException
     try:
-        outcome, value = ended.result()
-        if outcome == "done":
-            with contextlib.suppress(InvalidStateError):
-                future.set_result(value)
-            return
-        error = value if outcome == "raised" else RuntimeError(f"in a child process:\n{value}")
-        if outcome == "full":
-            error = LostProcessError(f"{name} needs more than {max_mb:g} MB of memory", None, max_mb)
-    except TimeoutError:
-        error = LostProcessError(f"{name} took longer than {seconds:g} s", seconds)
+        result, error = ended.result(), None
     except ProcessExpired as expired:
         code = expired.exitcode or 0
         how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
         hint = "; maybe the memory was full" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
-        error = LostProcessError(f"the process that ran {name} {how}{hint}")
+        result, error = None, LostProcessError(f"the process that ran {name} {how}{hint}")
     except BrokenProcessPool:
-        error = LostProcessError(f"the process that should run {name} had ended before")
-    except BaseException as other:  # the pool was closed, or an argument cannot be sent
-        error = other
+        result, error = None, LostProcessError(f"the process that should run {name} had ended before")
+    except BaseException as other:  # of the function, or the pool was closed, or an argument cannot be sent
+        is_late = isinstance(other, TimeoutError) and seconds is not None
+        late = LostProcessError(f"{name} took longer than {seconds:g} s", seconds) if is_late else None
+        result, error = None, late or other
     with contextlib.suppress(InvalidStateError):
-        future.set_exception(error)
+        if error is None:
+            future.set_result(result)
+        else:
+            future.set_exception(error)
 
 
 def prepare_child() -> None:
@@ -192,80 +183,53 @@ def prepare_child() -> None:
     os.dup2(quiet, 1)
 
 
-def run_call(
-    module: str, name: str, arguments: tuple[Any, ...], seconds: float | None, max_mb: float | None
-) -> tuple[str, Any]:
+def run_call(module: str, name: str, arguments: tuple[Any, ...], seconds: float | None, max_mb: float | None) -> Any:
     """Run a function in a child, within its limits.
 
-    Returns:
-        ``done`` and the result, ``raised`` and an error for the user, or ``full`` or ``failed`` and a traceback.
+    Raises:
+        LostProcessError: The function needs more memory than its limit.
+        RuntimeError: The function has raised an error that is not for the user. The message is its traceback.
     """
-    own_limit = _memory_limit()
-    _limit_processor_time(seconds)
-    _limit_memory(max_mb, own_limit)
     try:
-        return "done", getattr(importlib.import_module(module), name)(*arguments)
-    except (TacbenchError, OSError) as error:
-        return "raised", _portable(error)
-    except MemoryError:
-        return "full" if max_mb is not None else "failed", traceback.format_exc()
-    except Exception:
-        return "failed", traceback.format_exc()
-    finally:
-        _limit_memory(None, own_limit)
+        with _limits(seconds, max_mb):
+            return getattr(importlib.import_module(module), name)(*arguments)
+    except (TacbenchError, OSError):
+        raise
+    except Exception as error:
+        if isinstance(error, MemoryError) and max_mb is not None:
+            raise LostProcessError(f"{name} needs more than {max_mb:g} MB of memory", None, max_mb) from None
+        raise RuntimeError(f"in a child process:\n{traceback.format_exc()}") from None
 
 
-def _memory_limit() -> float:
-    """Return the memory limit that this process already has, in MB; infinity if it has none."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return math.inf
-    soft = resource.getrlimit(resource.RLIMIT_DATA)[0]
-    return math.inf if soft == resource.RLIM_INFINITY else soft / 1e6
+@contextlib.contextmanager
+def _limits(seconds: float | None, max_mb: float | None) -> Iterator[None]:
+    """Limit the processor time and the memory of this process in the body. Systems without such limits ignore them.
 
-
-def _limit_memory(max_mb: float | None, own_mb: float) -> None:
-    """Limit the memory of this process, in MB.
-
-    Args:
-        max_mb: The limit; None for no limit.
-        own_mb: The limit that the process had at its start, which is kept if it is lower.
+    The limit of processor time ends an endless computation even if the parent was killed.
     """
     try:
         import resource
     except ImportError:  # Windows
+        yield
         return
-    limit = min(math.inf if max_mb is None else max_mb, own_mb)
-    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_DATA, (int(limit * 1e6) if limit < math.inf else hard, hard))
-
-
-def _limit_processor_time(seconds: float | None) -> None:
-    """Limit the processor time of this child, so that an endless computation ends even if the parent was killed."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    limit = hard
+    before = {which: resource.getrlimit(which) for which in (resource.RLIMIT_CPU, resource.RLIMIT_DATA)}
+    limits: dict[int, float] = {}
     if seconds is not None:
-        limit = math.ceil(used.ru_utime + used.ru_stime + cpu_count() * seconds) + PROCESSOR_MARGIN_S
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
-
-
-def _portable(error: TacbenchError | OSError) -> Exception:
-    """Return the error if it can be pickled, otherwise a ``TacbenchError`` with the same message."""
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        own_s = used.ru_utime + used.ru_stime
+        limits[resource.RLIMIT_CPU] = math.ceil(own_s + cpu_count() * seconds) + PROCESSOR_MARGIN_S
+    if max_mb is not None:
+        limits[resource.RLIMIT_DATA] = max_mb * 1e6
     try:
-        same: Exception = pickle.loads(pickle.dumps(error))
-    except Exception:
-        plain = TacbenchError(str(error))
-        plain.exit_code = getattr(error, "exit_code", plain.exit_code)
-        return plain
-    return same
+        for which, limit in limits.items():
+            lowest = limit if before[which][0] == resource.RLIM_INFINITY else min(limit, before[which][0])
+            with contextlib.suppress(OSError, ValueError):
+                resource.setrlimit(which, (int(lowest), before[which][1]))
+        yield
+    finally:
+        for which, pair in before.items():
+            with contextlib.suppress(OSError, ValueError):
+                resource.setrlimit(which, pair)
 
 
 _kept: Workers | None = None

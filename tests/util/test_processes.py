@@ -180,8 +180,8 @@ def test_the_system_ends_a_child_whose_parent_was_killed() -> None:
     script = (
         "from tacbench_cad.util import processes\n"
         "processes.PROCESSOR_MARGIN_S, processes.cpu_count = 0, lambda: 1\n"
-        "processes._limit_processor_time(0.9)\n"
-        "while True: pass"
+        "with processes._limits(0.9, None):\n"
+        "    while True: pass"
     )
     completed = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
     assert completed.returncode == -signal.SIGXCPU

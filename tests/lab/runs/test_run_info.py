@@ -129,5 +129,5 @@ def test_a_damaged_document_is_refused_with_a_message(path: tuple[str, ...], val
 def test_a_missing_key_is_reported(make_info: Any) -> None:
     document = make_info().as_dict()
     del document["holder"]
-    with pytest.raises(InputError, match=r"run\.json: \[holder\]: this table is missing"):
+    with pytest.raises(InputError, match=r"run\.json: holder: is missing"):
         RunInfo.from_dict(document)
