@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Interval
 
 from tacbench_cad.spec.presets import VALUES, with_table
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM
 from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.spec.textures import Texture, require_own_unit
-from tacbench_cad.util.errors import InputError, require_between
+from tacbench_cad.util.convert import Checked
+from tacbench_cad.util.errors import InputError
 
 #: The default height of the lowest point of a raised texture above the face, and the smallest that is allowed, in mm.
 BASE_MM, MIN_BASE_MM = 0.2, 0.01
@@ -19,10 +22,11 @@ BASE_MM, MIN_BASE_MM = 0.2, 0.01
 DEPTH_MM, DEPTH_RANGE_MM = 1.0, (0.01, 100.0)
 #: The smallest allowed margin, in mm.
 MIN_MARGIN_MM = 0.05
+_Unit = Annotated[float, Interval(ge=1e-6, le=1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Texturing:
+class Texturing(Checked):
     """The settings of a texture on a face.
 
     Args:
@@ -42,24 +46,17 @@ class Texturing:
     """
 
     texture: Texture
-    depth_mm: float | None = None
-    margin_mm: float = 1.0
-    fade_mm: float = 0.0
+    depth_mm: Annotated[float, Interval(ge=DEPTH_RANGE_MM[0], le=DEPTH_RANGE_MM[1])] | None = None
+    margin_mm: Annotated[float, Interval(ge=MIN_MARGIN_MM, le=1e4)] = 1.0
+    fade_mm: Annotated[float, Interval(ge=0.0, le=1e4)] = 0.0
     up: str | tuple[float, float, float] | None = None
     sunk: bool = False
-    base_mm: float = BASE_MM
-    mm_per_unit: tuple[float, float] | None = None
-    tolerance_mm: float = STEP_TOLERANCE_MM
+    base_mm: Annotated[float, Interval(ge=MIN_BASE_MM, le=100.0)] = BASE_MM
+    mm_per_unit: tuple[_Unit, _Unit] | None = None
+    tolerance_mm: Annotated[float, Interval(ge=1e-5, le=1.0)] = STEP_TOLERANCE_MM
 
     def __post_init__(self) -> None:
-        if self.depth_mm is not None:
-            require_between("depth_mm", self.depth_mm, *DEPTH_RANGE_MM, " mm")
-        require_between("margin_mm", self.margin_mm, MIN_MARGIN_MM, 1e4, " mm")
-        require_between("fade_mm", self.fade_mm, 0.0, 1e4, " mm")
-        require_between("base_mm", self.base_mm, MIN_BASE_MM, 100.0, " mm")
-        require_between("tolerance_mm", self.tolerance_mm, 1e-5, 1.0, " mm")
-        for name, value in zip("xy", self.mm_per_unit or (1.0, 1.0), strict=True):
-            require_between(f"mm_per_unit {name}", value, 1e-6, 1e6, " mm")
+        super().__post_init__()
         require_own_unit("mm_per_unit", self.mm_per_unit, self.texture.surface)
 
     @cached_property

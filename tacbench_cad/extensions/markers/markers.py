@@ -20,14 +20,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from tacbench_cad.extensions.markers.pattern import MIN_MARKERS, in_field, no_pattern
 from tacbench_cad.lab.rig import Frame
 from tacbench_cad.lab.runs import grey, noise_counts
+from tacbench_cad.util.convert import Checked
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Floats32
 
@@ -59,7 +61,7 @@ _MIN_QUALITY = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarkerSettings:
+class MarkerSettings(Checked):
     """The known properties of markers. Values of None are estimated from the frames.
 
     Args:
@@ -68,15 +70,9 @@ class MarkerSettings:
         dark: Whether the markers are darker than their surroundings.
     """
 
-    sigma_px: float | None = None
-    threshold: float | None = None
+    sigma_px: Annotated[float, Interval(ge=0.7, le=20.0)] | None = None
+    threshold: Annotated[float, Interval(gt=0.0, le=255.0)] | None = None
     dark: bool | None = None
-
-    def __post_init__(self) -> None:
-        if self.sigma_px is not None and not 0.7 <= self.sigma_px <= 20.0:
-            raise InputError("sigma_px", self.sigma_px, "must be from 0.7 to 20")
-        if self.threshold is not None and not 0.0 < self.threshold <= 255.0:
-            raise InputError("threshold", self.threshold, "must be above 0 and at most 255")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.extensions.scan.cloud import Cloud
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.spec import Block, Surface, Wave, WaveSum
-from tacbench_cad.util.errors import InputError, one_of, require_between
+from tacbench_cad.util.convert import Checked
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
 
 #: The walls by their outward normals; ``key`` is the chamfered corner.
@@ -33,7 +35,7 @@ def _identity() -> Pose:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ScanTruth:
+class ScanTruth(Checked):
     """What a simulated scan shows, and how well.
 
     Args:
@@ -57,26 +59,17 @@ class ScanTruth:
     pose: Pose = field(default_factory=_identity)
     transfer_x: Transfer | None = None
     transfer_y: Transfer | None = None
-    noise_mm: float = 0.02
+    noise_mm: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.02
     noise_direction: Literal["depth", "all"] = "depth"
-    outlier_fraction: float = 0.0
-    top_fraction: float = 1.0
+    outlier_fraction: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.0
+    top_fraction: Annotated[float, Interval(ge=0.01, le=1.0)] = 1.0
     holes: int = 0
     hole_mm: float = 1.0
     walls: tuple[Wall, ...] = WALLS
     wall_offset_mm: float = 0.0
     table_mm: float = 0.0
-    points: int = 200_000
+    points: Annotated[int, Interval(ge=10, le=100_000_000)] = 200_000
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        require_between("noise_mm", self.noise_mm, 0.0, 10.0)
-        require_between("outlier_fraction", self.outlier_fraction, 0.0, 0.9)
-        require_between("top_fraction", self.top_fraction, 0.01, 1.0)
-        require_between("points", self.points, 10, 100_000_000)
-        one_of("noise_direction", self.noise_direction, ("depth", "all"))
-        for wall in self.walls:
-            one_of("walls", wall, (*WALLS, "key"))
 
     def with_random_pose(self, reach_mm: float = 50.0) -> ScanTruth:
         """Return the same truth with a pose drawn from the seed, over all rotations and shifts up to ``reach_mm``."""

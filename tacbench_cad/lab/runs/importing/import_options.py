@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tacbench_cad.lab.rig.colours import CHANNELS, OUTSIDE, Channels
+from tacbench_cad.lab.rig.colours import OUTSIDE, Channels
 from tacbench_cad.lab.runs.importing import companions
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.convert import Checked
+from tacbench_cad.util.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportOptions:
+class ImportOptions(Checked):
     """Options for reading sources.
 
     Args:
@@ -29,9 +30,6 @@ class ImportOptions:
     names: Path | None = None
     channels: Channels = OUTSIDE
     of_format: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        one_of("channels", self.channels, CHANNELS)
 
 
 @dataclass(frozen=True, kw_only=True)
