@@ -30,7 +30,7 @@ LIBRARIES = {"libGL.so.1": "libgl1", "libX11.so.6": "libx11-6"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class Diagnosis:
     """The result of one check of the installation.
 
     Args:
@@ -46,18 +46,18 @@ class Finding:
     repair: str | None = None
 
 
-def diagnose() -> list[Finding]:
+def diagnose() -> list[Diagnosis]:
     """Run all checks. Packages are imported in child processes, so that a broken package cannot end this process."""
     importlib.invalidate_caches()
     findings = [*base_findings(), *kernel_findings(), *library_findings()]
     return [*findings, *import_findings([finding.repair for finding in findings if finding.repair])]
 
 
-def base_findings() -> list[Finding]:
+def base_findings() -> list[Diagnosis]:
     """Check that the packages of the base installation are installed. There is no lib3mf for Linux on ARM."""
     arm_linux = sys.platform == "linux" and platform.machine() in ("aarch64", "armv7l")
     return [
-        Finding(
+        Diagnosis(
             name=package.distribution,
             ok=False,
             detail="is not installed, but the base installation needs it",
@@ -68,7 +68,7 @@ def base_findings() -> list[Finding]:
     ]
 
 
-def kernel_findings() -> list[Finding]:
+def kernel_findings() -> list[Diagnosis]:
     """Check that the folder OCP contains the files of the right package."""
     own, rival = version(KERNEL), version(RIVAL)
     if own is None and not has_module("cadquery"):
@@ -81,14 +81,14 @@ def kernel_findings() -> list[Finding]:
     both = f"{KERNEL} {own} and {RIVAL} {rival} share the folder OCP" if rival else f"{KERNEL} {own}"
     if not foreign:
         detail = f"{both}; every file belongs to {KERNEL}" if rival else both
-        return [Finding(name="kernel packages", ok=True, detail=detail)]
+        return [Diagnosis(name="kernel packages", ok=True, detail=detail)]
     detail = f"{both}; {len(foreign)} of the files of {KERNEL} are missing or overwritten, for example {foreign[0]}"
     return [_to_reinstall(detail, wheel)]
 
 
-def _to_reinstall(detail: str, wheel: str) -> Finding:
+def _to_reinstall(detail: str, wheel: str) -> Diagnosis:
     repair = f"pip install --force-reinstall --no-deps {wheel}"
-    return Finding(name="kernel packages", ok=False, detail=detail, repair=repair)
+    return Diagnosis(name="kernel packages", ok=False, detail=detail, repair=repair)
 
 
 def foreign_files(distribution: str) -> list[str]:
@@ -109,14 +109,14 @@ def foreign_files(distribution: str) -> list[str]:
     return foreign
 
 
-def library_findings() -> list[Finding]:
+def library_findings() -> list[Diagnosis]:
     """Check that the system libraries of the kernel can be loaded; only on Linux with the kernel installed."""
     if sys.platform != "linux" or not has_module("OCP"):
         return []
     missing = [name for name in LIBRARIES if not loads(name)]
     detail = f"{', '.join(missing)} missing" if missing else ", ".join(LIBRARIES)
     repair = f"apt-get install -y {' '.join(LIBRARIES.values())}" if missing else None
-    return [Finding(name="system libraries", ok=not missing, detail=detail, repair=repair)]
+    return [Diagnosis(name="system libraries", ok=not missing, detail=detail, repair=repair)]
 
 
 def loads(library: str) -> bool:
@@ -128,7 +128,7 @@ def loads(library: str) -> bool:
     return True
 
 
-def import_findings(repairs: Sequence[str]) -> list[Finding]:
+def import_findings(repairs: Sequence[str]) -> list[Diagnosis]:
     """Check in child processes that each installed package can be imported.
 
     Args:
@@ -147,10 +147,10 @@ def import_findings(repairs: Sequence[str]) -> list[Finding]:
                 repair = f"pip install --force-reinstall {package.distribution}=={package.version}"
                 if package.extra is not None:
                     repair = repairs[0] if package.extra == "cad" and repairs else install_command(package.extra)
-                findings.append(Finding(name=f"import {package.module}", ok=False, detail=reason, repair=repair))
+                findings.append(Diagnosis(name=f"import {package.module}", ok=False, detail=reason, repair=repair))
         if not findings:
             detail = f"all {len(installed)} installed packages can be imported"
-            findings.append(Finding(name="imports", ok=True, detail=detail))
+            findings.append(Diagnosis(name="imports", ok=True, detail=detail))
     return findings
 
 
@@ -160,7 +160,7 @@ def left_out_extras() -> dict[str, str]:
     return {extra: install_command(extra) for extra in dict.fromkeys(extras)}
 
 
-def repair(findings: Sequence[Finding]) -> list[str]:
+def repair(findings: Sequence[Diagnosis]) -> list[str]:
     """Run the repairs that pip can do, and return their commands. The user has to install system libraries.
 
     Raises:

@@ -104,9 +104,9 @@ def test_repair_runs_pip_only_for_findings_that_pip_can_repair(monkeypatch: pyte
 
     monkeypatch.setattr(doctor.subprocess, "run", run)
     findings = (
-        doctor.Finding(name="fine", ok=True, detail=""),
-        doctor.Finding(name="system", ok=False, detail="", repair="apt-get install -y libgl1"),
-        doctor.Finding(name="wheels", ok=False, detail="", repair='pip install --no-deps "cadquery-ocp>=7,<8"'),
+        doctor.Diagnosis(name="fine", ok=True, detail=""),
+        doctor.Diagnosis(name="system", ok=False, detail="", repair="apt-get install -y libgl1"),
+        doctor.Diagnosis(name="wheels", ok=False, detail="", repair='pip install --no-deps "cadquery-ocp>=7,<8"'),
     )
     assert doctor.repair(findings) == ['pip install --no-deps "cadquery-ocp>=7,<8"']
     assert [command[1:5] for command in commands] == [["-P", "-m", "pip", "install"]]
@@ -114,7 +114,7 @@ def test_repair_runs_pip_only_for_findings_that_pip_can_repair(monkeypatch: pyte
 
 
 def test_json_and_exit_code_when_something_is_broken(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    finding = doctor.Finding(name="kernel packages", ok=False, detail="mixed", repair="pip install x")
+    finding = doctor.Diagnosis(name="kernel packages", ok=False, detail="mixed", repair="pip install x")
     monkeypatch.setattr(doctor, "diagnose", lambda: [finding])
     assert main(["doctor", "--json"]) == 1
     document = json.loads(capsys.readouterr().out)

@@ -15,7 +15,7 @@ from tacbench_cad.extensions.slicing.comparison import compare, slice_check
 from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.extensions.slicing.plate_files import write_plates
 from tacbench_cad.extensions.slicing.plates import arrange_plates
-from tacbench_cad.extensions.slicing.printed_surface import Frame
+from tacbench_cad.extensions.slicing.printed_surface import BedPlace
 from tacbench_cad.extensions.slicing.printers import printers
 from tacbench_cad.making.writing import export
 from tacbench_cad.spec.block import Block
@@ -48,7 +48,7 @@ def test_the_manuals_option_keeps_the_blocks_of_a_plate_in_their_places(prusa_sl
     assert max(float(row["x_mm"]) for row in rows) > 200.0, "beyond the bed of PrusaSlicer's default printer"
     sliced = read_gcode(target)
     for row in rows:
-        frame = Frame(x_mm=float(row["x_mm"]), y_mm=float(row["y_mm"]))
+        frame = BedPlace(x_mm=float(row["x_mm"]), y_mm=float(row["y_mm"]))
         comparison = compare(sliced, Block.of(row["texture"], scale=0.5), frame, pitch_mm=0.1)
         assert comparison.rms_mm is not None and comparison.misplaced_rms_mm is not None
         assert comparison.rms_mm < 0.075 < comparison.misplaced_rms_mm
@@ -58,7 +58,7 @@ def test_without_it_the_blocks_are_moved_and_the_check_says_so(prusa_slicer: Run
     target, rows = sliced_rows(prusa_slicer, tmp_path)
     for row in rows:
         block = Block.of(row["texture"], scale=0.5)
-        frame = Frame(x_mm=float(row["x_mm"]), y_mm=float(row["y_mm"]))
+        frame = BedPlace(x_mm=float(row["x_mm"]), y_mm=float(row["y_mm"]))
         with pytest.raises(InputError, match=r"without moving its blocks .*--dont-arrange"):
             slice_check(target, block, frame)
 

@@ -6,7 +6,7 @@ from .overhang import overhangs as overhangs
 from .plate_files import write_plates as write_plates
 from .plates import Plate as Plate
 from .plates import arrange_plates as arrange_plates
-from .printed_surface import Frame as Frame
+from .printed_surface import BedPlace as BedPlace
 from .printers import Printer as Printer
 from .printers import printer_named as printer_named
 from .printers import printers as printers

@@ -12,12 +12,12 @@ from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
     from tacbench_cad.extensions.slicing.comparison import AsSliced
-    from tacbench_cad.extensions.slicing.printed_surface import Frame
+    from tacbench_cad.extensions.slicing.printed_surface import BedPlace
     from tacbench_cad.spec import Block, Extrema
 
 
-def _frame_of(option: str, text: str) -> Frame:
-    from tacbench_cad.extensions.slicing.printed_surface import Frame
+def _frame_of(option: str, text: str) -> BedPlace:
+    from tacbench_cad.extensions.slicing.printed_surface import BedPlace
 
     try:
         numbers = options.numbers_of(option, text)
@@ -28,7 +28,7 @@ def _frame_of(option: str, text: str) -> Frame:
     degrees = numbers[2] if len(numbers) == 3 else 0.0
     if degrees not in (0.0, 90.0, 180.0, 270.0):
         raise InputError(option, text, "the rotation must be 0, 90, 180 or 270 degrees")
-    return Frame(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
+    return BedPlace(x_mm=numbers[0], y_mm=numbers[1], quarters=int(degrees) // 90)
 
 
 @options.command("check-gcode", "Print")
@@ -62,7 +62,7 @@ def command(
     preset: str,
     scale: float,
     key_mm: float | None,
-    frame: Frame | None,
+    frame: BedPlace | None,
     filament: float | None,
     out: Path | None,
     no_picture: bool,

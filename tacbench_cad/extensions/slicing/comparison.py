@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, printed_heights, staircase
+from tacbench_cad.extensions.slicing.printed_surface import BedPlace, frames_of, printed_heights, staircase
 from tacbench_cad.spec import (
     EDGE_MM,
     PITCH_MM,
@@ -78,7 +78,7 @@ class AsSliced:
 
     sliced: Sliced
     block: Block
-    frame: Frame
+    frame: BedPlace
     x_mm: Floats
     y_mm: Floats
     printed_mm: Floats
@@ -230,7 +230,9 @@ class AsSliced:
         }
 
 
-def slice_check(path: Path, block: Block, frame: Frame | None = None, *, filament_mm: float | None = None) -> AsSliced:
+def slice_check(
+    path: Path, block: Block, frame: BedPlace | None = None, *, filament_mm: float | None = None
+) -> AsSliced:
     """Compare the surface that a slicer's G-code will print with the formula.
 
     Args:
@@ -245,7 +247,7 @@ def slice_check(path: Path, block: Block, frame: Frame | None = None, *, filamen
     return compare(read_gcode(path, filament_mm), block, frame)
 
 
-def compare(sliced: Sliced, block: Block, frame: Frame | None = None, *, pitch_mm: float = PITCH_MM) -> AsSliced:
+def compare(sliced: Sliced, block: Block, frame: BedPlace | None = None, *, pitch_mm: float = PITCH_MM) -> AsSliced:
     """Compare what a G-code file prints with its block.
 
     Args:

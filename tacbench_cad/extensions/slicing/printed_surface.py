@@ -32,7 +32,7 @@ _LOW_FRACTION = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
+class BedPlace:
     """The position of the block on the bed.
 
     Args:
@@ -79,7 +79,7 @@ class Frame:
         }
 
 
-def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
+def frames_of(sliced: Sliced, block: Block) -> list[BedPlace]:
     """Return the possible positions of the block: one for each quarter turn that fits the outer walls of low layers.
 
     The outline of a layer is the bounding box of its outer walls, including half the width of the beads. The outline is
@@ -109,7 +109,7 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
         if max(abs(length - side) for length, side in zip(outline, sides, strict=True)) <= OUTLINE_MM:
             corner = ((x0 + x1 - sides[0]) / 2.0, (y0 + y1 - sides[1]) / 2.0)
             frames.append(
-                Frame(x_mm=corner[0], y_mm=corner[1], quarters=quarters, source="outer walls", outline_mm=outline)
+                BedPlace(x_mm=corner[0], y_mm=corner[1], quarters=quarters, source="outer walls", outline_mm=outline)
             )
     if not frames:
         own = " x ".join(f"{side:.4g}" for side in block.size_mm)
@@ -123,7 +123,7 @@ def frames_of(sliced: Sliced, block: Block) -> list[Frame]:
     return frames
 
 
-def printed_heights(sliced: Sliced, block: Block, frame: Frame, x: Floats, y: Floats) -> Floats:
+def printed_heights(sliced: Sliced, block: Block, frame: BedPlace, x: Floats, y: Floats) -> Floats:
     """Return the heights of the printed top above the part's underside on a grid.
 
     Args:

@@ -52,7 +52,7 @@ class CellSettings:
             raise InputError("gauge counts_per_n", self.counts_per_n, "must not be 0")
 
 
-class LoadCell:
+class EmulatedLoadCell:
     """The stream of samples. The load cell receives no bytes.
 
     Args:

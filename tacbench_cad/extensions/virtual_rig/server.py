@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from tacbench_cad.extensions.virtual_rig.base import Firmware, earliest
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.loadcell import LoadCell, Stimulus
+from tacbench_cad.extensions.virtual_rig.loadcell import EmulatedLoadCell, Stimulus
 from tacbench_cad.extensions.virtual_rig.setup import Setup
 from tacbench_cad.extensions.virtual_rig.transport import Endpoint, Pty, Tcp
 from tacbench_cad.lab.rig import Closing, DeviceLostError
@@ -44,7 +44,7 @@ class VirtualRig(Closing):
         self.setup = setup
         self._board = setup.board()
         self._start_s = time.monotonic()
-        self._cell = LoadCell(setup.gauge, seed=setup.seed + 2)
+        self._cell = EmulatedLoadCell(setup.gauge, seed=setup.seed + 2)
         self._stimulus: Stimulus | None = setup.stimulus
         self._known: tuple[Stimulus, Point, float] | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="tacbench-rig-")

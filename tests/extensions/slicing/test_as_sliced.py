@@ -12,7 +12,7 @@ from helpers.gcode_writer import write_gcode
 
 from tacbench_cad.extensions.slicing.comparison import AsSliced, compare
 from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
-from tacbench_cad.extensions.slicing.printed_surface import Frame, staircase
+from tacbench_cad.extensions.slicing.printed_surface import BedPlace, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
@@ -86,7 +86,7 @@ def test_dialects_and_rotations_give_the_same_comparison(
 def test_a_misplaced_frame_increases_the_height_error(printed: AsSliced) -> None:
     rms = []
     for dx, dy in ((0.1, 0.0), (0.0, -0.1)):
-        frame = Frame(x_mm=printed.frame.x_mm + dx, y_mm=printed.frame.y_mm + dy)
+        frame = BedPlace(x_mm=printed.frame.x_mm + dx, y_mm=printed.frame.y_mm + dy)
         comparison = compare(printed.sliced, TWO, frame, pitch_mm=0.1)
         assert comparison.frame is frame
         assert comparison.rms_mm is not None
@@ -193,7 +193,7 @@ def test_another_texture_is_refused_and_the_correct_one_is_named(printed: AsSlic
 
 def test_a_frame_beside_the_print_is_refused(printed: AsSliced) -> None:
     with pytest.raises(InputError, match=r"prints nothing there; slice the plate without moving"):
-        compare(printed.sliced, TWO, Frame(x_mm=300.0, y_mm=300.0))
+        compare(printed.sliced, TWO, BedPlace(x_mm=300.0, y_mm=300.0))
 
 
 def test_a_low_block_is_compared_although_the_six_textures_do_not_fit_it(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from helpers.gcode_writer import write_gcode
 
 from tacbench_cad.extensions.slicing.gcode import Beads, Sliced, read_gcode
-from tacbench_cad.extensions.slicing.printed_surface import Frame, frames_of, printed_heights, staircase
+from tacbench_cad.extensions.slicing.printed_surface import BedPlace, frames_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.top_points import points_of
 from tacbench_cad.util.errors import InputError
@@ -47,7 +47,7 @@ def test_the_profile_of_one_bead() -> None:
     area = 0.4 * 0.2 + math.pi / 4.0 * 0.2**2
     sliced = of_beads([(2.0, 3.0, 9.0, 3.0, 0.7, 0.2, area)], [0.7], floor=0.1)
     x, y = np.linspace(0.0, 11.0, 221), np.linspace(2.5, 3.5, 101)
-    heights = printed_heights(sliced, SMALL, Frame(x_mm=0.0, y_mm=0.0), x, y)
+    heights = printed_heights(sliced, SMALL, BedPlace(x_mm=0.0, y_mm=0.0), x, y)
     along, across = np.clip(x, 2.0, 9.0) - x, y - 3.0
     distance = np.hypot(along[:, None], across[None, :])
     shoulder = 0.1 - np.sqrt(np.maximum(0.0, 0.1**2 - np.maximum(0.0, distance - 0.2) ** 2))
@@ -60,7 +60,7 @@ def test_the_order_of_the_beads_does_not_change_the_heights() -> None:
     ends = rng.uniform(0.0, 11.0, (60, 4))
     rows = [(*bead, float(top), 0.2, 0.08) for bead, top in zip(ends, rng.choice([0.2, 0.4, 0.6], 60), strict=True)]
     x, y = points_of(SMALL, 0.1)
-    frame = Frame(x_mm=0.0, y_mm=0.0)
+    frame = BedPlace(x_mm=0.0, y_mm=0.0)
     together = printed_heights(of_beads(rows, [0.2, 0.4, 0.6]), SMALL, frame, x, y)
     backwards = printed_heights(of_beads(rows[::-1], [0.2, 0.4, 0.6]), SMALL, frame, x, y)
     single = [printed_heights(of_beads([row], [0.2, 0.4, 0.6]), SMALL, frame, x, y) for row in rows]
@@ -71,7 +71,7 @@ def test_the_order_of_the_beads_does_not_change_the_heights() -> None:
 def test_a_bead_outside_the_block_changes_no_height() -> None:
     rows = [(-9.0, -9.0, -3.0, 40.0, 0.2, 0.2, 0.08), (100.0, 3.0, 200.0, 3.0, 0.2, 0.2, 0.08)]
     x, y = points_of(SMALL, 0.1)
-    assert not printed_heights(of_beads(rows, [0.2]), SMALL, Frame(x_mm=0.0, y_mm=0.0), x, y).any()
+    assert not printed_heights(of_beads(rows, [0.2]), SMALL, BedPlace(x_mm=0.0, y_mm=0.0), x, y).any()
 
 
 @pytest.mark.parametrize("quarters", range(4))
@@ -88,7 +88,7 @@ def test_the_frame_is_found_in_every_orientation(tmp_path: Path, quarters: int) 
 def test_a_frame_converts_to_block_coordinates(quarters: int) -> None:
     points = np.array([(0.0, 0.0), (11.65, 0.0), (3.0, 2.0), (11.65, 15.0)])
     turned = [((x, y), (15.0 - y, x), (11.65 - x, 15.0 - y), (y, 11.65 - x))[quarters] for x, y in points.tolist()]
-    frame = Frame(x_mm=-4.0, y_mm=9.0, quarters=quarters)
+    frame = BedPlace(x_mm=-4.0, y_mm=9.0, quarters=quarters)
     assert frame.to_block(np.add(turned, (-4.0, 9.0)), (11.65, 15.0)) == pytest.approx(points)
 
 
@@ -117,4 +117,4 @@ def test_the_ideal_staircase() -> None:
 @pytest.mark.parametrize("wrong", [{"x_mm": math.nan, "y_mm": 0.0}, {"x_mm": 0.0, "y_mm": 0.0, "quarters": 4}])
 def test_an_impossible_frame(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match="frame"):
-        Frame(**wrong)  # type: ignore[arg-type]
+        BedPlace(**wrong)  # type: ignore[arg-type]

@@ -11,8 +11,8 @@ from tacbench_cad.extensions.virtual_rig.loadcell import (
     FULL_SCALE,
     BlockUnderDome,
     CellSettings,
+    EmulatedLoadCell,
     FlatSpring,
-    LoadCell,
 )
 from tacbench_cad.util.errors import InputError
 
@@ -24,7 +24,7 @@ def counts(data: bytes) -> list[int]:
 
 
 def test_one_line_for_each_sample_at_the_sample_rate() -> None:
-    cell = LoadCell(QUIET)
+    cell = EmulatedLoadCell(QUIET)
     assert cell.read(0.0, lambda: 0.0) == b"1000\n"
     assert cell.read(0.005, lambda: 0.0) == b""
     assert counts(cell.read(0.1005, lambda: 0.0)) == [1000] * 10
@@ -32,7 +32,7 @@ def test_one_line_for_each_sample_at_the_sample_rate() -> None:
 
 
 def test_force_becomes_counts_and_changes_linearly_within_a_batch() -> None:
-    cell = LoadCell(QUIET)
+    cell = EmulatedLoadCell(QUIET)
     cell.read(0.0, lambda: 0.0)
     assert counts(cell.read(0.0401, lambda: 2.0)) == [6000, 11000, 16000, 21000]
     assert counts(cell.read(0.0501, lambda: 2.0)) == [21000]
@@ -40,7 +40,7 @@ def test_force_becomes_counts_and_changes_linearly_within_a_batch() -> None:
 
 def test_force_is_requested_only_when_a_sample_is_due() -> None:
     requests = []
-    cell = LoadCell(QUIET)
+    cell = EmulatedLoadCell(QUIET)
 
     def force() -> float:
         requests.append(1)
@@ -52,9 +52,9 @@ def test_force_is_requested_only_when_a_sample_is_due() -> None:
 
 
 def test_output_in_newtons_noise_and_drift() -> None:
-    cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
+    cell = EmulatedLoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
     values = [float(word) for word in cell.read(1.0, lambda: 0.5).split()][-40:]
-    cell = LoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
+    cell = EmulatedLoadCell(CellSettings(newtons=True, noise_n=0.01, drift_n_per_min=1.0), seed=3)
     cell.skip_to(120.0)
     cell.read(120.0, lambda: 0.5)
     later = [float(word) for word in cell.read(120.9, lambda: 0.5).split()]
@@ -65,7 +65,7 @@ def test_output_in_newtons_noise_and_drift() -> None:
 
 
 def test_faults_of_the_gauge() -> None:
-    cell = LoadCell(QUIET)
+    cell = EmulatedLoadCell(QUIET)
     cell.inject(Fault(kind="saturated", seconds=0.05), 0.0)
     assert set(counts(cell.read(0.045, lambda: 1.0))) == {FULL_SCALE}
     cell.read(0.1, lambda: 1.0)
@@ -76,11 +76,11 @@ def test_faults_of_the_gauge() -> None:
     assert len(set(counts(cell.read(0.5, lambda: 3.0)))) > 10
     cell.inject(Fault(kind="drop", where="gauge", chance=1.0), 0.5)
     assert cell.read(0.6, lambda: 3.0) == b""
-    assert LoadCell(QUIET).read(0.0, lambda: 1e9) == b"%d\n" % FULL_SCALE
+    assert EmulatedLoadCell(QUIET).read(0.0, lambda: 1e9) == b"%d\n" % FULL_SCALE
 
 
 def test_unread_samples_do_not_accumulate() -> None:
-    cell = LoadCell(QUIET)
+    cell = EmulatedLoadCell(QUIET)
     assert len(counts(cell.read(1e6, lambda: 0.0))) == 1
 
 

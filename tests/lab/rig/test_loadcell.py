@@ -390,8 +390,7 @@ def test_a_users_gauge(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
     """Read the stream of the virtual load cell without a fault and with each fault."""
     from tacbench_cad.extensions.virtual_rig.faults import Fault
-    from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings
-    from tacbench_cad.extensions.virtual_rig.loadcell import LoadCell as VirtualCell
+    from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings, EmulatedLoadCell
 
     path = tmp_path / "gauge.json"
     scale = CellSettings().counts_per_n
@@ -401,7 +400,7 @@ def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
     ]
     write_calibration(path, fit(points, date_utc="2026-01-02", device="cell"))
     for fault, message in ((None, ""), ("stuck", "stuck"), ("saturated", "saturated")):
-        virtual = VirtualCell(CellSettings(newtons=newtons))
+        virtual = EmulatedLoadCell(CellSettings(newtons=newtons))
         if fault is not None:
             virtual.inject(Fault(kind=fault, at_s=0.0), 2.0)
         with port(lambda i, v=virtual: v.read(i / 80.0, lambda: 1.0), 0.001) as (name, _):

@@ -12,7 +12,7 @@ from tacbench_cad.lab.runs.reading import Run
 CellKey = tuple[str, str]
 
 
-class Press(NamedTuple):
+class SentPress(NamedTuple):
     """A press as it is sent to other processes."""
 
     level: int
@@ -30,14 +30,14 @@ class Press(NamedTuple):
         return (self.combination, self.texture)
 
 
-def presses_of(collection: Collection, feature: Feature) -> list[Press]:
+def presses_of(collection: Collection, feature: Feature) -> list[SentPress]:
     """Return the presses of a study, in the order of the study, with the files that a feature transforms."""
     columns = (
         *(collection.level, collection.position, collection.combination, collection.texture),
         *(collection.print_number, collection.repeat, collection.run),
     )
     values = zip(*(column.tolist() for column in columns), strict=True)
-    return [Press._make((*press, feature.paths(collection, i))) for i, press in enumerate(values)]
+    return [SentPress._make((*press, feature.paths(collection, i))) for i, press in enumerate(values)]
 
 
 def runs_to_send(collection: Collection) -> tuple[Run, ...]:

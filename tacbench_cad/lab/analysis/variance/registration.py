@@ -36,7 +36,7 @@ import numpy as np
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.variance.presses import Press, presses_of, runs_to_send
+from tacbench_cad.lab.analysis.variance.presses import SentPress, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import UNKNOWN
@@ -123,9 +123,9 @@ def register(
         return tuple(seating for seating in executor.map(work, cells) if seating is not None)
 
 
-def _cells(collection: Collection, feature: Feature) -> Iterator[list[Press]]:
+def _cells(collection: Collection, feature: Feature) -> Iterator[list[SentPress]]:
     """Yield the presses of each cell with two or more prints at each level, sorted by position."""
-    cells: dict[tuple[int, str, str], list[Press]] = defaultdict(list)
+    cells: dict[tuple[int, str, str], list[SentPress]] = defaultdict(list)
     for press in sorted(presses_of(collection, feature), key=lambda press: (press.position, press.copy)):
         cells[press.level, press.combination, press.texture].append(press)
     for key in product(collection.levels, collection.combinations, collection.textures):
@@ -134,7 +134,7 @@ def _cells(collection: Collection, feature: Feature) -> Iterator[list[Press]]:
 
 
 def _seating(
-    presses: Sequence[Press], *, runs: Sequence[Run], grid: PressGrid, feature: Feature, ddof: int
+    presses: Sequence[SentPress], *, runs: Sequence[Run], grid: PressGrid, feature: Feature, ddof: int
 ) -> Seating | None:
     """Estimate the offsets of one cell; return None if too few of its frames can be read."""
     count = len(grid.positions_mm)
@@ -166,7 +166,7 @@ def _seating(
     )
 
 
-def _frames(presses: Sequence[Press], runs: Sequence[Run], feature: Feature) -> Iterator[_Frame]:
+def _frames(presses: Sequence[SentPress], runs: Sequence[Run], feature: Feature) -> Iterator[_Frame]:
     """Yield the copy, the position from 0 and the numbers of each frame; unusable frames are left out."""
     for press in presses:
         with contextlib.suppress(CheckFailedError):  # the computation of the table has already named it

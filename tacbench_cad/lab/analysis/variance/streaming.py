@@ -42,7 +42,7 @@ from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import moments, sum_of_squares
-from tacbench_cad.lab.analysis.variance.presses import CellKey, Press, presses_of, runs_to_send
+from tacbench_cad.lab.analysis.variance.presses import CellKey, SentPress, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
@@ -139,7 +139,7 @@ class _Task:
     runs: tuple[Run, ...]
     feature: Feature
     designs: Mapping[tuple[int, CellKey], tuple[int, ...]]
-    places: tuple[tuple[Press, ...], ...]
+    places: tuple[tuple[SentPress, ...], ...]
     still: tuple[int, ...]
     passed: Pass = field(default_factory=Pass)
 
@@ -154,11 +154,11 @@ class _Task:
         self.passed.seconds["decode"] += time.perf_counter() - began
         return values
 
-    def place(self, presses: Sequence[Press]) -> None:
+    def place(self, presses: Sequence[SentPress]) -> None:
         """Add the sums of a place, unless none of its frames can be used."""
         level, position = presses[0].level, presses[0].position
         drawn = levels_with_most_prints(self.designs)
-        lost: set[Press] = set()
+        lost: set[SentPress] = set()
         while presses := [press for press in presses if press not in lost]:
             lost.clear()
             members = {key: list(of_cell) for key, of_cell in groupby(presses, lambda press: press.cell)}
@@ -237,7 +237,7 @@ class _Task:
         return self.passed
 
 
-def _nested(presses: Sequence[Press], cells: Mapping[CellKey, CellSums], between: Floats) -> NestedSums:
+def _nested(presses: Sequence[SentPress], cells: Mapping[CellKey, CellSums], between: Floats) -> NestedSums:
     """Return the sums of squares of the nested design at a place.
 
     Args:
