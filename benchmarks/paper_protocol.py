@@ -204,12 +204,8 @@ def ours(study: ClassifiedStudy, trials: int, epochs: int, cores: int) -> Result
             with result.timed("forest, network, predicting"):
                 trained = list(executor(trials_to_run))
             for outcomes in trained:
-                accuracies = {
-                    (outcome.estimator, outcome.hold_out): float(
-                        np.mean(outcome.predicted == study.texture[outcome.press])
-                    )
-                    for outcome in outcomes
-                }
+                right = outcomes["predicted"] == study.texture[outcomes["press"]].astype(str)
+                accuracies = right.groupby([outcomes["estimator"], outcomes["hold_out"]]).mean()
                 result.accuracies.append([[accuracies[name, column] for column in COLUMNS] for name in CLASSIFIERS])
         result.worker_kb = workers_kb()
     return result

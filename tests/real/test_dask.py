@@ -17,7 +17,6 @@ joblib = pytest.importorskip("joblib")
 
 from tacbench_cad.lab import parallel
 from tacbench_cad.lab.parallel import workers
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 ROOT = Path(__file__).parent.parent.parent
@@ -271,4 +270,4 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
         far = classify(collection, settings, 2, Path("far"), executor)
     with workers(1) as executor:
         near = classify(collection, settings, 2, Path("near"), executor)
-    assert to_plain(far.outcomes) == to_plain(near.outcomes)
+    assert far.outcomes.equals(near.outcomes)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS, TestOutcome
+from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS
 from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
 from tacbench_cad.lab.analysis.conclusions import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
 from tacbench_cad.util.text import natural_unique
@@ -71,21 +71,21 @@ class FoldScore:
         return [None if np.isnan(value) else float(value) for value in np.diag(self.fractions)]
 
 
-def texture_answers(outcomes: Sequence[TestOutcome], presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
+def texture_answers(outcomes: pd.DataFrame, presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
     """Yield the answer for each texture: can the first estimator tell it apart on a print that training has not seen?
 
     Args:
-        outcomes: The predictions with the leak-free protocol.
+        outcomes: The predictions with the leak-free protocol, see :data:`.outcomes.OUTCOMES`.
         presses: The presses.
         notes: The notes of the classification, with the reasons why hold-out levels were left out.
     """
-    mine = [o for o in outcomes if o.hold_out == "copy" and o.estimator == outcomes[0].estimator]
-    if not mine:
+    mine = outcomes[(outcomes["hold_out"] == "copy") & (outcomes["estimator"] == outcomes["estimator"].iloc[0])]
+    if mine.empty:
         reason = next((note for note in notes if "level copy" in note), "hold-out level copy was not computed")
         yield Answer(question=WHICH_TEXTURES, about="", answer=f"cannot be said: {reason}")
         return
     textures, truth = natural_unique(presses.texture)
-    tries, correct, _, _ = _tallied(mine, truth)
+    tries, correct = _tallied(mine, presses)
     correlation = _correlation(tries, correct, presses.run, truth)
     for index, texture in enumerate(textures.tolist()):
         tested = (truth == index) & (tries > 0)
@@ -117,43 +117,32 @@ def is_whole(tested_on: str, train_on: str) -> bool:
     return tested_on in (ALL, ALL_OTHERS, train_on)
 
 
-def scores(outcomes: Sequence[TestOutcome], presses: PressTable, protocol: str) -> list[FoldScore]:
+def scores(outcomes: pd.DataFrame, presses: PressTable, protocol: str) -> list[FoldScore]:
     """Return the rows: for each hold-out level (or column of the paper) the total, then each named held-out group."""
     rows = []
-    wholes = defaultdict(list)
-    for outcome in outcomes:
-        wholes[outcome.train_on, outcome.estimator, outcome.hold_out].append(outcome)
     truth = np.unique(presses.texture, return_inverse=True)[1]
-    for (_, _, hold_out), whole in wholes.items():
-        tested_on = ALL if hold_out in UNITS else whole[0].tested_on
-        tries, correct, _, _ = _tallied(whole, truth)
-        for name, part in {tested_on: whole, **_groups(whole, presses)}.items():
-            units, unit = presses.units(hold_out if part is whole else "copy")
-            rows.append(_score(part, presses, protocol, name, units, unit, _correlation(tries, correct, unit, truth)))
+    for (_, _, hold_out), whole in outcomes.groupby(["train_on", "estimator", "hold_out"], sort=False):
+        named = whole["tested_on"].iloc[0]
+        tries, correct = _tallied(whole, presses)
+        parts: dict[Any, pd.DataFrame] = {ALL if hold_out in UNITS else named: whole}
+        if named == ALL_OTHERS:
+            of_combination: dict[Any, pd.DataFrame] = dict(list(whole.groupby(presses.combination[whole["press"]])))
+            parts |= of_combination if len(of_combination) > 1 else {}
+        elif named not in (ALL, whole["train_on"].iloc[0]):
+            parts |= dict(list(whole.groupby("tested_on", sort=False)))
+        for name, part in parts.items():
+            units, unit = presses.units(str(hold_out) if part is whole else "copy")
+            correlation = _correlation(tries, correct, unit, truth)
+            rows.append(_score(part, presses, protocol, str(name), units, unit, correlation))
     return rows
 
 
-def _groups(whole: Sequence[TestOutcome], presses: PressTable) -> dict[str, list[TestOutcome]]:
-    """Return the outcomes of each named held-out group."""
-    groups = defaultdict(list)
-    for outcome in whole:
-        if outcome.tested_on == ALL_OTHERS:
-            combination = presses.combination[outcome.press]
-            names = np.unique(combination)
-            for name in names if len(names) > 1 else ():
-                groups[str(name)].append(outcome.only(combination == name))
-        elif outcome.tested_on not in (ALL, outcome.train_on):
-            groups[outcome.tested_on].append(outcome)
-    return groups
-
-
-def _tallied(outcomes: Sequence[TestOutcome], truth: Ints) -> tuple[Floats, Floats, Ints, Ints]:
-    """Count the tests and the correct predictions of each press, (n,); also return each row's press and prediction."""
-    which = np.concatenate([outcome.press for outcome in outcomes])
-    predicted = np.concatenate([outcome.predicted for outcome in outcomes])
-    hit = truth[which] == predicted
-    tries, correct = (np.bincount(which, weight, len(truth)).astype(np.float64) for weight in (None, hit))
-    return tries, correct, which, predicted
+def _tallied(outcomes: pd.DataFrame, presses: PressTable) -> tuple[Floats, Floats]:
+    """Count the tests and the correct predictions of each press, (n,)."""
+    which = outcomes["press"].to_numpy()
+    right = presses.texture[which] == outcomes["predicted"].to_numpy(str)
+    tries, correct = (np.bincount(which, weight, len(presses.run)).astype(np.float64) for weight in (None, right))
+    return tries, correct
 
 
 def _correlation(tries: Floats, correct: Floats, unit: NDArray[Any], truth: Ints) -> float | None:
@@ -168,7 +157,7 @@ def _sizes(unit: NDArray[Any]) -> Ints:
 
 
 def _score(
-    outcomes: Sequence[TestOutcome],
+    outcomes: pd.DataFrame,
     presses: PressTable,
     protocol: str,
     tested_on: str,
@@ -177,27 +166,27 @@ def _score(
     correlation: float | None,
 ) -> FoldScore:
     """Compute the row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
-    textures, truth = natural_unique(presses.texture)
-    tries, correct, which, predicted = _tallied(outcomes, truth)
-    trial = np.repeat([outcome.trial for outcome in outcomes], [len(outcome.press) for outcome in outcomes])
-    hit = truth[which] == predicted
+    textures = presses.textures
+    tries, correct = _tallied(outcomes, presses)
     tested = tries > 0
     sizes = _sizes(unit[tested])
     low, high = interval_of(float(correct.sum() / tries.sum()), sizes, correlation)
-    accuracies = [float(hit[trial == number].mean()) for number in np.unique(trial)]
-    confusion = np.bincount(truth[which] * len(textures) + predicted, minlength=len(textures) ** 2)
+    truth = pd.Series(presses.texture[outcomes["press"]], index=outcomes.index)
+    accuracies = (truth == outcomes["predicted"]).groupby(outcomes["trial"]).mean()
+    confusion = pd.crosstab(truth, outcomes["predicted"]).reindex(index=textures, columns=textures, fill_value=0)
+    first = outcomes.iloc[0]
     return FoldScore(
         protocol=protocol,
-        estimator=outcomes[0].estimator,
-        train_on=outcomes[0].train_on,
+        estimator=first["estimator"],
+        train_on=first["train_on"],
         tested_on=tested_on,
-        hold_out=outcomes[0].hold_out,
-        accuracy=float(hit.mean()),
-        standard_deviation=float(np.std(accuracies, ddof=1)) if len(accuracies) > 1 else None,
+        hold_out=first["hold_out"],
+        accuracy=float(correct.sum() / tries.sum()),
+        standard_deviation=float(accuracies.std()) if len(accuracies) > 1 else None,
         low=low,
         high=high,
         units=f"{len(sizes)} {units}",
         trials=len(accuracies),
         images=int(tested.sum()),
-        confusion=confusion.reshape(len(textures), -1),
+        confusion=confusion.to_numpy(),
     )

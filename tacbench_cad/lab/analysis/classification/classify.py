@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification import leak_free, paper_protocol
 from tacbench_cad.lab.analysis.classification.accuracy import FoldScore, scores, texture_answers
 from tacbench_cad.lab.analysis.classification.augment import Augmentation
 from tacbench_cad.lab.analysis.classification.features import read_features
-from tacbench_cad.lab.analysis.classification.outcomes import ARRAYS, ClassifiedStudy, TestOutcome
+from tacbench_cad.lab.analysis.classification.outcomes import OUTCOMES, ClassifiedStudy
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, one_thread, shown_protocol
 from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.conclusions import Answer
-from tacbench_cad.lab.analysis.tables import percent, write_csv
+from tacbench_cad.lab.analysis.tables import percent, read_csv, write_csv
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.runs.region_search import region_of
-from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import refusing, replacing
+from tacbench_cad.util.files import refusing
 from tacbench_cad.util.text import counted
-from tacbench_cad.util.untrusted import parse_json, read_bytes
 
 #: The default number of trials by protocol; for the paper's protocols it is the number in the text.
 TRIALS = {"leak-free": 5, "paper": published.TRIALS, "as-published": published.TRIALS}
@@ -81,7 +78,9 @@ def classify(
         folder.mkdir(parents=True, exist_ok=True)
     show = progress or (lambda what, done, total: None)
     with one_thread():
-        outcomes = tuple(_outcomes(collection, presses, settings, trials, folder, executor, show))
+        outcomes = pd.concat(
+            _outcomes(collection, presses, settings, trials, folder, executor, show), ignore_index=True
+        )
     answers: tuple[Answer, ...] = ()
     if settings.protocol == "leak-free":
         answers = tuple(texture_answers(outcomes, presses, notes))
@@ -126,21 +125,21 @@ def _outcomes(
     folder: Path,
     executor: Executor,
     show: Progress,
-) -> Iterator[TestOutcome]:
-    """Yield the outcomes of all trials. Each is read from its file, or computed and stored there."""
+) -> list[pd.DataFrame]:
+    """Return the predictions of all trials. Each is read from its file, or computed and stored there."""
     region = region_of(collection.runs, settings.roi)
     references = " ".join(frame.image_sha256 for run in collection.runs for frame in run.references)
     data = f"{collection.data_key} {region.digest if region else ''} {references}"
     key = f"{settings.protocol}-{replace(settings, train_on=()).key(data)}"
     groups = {name: f"{key}-{name}" for name in settings.train_on} or {"": key}
     files = {
-        (group, trial): folder / f"{stem}-trial-{trial:03d}.json"
+        (group, trial): folder / f"{stem}-trial-{trial:03d}.csv"
         for group, stem in groups.items()
         for trial in range(1, trials + 1)
     }
     outcomes = {place: _read(path) for place, path in files.items()}
     missing = {
-        group: [trial for name, trial in files if name == group and not outcomes[name, trial]] for group in groups
+        group: [trial for name, trial in files if name == group and outcomes[name, trial] is None] for group in groups
     }
     done = len(files) - sum(map(len, missing.values()))
     if done < len(files):
@@ -152,28 +151,19 @@ def _outcomes(
         for group in (name for name in groups if missing[name]):
             results = executor(calls_of(study, group, missing[group]))
             for trial, result in zip(missing[group], results, strict=True):
-                _keep(files[group, trial], trial, result)
+                write_csv(files[group, trial], result)
                 outcomes[group, trial] = result
                 done += 1
                 show("trials", done, len(files))
-    for place in files:
-        yield from outcomes[place] or ()
+    return [found for found in outcomes.values() if found is not None]
 
 
-def _read(path: Path) -> list[TestOutcome] | None:
-    """Read the outcomes of a trial; return None if its file is missing or cannot be read."""
+def _read(path: Path) -> pd.DataFrame | None:
+    """Read the predictions of a trial; return None if its file is missing or cannot be read."""
     try:
-        document = parse_json(read_bytes(path, "trial", "json", within=path.parent), "trial", str(path))
-        rows: list[dict[str, Any]] = document["outcomes"]
-        return [TestOutcome(**{**row, **{key: np.array(row[key], np.int64) for key in ARRAYS}}) for row in rows]
-    except (InputError, ValueError, KeyError, TypeError):
+        return read_csv(path, OUTCOMES)
+    except InputError:
         return None
-
-
-def _keep(path: Path, trial: int, outcomes: Sequence[TestOutcome]) -> None:
-    with replacing(path) as temporary:
-        document = {"trial": trial, "outcomes": to_plain(outcomes)}
-        temporary.write_text(json.dumps(document, separators=(",", ":")), encoding="utf-8")
 
 
 def _notes(collection: Collection, presses: PressTable, settings: ClassificationSettings) -> tuple[str, ...]:

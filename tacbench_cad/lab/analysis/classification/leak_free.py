@@ -13,13 +13,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis.classification.augment import trial_seed
 from tacbench_cad.lab.analysis.classification.outcomes import (
     ALL,
+    OUTCOMES,
     THE_OTHERS,
     ClassifiedStudy,
-    TestOutcome,
     guarded,
     predictions,
 )
@@ -58,8 +59,8 @@ def calls(study: ClassifiedStudy, _: str, trials: Sequence[int]) -> list[Any]:
 
 
 @one_thread()
-def leak_free_trial(study: ClassifiedStudy, products: Products | None, trial: int) -> list[TestOutcome]:
-    """Train and test every estimator in every fold of a trial, and return the outcomes.
+def leak_free_trial(study: ClassifiedStudy, products: Products | None, trial: int) -> pd.DataFrame:
+    """Train and test every estimator in every fold of a trial, and return the predictions, see :data:`OUTCOMES`.
 
     Args:
         study: The data and settings that all trials share.
@@ -74,7 +75,7 @@ def leak_free_trial(study: ClassifiedStudy, products: Products | None, trial: in
 
     settings, presses, textures = study.settings, study.presses, study.presses.textures
     seed = trial_seed(settings.seed, trial)
-    outcomes: list[TestOutcome] = []
+    outcomes: list[pd.DataFrame] = []
     for fold in trial_folds(presses, settings, trial).folds:
         train, test = _rows(study, products, fold, seed)
         labels = np.tile(presses.texture[fold.train], settings.augmentation.count)
@@ -87,19 +88,14 @@ def leak_free_trial(study: ClassifiedStudy, products: Products | None, trial: in
                 model = make_pipeline(StandardScaler(), model)
             with guarded(name, where):
                 model.fit(train, labels)
-            outcomes.append(
-                TestOutcome(
-                    estimator=name,
-                    train_on=THE_OTHERS,
-                    tested_on=fold.group or ALL,
-                    hold_out=fold.hold_out,
-                    trial=trial,
-                    press=fold.test,
-                    copied=np.zeros(len(fold.test), dtype=np.int64),
-                    predicted=predictions(model, test, textures, name, where),
-                )
-            )
-    return outcomes
+            predicted = predictions(model, test, textures, name, where)
+            tested_on, level = fold.group or ALL, fold.hold_out
+            rows = [
+                (name, THE_OTHERS, tested_on, level, trial, press, 0, word)
+                for press, word in zip(fold.test, predicted, strict=True)
+            ]
+            outcomes.append(pd.DataFrame(rows, columns=list(OUTCOMES)))
+    return pd.concat(outcomes, ignore_index=True)
 
 
 def _rows(study: ClassifiedStudy, products: Products | None, fold: Fold, seed: int) -> tuple[Floats, Floats]:

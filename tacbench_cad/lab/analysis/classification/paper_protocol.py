@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial_seed
 from tacbench_cad.lab.analysis.classification.features import Rows
 from tacbench_cad.lab.analysis.classification.outcomes import (
     ALL_OTHERS,
     ClassifiedStudy,
-    TestOutcome,
     guarded,
     predictions,
 )
@@ -144,8 +144,8 @@ def paper_trial(
     trial: int,
     trained: Floats,
     tested: Floats,
-) -> list[TestOutcome]:
-    """Train and test every estimator in a trial, and return the outcomes.
+) -> pd.DataFrame:
+    """Train and test every estimator in a trial, and return the predictions, see :data:`.outcomes.OUTCOMES`.
 
     Args:
         settings: The settings.
@@ -165,7 +165,7 @@ def paper_trial(
     labels = np.tile(presses.texture[chosen], settings.augmentation.count)
     copies = Augmentation() if settings.clip else settings.augmentation
     seed, where = trial_seed(settings.seed, trial), f"trial {trial} on {train_on}"
-    outcomes: list[TestOutcome] = []
+    outcomes: list[pd.DataFrame] = []
     for name in settings.estimators:
         rows, plain = noisy(trained, tested, copies, settings.components or 1, seed)
         if settings.protocol == "as-published" and name == ESTIMATORS[1]:
@@ -190,17 +190,8 @@ def paper_trial(
             for column, which in design.tested.items()
             if len(which)
         ]
-        outcomes += [
-            TestOutcome(
-                estimator=name,
-                train_on=train_on,
-                tested_on=tested_on,
-                hold_out=column,
-                trial=trial,
-                press=press,
-                copied=copied,
-                predicted=predictions(model, values, presses.textures, name, where),
-            )
-            for column, tested_on, values, press, copied in sets
-        ]
-    return outcomes
+        for column, tested_on, values, press, copied in sets:
+            predicted = predictions(model, values, presses.textures, name, where)
+            same = {"estimator": name, "train_on": train_on, "tested_on": tested_on, "hold_out": column, "trial": trial}
+            outcomes.append(pd.DataFrame({**same, "press": press, "copied": copied, "predicted": predicted}))
+    return pd.concat(outcomes, ignore_index=True)

@@ -12,7 +12,6 @@ import pandas as pd
 from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification.accuracy import FoldScore, is_whole
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
-from tacbench_cad.lab.analysis.classification.outcomes import TestOutcome
 from tacbench_cad.lab.analysis.classification.paper_protocol import COLUMNS as PAPER_COLUMNS
 from tacbench_cad.lab.analysis.classification.settings import (
     ClassificationRecord,
@@ -66,7 +65,7 @@ class Result:
 
     Args:
         settings: The settings.
-        outcomes: The predictions of the estimators.
+        outcomes: The predictions of the estimators, see :data:`.outcomes.OUTCOMES`; empty for a sweep.
         scores: The rows of the table.
         notes: Warnings, the hold-out levels that are left out, and the choices made where the paper is unclear.
         collection: The data.
@@ -77,7 +76,7 @@ class Result:
     """
 
     settings: ClassificationSettings
-    outcomes: tuple[TestOutcome, ...]
+    outcomes: pd.DataFrame
     scores: tuple[FoldScore, ...]
     notes: tuple[str, ...]
     collection: Collection
@@ -106,7 +105,7 @@ class Result:
         return {
             "classification.csv": frame_of(self.scores, COLUMNS),
             "confusion.csv": frame_of(self._confusions(), CONFUSION_COLUMNS),
-            "predictions.csv": pd.concat([pd.DataFrame(columns=list(PREDICTION_COLUMNS)), *self._predictions()]),
+            "predictions.csv": self._predictions()[list(PREDICTION_COLUMNS)],
             "texture_answers.csv": answer_table(self.answers),
         }
 
@@ -150,7 +149,7 @@ class Result:
         """The settings and the data of the classification."""
         return ClassificationRecord(
             **vars(self.settings),
-            trials=max(outcome.trial for outcome in self.outcomes),
+            trials=int(self.outcomes["trial"].max()),
             textures=self.textures,
             sensor=str(self.collection.info.sensor.get("name", "")),
             units=self.settings.feature.unit or self.collection.units,
@@ -176,24 +175,17 @@ class Result:
                 names = {"texture": self.textures[i], "predicted": self.textures[j]}
                 yield {**who, **names, "count": int(count), "fraction": float(fractions[i, j])}
 
-    def _predictions(self) -> Iterator[pd.DataFrame]:
-        """Yield the tables of predictions of each outcome."""
-        names = np.array([run.info.printed.name for run in self.collection.runs])[self.collection.run]
-        protocol = shown_protocol(self.settings.protocol, self.collection.unknown_groups)
-        for outcome in self.outcomes:
-            if outcome.hold_out != "train":
-                yield pd.DataFrame(
-                    {
-                        "protocol": protocol,
-                        **{name: getattr(outcome, name) for name in WHO[1:]},
-                        "trial": outcome.trial,
-                        "run": names[outcome.press],
-                        "press": self.collection.number[outcome.press],
-                        "augmentation": np.array(self.settings.augmentation.names)[outcome.copied],
-                        "texture": self.collection.texture[outcome.press],
-                        "predicted": np.array(self.textures)[outcome.predicted],
-                    }
-                )
+    def _predictions(self) -> pd.DataFrame:
+        """The rows of ``predictions.csv``."""
+        rows, collection = self.outcomes[self.outcomes["hold_out"] != "train"], self.collection
+        press = rows["press"].to_numpy()
+        return rows.assign(
+            protocol=shown_protocol(self.settings.protocol, collection.unknown_groups),
+            run=np.array([run.info.printed.name for run in collection.runs])[collection.run[press]],
+            press=collection.number[press],
+            augmentation=np.array(self.settings.augmentation.names)[rows["copied"]],
+            texture=collection.texture[press],
+        )
 
     def _paper_shown(self) -> Shown:
         rows = []

@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from tacbench_cad.lab.analysis.classification.accuracy import FoldScore
 from tacbench_cad.lab.analysis.classification.classify import Progress, classify
+from tacbench_cad.lab.analysis.classification.outcomes import OUTCOMES
 from tacbench_cad.lab.analysis.classification.result import Result
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.collection import Collection
@@ -149,7 +151,7 @@ def run_sweep(
     values, scores = zip(*points, strict=True)
     return Result(
         settings=settings,
-        outcomes=(),
+        outcomes=pd.DataFrame(columns=list(OUTCOMES)),
         scores=scores,
         notes=tuple(dict.fromkeys(notes)),
         collection=collection,

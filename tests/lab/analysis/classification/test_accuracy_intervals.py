@@ -10,6 +10,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +19,7 @@ pytest.importorskip("scipy")
 
 from tacbench_cad.lab.analysis.classification.accuracy import scores, texture_answers
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS, TestOutcome
+from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS
 from tacbench_cad.lab.analysis.classification.splits import PressTable
 from tacbench_cad.lab.analysis.conclusions import Answer
 from tacbench_cad.util.types import Bools
@@ -44,27 +45,19 @@ def presses_of(textures: int, prints: int, presses: int) -> PressTable:
     )
 
 
-def outcome(presses: PressTable, right: Bools, hold_out: str = "copy") -> TestOutcome:
+def outcome(presses: PressTable, right: Bools, hold_out: str = "copy") -> pd.DataFrame:
     """Return the predictions of one trial; each wrong prediction is the next texture."""
     truth = np.unique(presses.texture, return_inverse=True)[1]
-    predicted = np.where(right, truth, (truth + 1) % len(presses.textures))
-    return TestOutcome(
-        estimator="forest",
-        train_on=THE_OTHERS,
-        tested_on=ALL,
-        hold_out=hold_out,
-        trial=1,
-        press=np.arange(len(truth)),
-        copied=np.zeros(len(truth), dtype=np.int64),
-        predicted=predicted,
-    )
+    predicted = np.array(presses.textures)[np.where(right, truth, (truth + 1) % len(presses.textures))]
+    same = {"estimator": "forest", "train_on": THE_OTHERS, "tested_on": ALL, "hold_out": hold_out, "trial": 1}
+    return pd.DataFrame({**same, "press": np.arange(len(truth)), "copied": 0, "predicted": predicted})
 
 
 def answers_of(correct: np.ndarray, presses: int) -> list[Answer]:
     """Return the answers for a table of correct presses, (textures, prints)."""
     table = presses_of(*correct.shape, presses)
     right = np.concatenate([np.arange(presses) < count for count in correct.ravel()])
-    return list(texture_answers([outcome(table, right)], table, []))
+    return list(texture_answers(outcome(table, right), table, []))
 
 
 def require_monotone(answers: list[Answer]) -> None:
@@ -186,6 +179,6 @@ def test_two_held_out_forces_are_too_few_groups() -> None:
     presses = presses_of(6, 4, 20)
     rng = np.random.default_rng(2)
     right = rng.random(len(presses.run)) < np.where(presses.level == 1, 0.15, 0.75)
-    parts = [outcome(presses, right, "force")]
+    parts = outcome(presses, right, "force")
     (whole,) = [row for row in scores(parts, presses, "leak-free") if row.tested_on == ALL]
     assert (whole.low, whole.high, whole.units) == (None, None, "2 force levels")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -115,7 +116,7 @@ def test_the_legend_lists_exactly_what_is_drawn(
     )
     result = Result(
         settings=LEAK_FREE,
-        outcomes=(),
+        outcomes=pd.DataFrame(),
         scores=(score,) * 3,
         notes=(),
         collection=study,
