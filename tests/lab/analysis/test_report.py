@@ -304,9 +304,7 @@ def test_a_study_with_too_few_data_gets_a_page_with_reasons(tmp_path: Path) -> N
     assert "These data have no classification: " in text
     assert "Findings, at most 5 for each run" in text and "dark" in text
     assert "Simulated" not in text and "simulated data" not in text
-    assert (
-        "Nothing can be said about how prints of ender-3 petg differ: there is only one print of each texture" in text
-    )
+    assert "ender-3 petg: cannot be said: there is only one print of each texture" in text
     assert "Look at the problems of texture-1_" in text, "what to do next"
 
 

@@ -161,7 +161,7 @@ def _outcomes(
 def _read(path: Path) -> pd.DataFrame | None:
     """Read the predictions of a trial; return None if its file is missing or cannot be read."""
     try:
-        return read_csv(path, OUTCOMES)
+        return read_csv(path, OUTCOMES, within=path.parent)
     except InputError:
         return None
 

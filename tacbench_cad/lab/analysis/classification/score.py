@@ -18,7 +18,7 @@ little more information than six trials. All rows have the same correlation of t
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
-from tacbench_cad.lab.analysis.classification.split_files import Key, Split, named
+from tacbench_cad.lab.analysis.classification.split_files import Split, named
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.tables import Shown, intervals, percent
 from tacbench_cad.util.convert import to_plain
@@ -155,14 +155,11 @@ def score(path: Path, split: Split) -> Score:
         PredictionsError: A prediction is missing or occurs twice, or its press or texture is not part of the split. All
             faults are named.
     """
-    predicted = _matched(path, split)
-    presses = [split.presses[index] for _, index in predicted]
+    rows = _matched(path, split)
     textures = split.textures
     index = {name: number for number, name in enumerate(textures)}
-    truth = np.array([index[press.texture] for press in presses])
-    answers = np.array([index[word] for word in predicted.values()])
-    prints = np.array([press.run for press in presses])
-    folds = np.array([fold for fold, _ in predicted])
+    truth, answers = (rows[name].map(index).to_numpy() for name in ("texture", "predicted"))
+    prints, folds = rows["run"].to_numpy(), rows["fold"].to_numpy()
     confusion = np.zeros((len(textures), len(textures)), dtype=np.int64)
     np.add.at(confusion, (truth, answers), 1)
 
@@ -195,60 +192,39 @@ def accuracy_of(right: ArrayLike, prints: ArrayLike, correlation: float | None) 
     return Accuracy(fraction=correct / count, low=low, high=high, right=correct, presses=count, prints=len(sizes))
 
 
-def _matched(path: Path, split: Split) -> dict[tuple[str, int], str]:
-    """Return the predicted texture of every tested press, by fold and index, in the order of the split.
+def _matched(path: Path, split: Split) -> pd.DataFrame:
+    """Return the test presses of all folds with their textures and predictions, in the order of the split.
 
     Raises:
+        InputError: Same as for :func:`score`.
         PredictionsError: Same as for :func:`score`.
     """
-    index = {press.key: i for i, press in enumerate(split.presses)}
-    predicted = {(fold.name, i): "" for fold in split.folds for i in fold.test}
-    folds = {fold.name for fold in split.folds}
-    lines: dict[tuple[str, int], int] = {}
-    faults: list[PredictionFault] = []
-    for line, row in _rows(path):
-        try:
-            key: Key = (row["run"], int(row["force_level"]), int(row["repeat"]), int(row["position"]))
-        except ValueError:
-            faults.append(
-                PredictionFault("unknown", f"line {line}: force_level, repeat and position must be whole numbers")
-            )
-            continue
-        where = f"line {line}: fold {row['fold']}, {named(key)}"
-        place = (row["fold"], index.get(key, -1))
-        if row["fold"] not in folds:
-            faults.append(PredictionFault("unknown", f"{where}: this fold is not in the split file"))
-        elif key not in index:
-            faults.append(PredictionFault("unknown", f"{where}: this press is not in the split file"))
-        elif place not in predicted:
-            faults.append(PredictionFault("unknown", f"{where}: this press is not a test press of this fold"))
-        elif place in lines:
-            faults.append(
-                PredictionFault("doubled", f"{where}: this press already has a prediction in line {lines[place]}")
-            )
-        else:
-            lines[place], predicted[place] = line, row["predicted"]
-            if row["predicted"] not in split.textures:
-                allowed = ", ".join(split.textures)
-                faults.append(
-                    PredictionFault(
-                        "unknown",
-                        f"{where}: predicted = {row['predicted']!r} is not a texture of the split file ({allowed})",
-                    )
-                )
-    for fold, i in (place for place in predicted if place not in lines):
-        faults.append(PredictionFault("missing", f"fold {fold}, {named(split.presses[i].key)}: has no prediction"))
-    if faults:
-        raise PredictionsError(path, faults)
-    return predicted
-
-
-def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the line numbers (without blank lines) and rows of a file of predictions."""
-    heads, rows = read_table(path, "predictions")
+    heads, texts = read_table(path, "predictions")
     missing = [name for name in COLUMNS if name not in heads]
     if missing:
         raise InputError("predictions", str(path), f"has no column {missing[0]}; it must have {', '.join(COLUMNS)}")
-    places = {name: heads.index(name) for name in COLUMNS}
-    for line, row in enumerate(rows, start=2):
-        yield line, {name: row[place].strip() for name, place in places.items()}
+    given = pd.DataFrame(texts, columns=heads)[list(COLUMNS)].apply(lambda column: column.str.strip())
+    given["line"] = range(2, len(given) + 2)
+    tests = [(fold.name, split.presses[i]) for fold in split.folds for i in fold.test]
+    expected = pd.DataFrame([{"fold": fold, **to_plain(press)} for fold, press in tests])
+    keys = list(COLUMNS[:-1])
+    rows = expected.astype(dict.fromkeys(keys, str)).merge(given, on=keys, how="outer", indicator="found", sort=False)
+    faults: list[PredictionFault] = []
+    for row in rows[(rows["found"] == "right_only") | rows.duplicated(keys)].to_dict("records"):
+        kind, fault = "unknown", "is not a test press of this fold in the split file"
+        if row["found"] == "both":
+            kind, fault = "doubled", "already has a prediction"
+        faults.append(PredictionFault(kind, f"line {row['line']:.0f}: {_named(row)}: {fault}"))
+    for row in rows[(rows["found"] == "both") & ~rows["predicted"].isin(split.textures)].to_dict("records"):
+        fault = f"predicted = {row['predicted']!r} is not a texture of the split file ({', '.join(split.textures)})"
+        faults.append(PredictionFault("unknown", f"line {row['line']:.0f}: {_named(row)}: {fault}"))
+    for row in rows[rows["found"] == "left_only"].to_dict("records"):
+        faults.append(PredictionFault("missing", f"{_named(row)}: has no prediction"))
+    if faults:
+        raise PredictionsError(path, faults)
+    return rows
+
+
+def _named(row: Mapping[Hashable, Any]) -> str:
+    """Return the name of the fold and of a press in words."""
+    return f"fold {row['fold']}, {named((row['run'], row['force_level'], row['repeat'], row['position']))}"

@@ -21,7 +21,7 @@ from tacbench_cad.util.text import counted, interval, short
 _MAX_NAMES = 3
 #: A row of a table of answers.
 Row = Mapping[str, Any]
-_ESTIMATORS = {"forest": "a random forest", "network": "a network"}
+_ESTIMATORS = {"forest": "A random forest", "network": "A network"}
 _UNSAID = "cannot be said: "
 #: The words of the sentence about the textures, by the first words of the answer.
 _TOLD_APART = {"yes": "told apart", "no": "not told apart", "unclear": "unclear", _UNSAID: "no print held out"}
@@ -101,29 +101,18 @@ def quality_sentence(results: Results) -> str:
 
 
 def printing_sentence(results: Results) -> str:
-    """Return the sentences that say whether each printer is repeatable; printers with the same answer share one."""
+    """Return the sentence that says whether each printer is repeatable."""
     if results.variance is None:
-        return f"Nothing can be said about the prints: {_cause(results.no_variance)}."
-    sentences = []
-    for answer, rows in _by_answer(_printer_rows(results)).items():
-        names = listed(_named(row["about"]) for row in rows)
-        figures = [row["figure"] for row in rows if row["figure"] is not None]
-        values = listed(f"{short(row['figure'])} % ({_ends(row)})" for row in rows if row["figure"] is not None)
-        if len(figures) > _MAX_NAMES:
-            values = f"{interval(min(figures), max(figures))} %"
-        many, their = len(rows) > 1, "their" if len(rows) > 1 else "its"
-        differ = f"the standard deviation between {their} prints is {values} of the standard deviation between textures"
-        limit = f"the limit is {100.0 * REPEATABLE:g} %"
-        if answer.startswith(_UNSAID):
-            of = "" if "unknown" in names else f" of {names}"
-            sentences.append(f"Nothing can be said about how prints{of} differ: {answer.removeprefix(_UNSAID)}.")
-        elif answer.startswith(("yes", "no")):
-            verb = ("are" if many else "is") + (" not" if answer.startswith("no") else "")
-            sentences.append(f"{names} {verb} repeatable: {differ}; {limit}.")
-        else:
-            verb = "are" if many else "is"
-            sentences.append(f"It is unclear whether {names} {verb} repeatable: {differ}; {limit}.")
-    return " ".join(sentences)
+        return f"Nothing can be said about the prints: {results.no_variance}."
+    answers = []
+    for row in _printer_rows(results):
+        ends = "no interval" if row["low"] is None else f"{interval(row['low'], row['high'])} %"
+        figure = "" if row["figure"] is None else f" ({short(row['figure'])} %; {ends})"
+        answers.append(f"{row['about']}: {row['answer']}{figure}")
+    return (
+        "Are the prints repeatable, with a standard deviation between prints below "
+        f"{100.0 * REPEATABLE:g} % of that between textures? {'; '.join(answers)}."
+    )
 
 
 def textures_sentence(results: Results) -> str:
@@ -135,39 +124,27 @@ def textures_sentence(results: Results) -> str:
     if score is None:
         return "The classification has no accuracy."
     name = results.leak_free.record.estimators[0]
-    who = _ESTIMATORS.get(name, name)
-    accuracy = f"{percent(score['accuracy'])} %"
-    accuracy += f" ({TOO_FEW if score['low'] is None else interval(100 * score['low'], 100 * score['high']) + ' %'})"
-    chance = f"chance: {percent(results.leak_free.chance)} %"
-    presses = press_words(results.collection)[1]
-    unknown = " and ".join(results.collection.unknown_groups)
-    unknown = f"the {unknown} are unknown" if unknown else ""
-    if results.hold_out != UNSEEN:
-        reason = _cause(str(results.texture_answers.get("", {}).get("answer", "")).removeprefix(_UNSAID))
-        where, leak = f"At the hold-out level {results.hold_out}", ""
-        if shown_level(results.hold_out, results.collection.unknown_groups) != results.hold_out:
-            where = "In a random split" if results.hold_out == "press" else where
-            where += f" that may leak ({unknown})"
-            leak = " This is too high if similar samples are on both sides of the split."
-        elif unknown:
-            where += f" ({unknown})"
-        return (
-            f"Nothing can be said about prints that training has not seen: {reason}. {where}, {who} predicts "
-            f"{accuracy} of the {presses} correctly ({chance}).{leak}"
-        )
-    groups = _by_answer(row for texture, row in results.texture_answers.items() if texture)
-    parts = [
-        f"{what}: {listed((short_texture(str(row['about'])) for row in rows), 6)}"
-        for word, what in _TOLD_APART.items()
-        for rows in [[row for answer, of in groups.items() if answer.startswith(word) for row in of]]
-        if rows
-    ]
-    apart = "all textures can be told apart" if list(groups) == ["yes"] else "; ".join(parts)
-    aside = f" ({unknown})" if unknown else ""
-    return (
-        f"On prints that training has not seen{aside}, {who} predicts {accuracy} of the {presses} correctly "
-        f"({chance}). {apart[0].upper()}{apart[1:]}."
+    ends = TOO_FEW if score["low"] is None else f"{interval(100 * score['low'], 100 * score['high'])} %"
+    text = (
+        f"{_ESTIMATORS.get(name, name)} predicts {percent(score['accuracy'])} % ({ends}) of the "
+        f"{press_words(results.collection)[1]} correctly, {results.shown_hold_out} "
+        f"(chance: {percent(results.leak_free.chance)} %)."
     )
+    if shown_level(results.hold_out, results.collection.unknown_groups) != results.hold_out:
+        text += " This is too high if similar samples are on both sides of the split."
+    if results.hold_out != UNSEEN:
+        reason = str(results.texture_answers.get("", {}).get("answer", "")).removeprefix(_UNSAID)
+        return f"{text} Nothing can be said about prints that training has not seen: {reason}."
+    parts = [
+        f"{what}: {listed(textures, 6)}"
+        for word, what in _TOLD_APART.items()
+        if (
+            textures := [
+                short_texture(t) for t, row in results.texture_answers.items() if row["answer"].startswith(word)
+            ]
+        )
+    ]
+    return f"{text} Textures: {'; '.join(parts)}."
 
 
 def next_steps(results: Results) -> list[str]:
@@ -257,33 +234,12 @@ def _printer_rows(results: Results) -> list[Row]:
     return [row for row in rows if row["question"] == IS_REPEATABLE]
 
 
-def _by_answer(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        groups.setdefault(str(row["answer"]), []).append(row)
-    return groups
-
-
 def _with_findings(reports: Sequence[RunReport]) -> list[RunReport]:
     return [report for report in reports if report.findings]
 
 
 def _printers(combinations: Sequence[str]) -> str:
-    return listed(_named(name_of(combination)) for combination in combinations)
-
-
-def _cause(reason: str) -> str:
-    """Return the first part of a reason, without the advice that follows it."""
-    return reason.partition(";")[0]
-
-
-def _named(printer: str) -> str:
-    """Return the name of a printer in a sentence, also if the printer is unknown."""
-    return "the printer" if printer == "unknown printer" else printer
-
-
-def _ends(row: Row) -> str:
-    return f"{interval(row['low'], row['high'])} %" if row["low"] is not None else "no interval"
+    return listed(map(name_of, combinations))
 
 
 def _were(count: int) -> str:

@@ -124,10 +124,10 @@ def a_repeat_that_is_not_a_number(rows: Rows) -> None:
             a_row_of_another_fold,
             [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")],
         ),
-        (an_unknown_fold, [("unknown", "this fold is not in the split"), ("missing", "position 1: has no prediction")]),
+        (an_unknown_fold, [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")]),
         (
             an_unknown_press,
-            [("unknown", "this press is not in the split"), ("missing", "position 1: has no prediction")],
+            [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")],
         ),
         (
             an_unknown_texture,
@@ -135,7 +135,7 @@ def a_repeat_that_is_not_a_number(rows: Rows) -> None:
         ),
         (
             a_repeat_that_is_not_a_number,
-            [("unknown", "must be whole numbers"), ("missing", "position 1: has no prediction")],
+            [("unknown", "not a test press of this fold"), ("missing", "position 1: has no prediction")],
         ),
     ],
 )
