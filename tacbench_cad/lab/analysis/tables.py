@@ -130,18 +130,17 @@ def write_csv(path: Path, frame: pd.DataFrame, simulated: Sequence[str] | None =
     return path
 
 
-def read_csv(path: Path, columns: Sequence[str] = (), *, within: Path | None = None) -> pd.DataFrame:
+def read_csv(path: Path, columns: Sequence[str] = ()) -> pd.DataFrame:
     """Read a table from a CSV file that an analysis wrote.
 
     Args:
         path: The file.
         columns: The columns that it must have.
-        within: A folder that the file must lie in, also if ``path`` is a link.
 
     Raises:
         InputError: The file is missing or damaged, or has no such column.
     """
-    text = read_text(path, "table", "table", within=within)
+    text = read_text(path, "table", "table")
     try:
         frame = pd.read_csv(io.StringIO(text), dtype=dict.fromkeys(_TEXTS, str), keep_default_na=False, na_values=[""])
     except ValueError as error:

@@ -20,12 +20,13 @@ from tacbench_cad.lab.analysis.classification.settings import ClassificationSett
 from tacbench_cad.lab.analysis.classification.splits import PressTable, leak_warning
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.conclusions import Answer
-from tacbench_cad.lab.analysis.tables import percent, read_csv, write_csv
+from tacbench_cad.lab.analysis.tables import percent, write_csv
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import refusing
+from tacbench_cad.util.files import refusing, write_json
 from tacbench_cad.util.text import counted
+from tacbench_cad.util.untrusted import parse_json, read_bytes
 
 #: The default number of trials by protocol; for the paper's protocols it is the number in the text.
 TRIALS = {"leak-free": 5, "paper": published.TRIALS, "as-published": published.TRIALS}
@@ -133,7 +134,7 @@ def _outcomes(
     key = f"{settings.protocol}-{replace(settings, train_on=()).key(data)}"
     groups = {name: f"{key}-{name}" for name in settings.train_on} or {"": key}
     files = {
-        (group, trial): folder / f"{stem}-trial-{trial:03d}.csv"
+        (group, trial): folder / f"{stem}-trial-{trial:03d}.json"
         for group, stem in groups.items()
         for trial in range(1, trials + 1)
     }
@@ -151,7 +152,7 @@ def _outcomes(
         for group in (name for name in groups if missing[name]):
             results = executor(calls_of(study, group, missing[group]))
             for trial, result in zip(missing[group], results, strict=True):
-                write_csv(files[group, trial], result)
+                write_json(files[group, trial], result.to_dict("list"))
                 outcomes[group, trial] = result
                 done += 1
                 show("trials", done, len(files))
@@ -161,8 +162,9 @@ def _outcomes(
 def _read(path: Path) -> pd.DataFrame | None:
     """Read the predictions of a trial; return None if its file is missing or cannot be read."""
     try:
-        return read_csv(path, OUTCOMES, within=path.parent)
-    except InputError:
+        document = parse_json(read_bytes(path, "trial", "json", within=path.parent), "trial", str(path))
+        return pd.DataFrame(document)[list(OUTCOMES)]
+    except (InputError, ValueError, KeyError, TypeError):
         return None
 
 

@@ -80,7 +80,7 @@ def test_a_stored_trial_that_is_too_large_is_computed_again(
     before = trial.stat().st_mtime_ns
     run(study, out)
     assert trial.stat().st_mtime_ns == before
-    monkeypatch.setattr(untrusted, "MAX_MB", {**untrusted.MAX_MB, "table": 1e-6})
+    monkeypatch.setattr(untrusted, "MAX_MB", {**untrusted.MAX_MB, "json": 1e-6})
     run(study, out)
     assert trial.stat().st_mtime_ns != before
 

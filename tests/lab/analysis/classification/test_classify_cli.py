@@ -250,13 +250,13 @@ def test_an_interruption_ends_with_130_and_the_same_command_resumes(runs: Path, 
     trials = own / "out" / "trials"
     process = subprocess.Popen(command, cwd=own, env={**os.environ, "SLOW_S": "0.8"}, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not list(trials.glob("leak-free-*.csv")) and time.monotonic() < deadline:
+    while not list(trials.glob("leak-free-*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     _, output = process.communicate(timeout=30)
     assert process.returncode == 130 and "interrupted" in output and "Traceback" not in output
-    kept = {path: path.stat().st_mtime_ns for path in trials.glob("leak-free-*.csv")}
-    assert 1 <= len(kept) < 3 and {path.suffix for path in trials.iterdir()} == {".csv"}
+    kept = {path: path.stat().st_mtime_ns for path in trials.glob("leak-free-*.json")}
+    assert 1 <= len(kept) < 3 and {path.suffix for path in trials.iterdir()} == {".json"}
     assert not (own / "out" / "classification.csv").exists()
     assert main(words) == 0
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
