@@ -129,7 +129,7 @@ def test_with_sessions_the_held_out_session_is_quoted(images: Path, tmp_path: Pa
     assert Collection.open([tmp_path / "runs"]).unknown_groups == ("prints",)
     _, document, text = reported(tmp_path / "runs", tmp_path, capsys)
     (sentence,) = (row["text"] for row in document["summary"] if row["topic"] == "Telling apart")  # type: ignore[attr-defined]
-    assert "At the hold-out level session (the prints are unknown), a random forest predicts" in sentence
+    assert "correctly, held out: session, prints unknown (chance" in sentence
     assert "predicted correctly, held out: session, prints unknown (%)" in document["table"]["heads"]  # type: ignore[index]
     assert float(re.findall(r"predicts ([\d.]+) %", sentence)[0]) < 75.0
     assert "leak-free" not in text and MAY_LEAK in text  # the level press is below, with its name
