@@ -74,7 +74,6 @@ def command(
     """
     from tacbench_cad.lab.analysis.classification.classify import MODULES
     from tacbench_cad.lab.analysis.compare import compare
-    from tacbench_cad.lab.analysis.comparison_files import write_comparison
     from tacbench_cad.lab.analysis.comparison_sides import read_side, side_names
     from tacbench_cad.util.files import locked
     from tacbench_cad.util.packages import require
@@ -94,7 +93,7 @@ def command(
         shown = names or side_names((a, b), (first.record, second.record)) or (used, other)
         first, second = (replace(side, name=name) for side, name in zip((first, second), shown, strict=True))
         comparison = compare(first, second, " and ".join(dict.fromkeys([used, other])), same_prints=not unpaired)
-        files = write_comparison(comparison, out)
+        files = comparison.save(out)
     if json:
         print_json({**comparison.document(), "files": [str(path) for path in files]})
         return

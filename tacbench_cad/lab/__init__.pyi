@@ -14,7 +14,6 @@ from .analysis.classification.split_files import read_split as read_split
 from .analysis.classification.split_files import write_split as write_split
 from .analysis.collection import Collection as Collection
 from .analysis.compare import compare as compare
-from .analysis.comparison_files import write_comparison as write_comparison
 from .analysis.comparison_sides import read_side as read_side
 from .analysis.feature import Feature as Feature
 from .analysis.feature import fitted as fitted

@@ -10,12 +10,6 @@ from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import Pressed, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.types import Bools, Ints
-
-Chosen = Ints | Bools
-#: The facts that may be unknown for an imported press, with their fields: in its row, and in the printed block.
-_OF_ROWS = {"position": "position", "force": "force_level", "repeat": "repeat"}
-_OF_PRINTS = {name: name for name in ("printer", "filament", "session")} | {"label": "texture", "print": "copy"}
 
 
 def require_comparable(runs: Sequence[Run]) -> None:

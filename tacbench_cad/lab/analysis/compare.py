@@ -33,7 +33,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -41,10 +42,13 @@ import pandas as pd
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
 from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.comparison_sides import PrintAccuracy, Side
-from tacbench_cad.lab.analysis.tables import Shown, frame_of, intervals, percent, records
+from tacbench_cad.lab.analysis.tables import Shown, frame_of, intervals, percent, records, write_csv
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: The level of the intervals, and the power for the smallest difference.
 LEVEL, POWER = 0.95, 0.80
@@ -166,6 +170,62 @@ class Comparison:
             "notes": list(self.notes),
             "rows": records(self.table.assign(verdict=[row.verdict for row in self.rows])),
         }
+
+    def figure(self) -> Figure:
+        """Draw the accuracies on the left, and the differences of the recall of each texture on the right."""
+        from tacbench_cad.lab.analysis.figures import COLOURS, INK, PAGE_IN, new_figure
+
+        levels = list(dict.fromkeys(row.hold_out for row in self.rows))
+        shown = {level: shown_level(level, self.unknown_groups) for level in levels}
+        textures = self.a.record.textures
+        figure = new_figure(PAGE_IN, 0.9 + max(2.4, 0.42 * len(levels) * max(1, len(textures) // 3)))
+        accuracies, recall = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+        whole = {row.hold_out: row for row in self.rows if row.texture == ALL_TEXTURES}
+        for i, hold_out in enumerate(levels):
+            for j, accuracy in enumerate((whole[hold_out].accuracy_a, whole[hold_out].accuracy_b)):
+                accuracies.plot(i + 0.16 * (j - 0.5), 100.0 * accuracy, "os"[j], color=COLOURS[j], markersize=5.0)
+        accuracies.axhline(100.0 / len(textures), color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+        accuracies.annotate("chance", (-0.48, 100.0 / len(textures)), ha="left", va="bottom", fontsize=7.0)
+        accuracies.set_xticks(
+            range(len(levels)), [text.replace("-", "-\n").replace(", ", ",\n") for text in shown.values()]
+        )
+        accuracies.set(xlim=(-0.5, len(levels) - 0.5), ylim=(0.0, 104.0), ylabel="accuracy (%)")
+        accuracies.set_title("by hold-out level", loc="left")
+        step = 0.8 / len(levels)
+        labels = [ALL_TEXTURES, *textures]
+        for i, hold_out in enumerate(levels):
+            colour = COLOURS[(i + 2) % (len(COLOURS) - 1)]
+            for row in (row for row in self.rows if row.hold_out == hold_out):
+                y = labels.index(row.texture) + (i - (len(levels) - 1) / 2.0) * step
+                if row.low is not None and row.high is not None:
+                    recall.plot([100.0 * row.low, 100.0 * row.high], [y, y], color=colour, linewidth=1.0)
+                recall.plot(100.0 * row.difference, y, "o", color=colour, markersize=3.5)
+            recall.plot(
+                [], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=shown[hold_out]
+            )
+        recall.axvline(0.0, color=INK, linewidth=0.8)
+        recall.set_yticks(range(len(labels)), [label.removeprefix("texture-") for label in labels])
+        recall.set(xlabel="recall, B minus A (percentage points)", ylabel="texture")
+        recall.invert_yaxis()
+        recall.set_title(f"difference with 95 % interval over {self.units}", loc="left")
+        for j, side in enumerate((self.a, self.b)):
+            accuracies.plot([], [], "os"[j], color=COLOURS[j], markersize=5.0, label=f"{'AB'[j]}: {side.name}")
+        handles = [*accuracies.get_legend_handles_labels()[0], *recall.get_legend_handles_labels()[0]]
+        figure.legend(handles=handles, loc="outside upper left", ncols=4)
+        return figure
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write ``comparison.csv`` and ``comparison`` as PNG and PDF into an existing folder.
+
+        Raises:
+            InputError: A file cannot be written.
+            MissingToolError: matplotlib is not installed.
+        """
+        from tacbench_cad.lab.analysis.figures import save, styled
+
+        path = write_csv(folder / "comparison.csv", self.table, self.simulated)
+        with styled():
+            return [path, *save(self.figure(), folder / "comparison", self.simulated)]
 
 
 def compare(a: Side, b: Side, estimator: str, *, same_prints: bool = True) -> Comparison:

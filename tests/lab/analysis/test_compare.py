@@ -22,7 +22,6 @@ from tacbench_cad.cli import classify as classify_command
 from tacbench_cad.cli import compare as command
 from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
 from tacbench_cad.lab.analysis.compare import ALL_TEXTURES, Difference, compare
-from tacbench_cad.lab.analysis.comparison_files import draw_comparison
 from tacbench_cad.lab.analysis.comparison_sides import PrintAccuracy, Side, read_side, side_names
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Ints
@@ -219,7 +218,7 @@ def test_classes_of_unknown_prints_are_not_called_prints() -> None:
     assert not any("same prints" in note or "pairs" in note for note in comparison.notes)
     assert comparison.shown.texts[0][0] == "random split, may leak"
     assert compare(first, first, "forest and network").rows[0].paired
-    texts = [text for axes in draw_comparison(comparison).axes for text in shown_texts(axes)]
+    texts = [text for axes in comparison.figure().axes for text in shown_texts(axes)]
     assert any("random split" in text and "may leak" in text for text in texts)
     assert not any("print" in text for text in texts)
 

@@ -250,23 +250,6 @@ def test_data_that_cannot_be_graded_are_refused() -> None:
         grade([cell("hex", 0.5, 1.0)], PAPER)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"variance": -1.0},
-        {"variance": float("nan")},
-        {"high": float("inf")},
-        {"low": None},
-        {"prints": 0},
-        {"force_level": -1},
-        {"force_level": "both"},
-    ],
-)
-def test_a_cell_validates_itself(changes: dict[str, Any]) -> None:
-    with pytest.raises(InputError):
-        replace(cell(1, 0.5, 1.0), **changes)
-
-
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a simulated study of two textures with three prints from each of two printers and no stationary frames."""

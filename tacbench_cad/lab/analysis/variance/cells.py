@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Literal
-
-from annotated_types import Ge
+from typing import Literal
 
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
 from tacbench_cad.lab.study.spec import UNKNOWN
-from tacbench_cad.util.convert import check_fields
-from tacbench_cad.util.errors import InputError
 
 #: The ``force_level`` of a cell that is the mean over the force levels.
 ALL_LEVELS = "all"
@@ -22,8 +18,6 @@ FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
 Quantity = Literal["prints and repeats", "repeats of one print"]
 #: A force level from 1, or :data:`ALL_LEVELS`.
 Level = int | str
-_Variance = Annotated[float, Ge(0.0)]
-_Count = Annotated[int, Ge(1)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,12 +53,12 @@ class Cell:
     filament: str
     texture: str
     force_level: Level
-    variance: _Variance
-    floor: _Variance | None = None
-    low: _Variance | None = None
-    high: _Variance | None = None
-    prints: _Count
-    presses: _Count
+    variance: float
+    floor: float | None = None
+    low: float | None = None
+    high: float | None = None
+    prints: int
+    presses: int
     noise_alone: float | None = None
     floor_from: str = ""
     unbiased: float | None = None
@@ -73,13 +67,6 @@ class Cell:
     floor_removed_high: float | None = None
     quantity: Quantity = "prints and repeats"
     published: float | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if self.force_level != ALL_LEVELS and (not isinstance(self.force_level, int) or self.force_level < 0):
-            raise InputError("force_level", self.force_level, f'must be a whole number from 0, or "{ALL_LEVELS}"')
-        if (self.low is None) != (self.high is None):
-            raise InputError("low, high", (self.low, self.high), "must both be numbers, or both be left out")
 
     @property
     def combination(self) -> str:
