@@ -15,7 +15,6 @@ import numpy as np
 
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
 from tacbench_cad.geometry.meshing.certify_triangles import prove, refuse_long_proof
-from tacbench_cad.geometry.meshing.collapsing import collapse
 from tacbench_cad.geometry.meshing.heights import Heights
 from tacbench_cad.geometry.meshing.net import MIN_HEIGHT_MM, Net
 from tacbench_cad.geometry.meshing.relaxing import relax
@@ -36,8 +35,6 @@ RESERVE = 0.97
 #: vertices.
 MAX_ROUNDS = 40
 MAX_ADAPTED_ROUNDS = 6
-#: The largest number of rounds in which vertices are removed.
-MAX_COLLAPSES = 10
 #: Grid lines of the coarse grid are at least this far apart.
 NEAR_MM = 4.0 * MIN_HEIGHT_MM
 #: A mesh with more triangles than this gets fewer steps of adaptation.
@@ -96,12 +93,8 @@ def adaptive_top(block: Block, tolerance: float) -> NetTop:
             net.flip(2)
             relax(net, 6, 2)
         net.flip(2, above=0.7)
-        for _ in range(MAX_COLLAPSES):
-            removed = collapse(net, RESERVE)
-            net.flip(1, above=0.8)
-            relax(net, 8, 1, above=0.8)
-            if removed < 0.004 * len(net.x):
-                break
+        net.flip(1, above=0.8)
+        relax(net, 8, 1, above=0.8)
     else:
         relax(net, 4, 2)
         net.flip(1)

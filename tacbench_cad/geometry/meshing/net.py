@@ -324,18 +324,6 @@ class Net:
         height, _ = self.heights.height(self.x[[self.peak]], self.y[[self.peak]])
         self.lift[self.peak] = self.ceiling - height[0]
 
-    def compact(self) -> int:
-        """Remove the vertices that no triangle uses, and return their number."""
-        used = np.zeros(len(self.x), dtype=np.bool_)
-        used[self.faces] = True
-        number = np.cumsum(used) - 1
-        removed = len(used) - int(used.sum())
-        self.faces = number[self.faces]
-        self.x, self.y, self.lift = self.x[used], self.y[used], self.lift[used]
-        self.lines, self.fixed = self.lines[used], self.fixed[used]
-        self.peak = int(number[self.peak])
-        return removed
-
 
 def _estimate(a: Floats, b: Floats, c: Floats, det: Floats, turn: Floats) -> Floats:
     """Estimate the error of triangles by the forms ``d H d`` of their edges.

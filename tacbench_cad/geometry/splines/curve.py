@@ -16,9 +16,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacbench_cad.spec.sines import Sines
 from tacbench_cad.spec.spline import greville
@@ -67,30 +67,14 @@ class Basis:
         """The Greville abscissae, shape (count,). With these poles, the spline is the function ``t``."""
         return greville(self.knots, self.degree)
 
-    def local(self, t: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Compute the ``degree + 1`` nonzero functions at ``t`` in [0, 1], by the recursion of Cox and de Boor.
-
-        Returns:
-            The index of the first of these functions, shape (len(t),), and their values, shape (degree + 1, len(t)).
-        """
-        span = np.clip((t * self.spans).astype(np.intp), 0, self.spans - 1)
-        values = np.ones((1, len(t)))
-        for k in range(1, self.degree + 1):
-            low = self.knots[span + self.degree + 1 - k + np.arange(k)[:, None]]
-            high = self.knots[span + self.degree + 1 + np.arange(k)[:, None]]
-            upper = values * ((t - low) / (high - low))
-            lower = values - upper
-            values = np.zeros((k + 1, len(t)))
-            values[:-1] = lower
-            values[1:] += upper
-        return span, values
-
     def values(self, t: Floats) -> Floats:
         """Return all basis functions at ``t`` in [0, 1], shape (len(t), count)."""
-        first, local = self.local(t)
-        full = np.zeros((len(t), self.count))
-        np.put_along_axis(full, first[:, None] + np.arange(self.degree + 1), local.T, axis=1)
-        return full
+        return np.asarray(self._matrix(t).toarray())
+
+    def _matrix(self, t: Floats) -> Any:
+        from scipy.interpolate import BSpline
+
+        return BSpline.design_matrix(t, self.knots, self.degree)
 
     def nodes(self, count: int) -> Floats:
         """Return ``count`` Chebyshev nodes in each span, ascending, shape (spans * count,)."""
@@ -128,8 +112,8 @@ class Basis:
         return poles
 
     @cached_property
-    def _proof(self) -> tuple[int, float, Floats, NDArray[np.intp], Floats]:
-        """The degree of the interpolant, the Ehlich-Zeller factor, the nodes, and :meth:`local` at the nodes.
+    def _proof(self) -> tuple[int, float, Floats, Any]:
+        """The degree of the interpolant, the Ehlich-Zeller factor, the nodes, and the sparse matrix of values there.
 
         Only the first half of the spans is used, because the error is symmetric. If t is replaced by 1 - t, the basis
         and the least-squares nodes do not change, and a wave becomes its own conjugate times a constant.
@@ -137,7 +121,7 @@ class Basis:
         degree = self.degree + max(_EXTRA_DEGREE, self.degree // 2)
         count = _NODES_PER_DEGREE * degree
         t = self.nodes(count)[: (self.spans + 1) // 2 * count]
-        return degree, 1.0 / math.cos(math.pi * degree / (2.0 * count)), t, *self.local(t)
+        return degree, 1.0 / math.cos(math.pi * degree / (2.0 * count)), t, self._matrix(t)
 
     def error(self, turn: Floats, weight: Floats) -> float:
         """Return a proved bound of the weighted sum of ``|exp(i turn t) - its spline|`` over [0, 1].
@@ -155,7 +139,7 @@ class Basis:
         turn, weight = turn[turn != 0.0], weight[turn != 0.0]
         if len(turn) == 0:
             return 0.0
-        degree, factor, t, first, local = self._proof
+        degree, factor, t, matrix = self._proof
         with np.errstate(divide="ignore"):
             logarithm = (degree + 1) * np.log(np.abs(turn) / (4.0 * self.spans)) - math.lgamma(degree + 2)
         fine = logarithm > 0.0
@@ -165,10 +149,7 @@ class Basis:
         distance = np.zeros(len(t))
         for start in range(0, len(turn), _WAVES_AT_A_TIME):
             part = slice(start, start + _WAVES_AT_A_TIME)
-            off = np.exp(1j * np.outer(t, turn[part]))
-            poles = self.poles(turn[part])
-            for k, values in enumerate(local):
-                off -= values[:, None] * poles[first + k]
+            off = np.exp(1j * np.outer(t, turn[part])) - matrix @ self.poles(turn[part])
             distance += np.einsum("tn,n->t", np.abs(off), weight[part])
         rounding = 64.0 * np.finfo(float).eps * float(weight @ (np.abs(turn) + self.count))
         return (float(distance.max()) + remainder) * factor + remainder + rounding + crude

@@ -18,7 +18,7 @@ import numpy as np
 from tacbench_cad.geometry.splines.exact import PieceAxis
 from tacbench_cad.spec.sines import Sines
 from tacbench_cad.spec.spline import SplineAxis
-from tacbench_cad.util.types import Floats, Ints
+from tacbench_cad.util.types import Floats
 
 #: The number of points on each span for the fit.
 _POINTS = 6
@@ -135,10 +135,8 @@ class Task:
         largest = 0.0
         for start in range(0, len(breaks), _PATCHES_AT_A_TIME):
             rows = slice(start, start + _PATCHES_AT_A_TIME)
-            points, first, local = _local(breaks[rows], self.degree, count)
-            difference = coarse(points) + self.offset_mm
-            for k, values in enumerate(local):
-                difference -= values * poles[rows, first + k][:, :, None]
+            points, basis = _collocation(breaks[rows], self.degree, count)
+            difference = coarse(points) + self.offset_mm - (basis @ poles[rows, :, None])[:, :, 0]
             largest = max(largest, float(np.abs(difference).max()))
         reach = float(np.abs(self.lines).max())
         size = abs(self.offset_mm) + float(amplitude @ (1.0 + frequency * reach + np.abs(self.function.phase)))
@@ -224,37 +222,19 @@ def _clamped(breaks: Floats, degree: int) -> Floats:
     return np.concatenate([first, breaks, last], axis=1)
 
 
-def _local(breaks: Floats, degree: int, count: int) -> tuple[Floats, Ints, list[Floats]]:
-    """Compute the nonzero basis functions at Chebyshev nodes of all spans, by the recursion of Cox and de Boor.
+def _collocation(breaks: Floats, degree: int, count: int) -> tuple[Floats, Floats]:
+    """Return Chebyshev nodes of all spans and the values of all basis functions there.
 
     Returns:
-        The nodes, shape (patches, spans, count), the index of the first nonzero function on each span, and the values
-        of the ``degree + 1`` functions, each with the shape of the nodes.
+        The nodes, shape (patches, spans * count), and the values, shape (patches, spans * count, spans + degree).
     """
-    knots, spans = _clamped(breaks, degree), np.arange(breaks.shape[1] - 1)
+    from scipy.interpolate import BSpline
+
     in_span = (1.0 - np.cos((np.arange(count) + 0.5) * (math.pi / count))) / 2.0
-    points = breaks[:, :-1, None] + np.diff(breaks, axis=1)[:, :, None] * in_span
-    values = [np.ones_like(points)]
-    for k in range(1, degree + 1):
-        after = [np.zeros_like(points) for _ in range(k + 1)]
-        for r, value in enumerate(values):
-            low = knots[:, spans + degree + 1 - k + r][:, :, None]
-            high = knots[:, spans + degree + 1 + r][:, :, None]
-            upper = value * ((points - low) / (high - low))
-            after[r] += value - upper
-            after[r + 1] += upper
-        values = after
-    return points, spans, values
-
-
-def _collocation(breaks: Floats, degree: int, count: int) -> tuple[Floats, Floats]:
-    """Return the nodes, shape (patches, spans * count), and all basis functions there, shape (..., spans + degree)."""
-    points, first, local = _local(breaks, degree, count)
-    patches, spans = points.shape[:2]
-    matrix = np.zeros((patches, spans, count, spans + degree))
-    for k, values in enumerate(local):
-        matrix[:, first, :, first + k] = values.transpose(1, 0, 2)
-    return points.reshape(patches, -1), matrix.reshape(patches, spans * count, -1)
+    points = (breaks[:, :-1, None] + np.diff(breaks)[:, :, None] * in_span).reshape(len(breaks), -1)
+    knots = _clamped(breaks, degree)
+    basis = [BSpline.design_matrix(at, own, degree).toarray() for at, own in zip(points, knots, strict=True)]
+    return points, np.stack(basis)
 
 
 def _moved(breaks: Floats, error: Floats, degree: int) -> Floats:

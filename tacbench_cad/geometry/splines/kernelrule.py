@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats
 
 #: The largest number of Gauss points along an axis of a face for the kernel's default area and volume.
@@ -23,6 +23,12 @@ KERNEL_POINTS = 61
 _MAX_PATCHES = 14
 #: The number of rows of points in one array operation.
 _ROWS_AT_A_TIME = 64
+
+
+def wave_table(surface: Surface) -> Floats:
+    """Return the plane waves of a surface as rows ``amplitude, f, g, phase``, shape (n, 4)."""
+    waves = surface.plane_waves or ()
+    return np.array([(w.amplitude, w.f, w.g, w.phase) for w in waves], dtype=np.float64).reshape(-1, 4)
 
 
 def area_error(block: Block, patches: tuple[int, int]) -> float:
@@ -36,7 +42,6 @@ def area_error(block: Block, patches: tuple[int, int]) -> float:
         patches: The numbers of patches along x and y.
     """
     surface = block.surface
-    assert isinstance(surface, WaveSum)
     areas = []
     for more in (1, 2):
         taken = [min(count, _MAX_PATCHES) for count in patches]
@@ -48,13 +53,13 @@ def area_error(block: Block, patches: tuple[int, int]) -> float:
     return abs(areas[0] - areas[1]) / (areas[1] + rest)
 
 
-def _strips(surface: WaveSum, x: Floats, y: Floats, weight_y: Floats) -> Iterator[tuple[slice, Floats]]:
+def _strips(surface: Surface, x: Floats, y: Floats, weight_y: Floats) -> Iterator[tuple[slice, Floats]]:
     """Integrate ``sqrt(1 + |gradient|^2)`` along y at each x, for some rows at a time, which fit into the cache.
 
     The calculation uses single precision and no threads, because an accuracy of 1e-5 is enough, and because it takes
     only milliseconds.
     """
-    amplitude, f, g, phase = surface.table.T
+    amplitude, f, g, phase = wave_table(surface).T
     weights = weight_y.astype(np.float32)
     separable = surface.is_separable
     squares_x = (surface.along_u(x, 1) ** 2 + 1.0).astype(np.float32) if separable else None

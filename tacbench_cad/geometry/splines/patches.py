@@ -15,9 +15,9 @@ from tacbench_cad.geometry.mesh import Certificate
 from tacbench_cad.geometry.splines.curve import Axis, basis
 from tacbench_cad.geometry.splines.exact import PieceAxis
 from tacbench_cad.geometry.splines.fit import Fit, Task, fit_both, short_decimal
-from tacbench_cad.geometry.splines.kernelrule import area_error
+from tacbench_cad.geometry.splines.kernelrule import area_error, wave_table
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Complexes, Floats
 
@@ -71,7 +71,7 @@ class Patches:
             shape (patches, count); otherwise None.
     """
 
-    surface: WaveSum
+    surface: Surface
     datum_mm: float
     x: Axis | PieceAxis
     y: Axis | PieceAxis
@@ -87,7 +87,7 @@ class Patches:
     def _factors(self) -> tuple[Complexes, Complexes]:
         assert isinstance(self.x, Axis)
         assert isinstance(self.y, Axis)
-        amplitude, f, g, phase = self.surface.table.T
+        amplitude, f, g, phase = wave_table(self.surface).T
         return self.x.poles(f) * (amplitude * np.exp(1j * phase)), self.y.poles(g)
 
     def heights_mm(self, i: int, j: int) -> Floats:
@@ -138,7 +138,6 @@ def patches(block: Block, tolerance_mm: float) -> Patches:
     """
     if not (math.isfinite(tolerance_mm) and tolerance_mm >= FINEST_TOLERANCE_MM):
         raise InputError("step-tolerance", tolerance_mm, f"must be at least {FINEST_TOLERANCE_MM:g} mm")
-    assert isinstance(block.surface, WaveSum), "a spline surface has patches of its own"
     plan = _plan(block, tolerance_mm)
     if plan.poles > MAX_POLES:
         raise InputError("step-tolerance", tolerance_mm, _too_many(block, tolerance_mm, plan.poles))
@@ -212,7 +211,6 @@ def _steps(length: float, count: int, rounded: bool) -> Floats:
 
 def _fits(block: Block, plan: _Plan, tolerance_mm: float) -> tuple[Fit, Fit]:
     """Fit both halves of a separable surface; see :mod:`.fit`. The plan is for equal spans, which are more spans."""
-    assert isinstance(block.surface, WaveSum)
     halves = ((block.surface.along_u, block.solid_datum_mm), (block.surface.along_v, 0.0))
     unit = short_decimal(_ROUNDING_OF_POLES * tolerance_mm)
     tasks = [
@@ -231,8 +229,8 @@ def _plan(block: Block, tolerance_mm: float) -> _Plan:
 
     If even the smallest number of spans gives more than :data:`MAX_POLES` poles, the plan with these spans is returned.
     """
-    assert isinstance(block.surface, WaveSum)
-    table = block.surface.table[block.surface.table[:, 0] != 0.0]
+    table = wave_table(block.surface)
+    table = table[table[:, 0] != 0.0]
     amplitude = np.abs(table[:, 0])
     frequency = (np.abs(table[:, 1]), np.abs(table[:, 2]))
     fraction = AIM * tolerance_mm / 2.0
@@ -313,9 +311,9 @@ def spans_needed(turn: Floats, weight: Floats, fraction: float) -> int:
     return number
 
 
-def _bound(surface: WaveSum, x: Axis, y: Axis) -> float:
+def _bound(surface: Surface, x: Axis, y: Axis) -> float:
     """Return the proved bound of the vertical error; see :func:`patches`."""
-    amplitude, f, g, phase = np.abs(surface.table.T)
+    amplitude, f, g, phase = np.abs(wave_table(surface).T)
     first = x.error(f, amplitude)
     unit = np.ones(1)
     single = np.zeros(len(f)) if surface.is_separable else np.array([x.error(f[[k]], unit) for k in range(len(f))])
@@ -329,7 +327,7 @@ def _too_many(block: Block, tolerance_mm: float, poles: int) -> str:
     need = (
         f"the solid would need at least {poles / 1e6:.3g} million poles, but {MAX_POLES / 1e6:g} million is the maximum"
     )
-    if isinstance(block.surface, WaveSum) and len(block.surface.waves) > _MAX_WAVES_PLANNED:
+    if len(wave_table(block.surface)) > _MAX_WAVES_PLANNED:
         return f"{need}; use a coarser --step-tolerance"
     coarser = tolerance_mm
     while coarser < block.relief_mm / 12.0:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.geometry.splines.curve import Axis, basis
+from tacbench_cad.geometry.splines.kernelrule import wave_table
 from tacbench_cad.geometry.splines.patches import AIM, DEGREE, MAX_SPANS, MIN_SPANS, WAVES_PER_PATCH, spans_needed
 from tacbench_cad.geometry.textured.height import Height
 from tacbench_cad.spec.spline import greville
@@ -167,9 +168,8 @@ def _zones(height: Height, axis: int, lines: Floats) -> list[int]:
 
 def _in_zone(height: Height, zones: tuple[int, int]) -> _Waves:
     """Return the exponentials in a zone of the fade."""
-    waves = height.surface.plane_waves or ()
-    table = np.array([(w.amplitude, w.f, w.g, w.phase) for w in waves if w.amplitude]).reshape(-1, 4)
-    amplitude, f, g, phase = table.T
+    table = wave_table(height.surface)
+    amplitude, f, g, phase = table[table[:, 0] != 0.0].T
     result = _Waves(-1j * height.factor * amplitude * np.exp(1j * phase), f, g).plus(-height.factor * height.zero_mm)
     for axis, zone in enumerate(zones):
         if zone:
