@@ -13,8 +13,6 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from housing.fits import (
     MIN_FLOOR_MM,
     NOZZLE_MM,
@@ -31,7 +29,7 @@ from housing.layout import RELEASED, HolderLayout, PushOut, fitted
 from housing.placement import Placement, block_stem, turned_size_mm
 from housing.shapes import Bore, Rectangle, box, cut, cylinder, one_solid, prism
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.outlines import Circle, Loop
+from tacbench_cad.spec.outlines import Circle, Corners, Loop
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.text import decimal, mm
 from tacbench_cad.util.types import Floats
@@ -63,13 +61,10 @@ def pocket_tool(holder: Holder, place: Placement, grown_mm: float, z_mm: tuple[f
     Args:
         holder: The holder.
         place: The placement of the block.
-        grown_mm: How much wider the recess is than the pocket, on each side. It must be 0 for a rectangular block.
+        grown_mm: How much wider the recess is than the pocket, on each side.
         z_mm: The lower and the upper end.
     """
-    loop = holder.pocket_loop
-    if loop is None:
-        return prism(place.to_holder(holder.pocket_outline()), [], z_mm)
-    loop = loop.moved_outwards(grown_mm)
+    loop = holder.pocket_loop.moved_outwards(grown_mm)
     if isinstance(loop, Circle):
         x, y = place.to_holder([loop.centre])[0].tolist()
         return cylinder((x, y), loop.radius, z_mm)
@@ -225,13 +220,10 @@ class Holder(Fixture):
         """The positions and sizes of plate, pockets and screws."""
         if self.is_released:
             return RELEASED
-        (x, y), c = self.footprint_mm, clearance_mm(self.fit)
+        low, high = self.pocket_loop.box
+        room = turned_size_mm((high[0] - low[0], high[1] - low[1]), self.turns)
         depth = self.block.height_mm - self.rim_mm
-        if (loop := self.pocket_loop) is not None:
-            room = turned_size_mm(tuple(np.subtract(*loop.box[::-1]).tolist()), self.turns)
-            return fitted((*room, depth), self.slots, self.floor_mm, self.margin_mm, self.web_mm)
-        pocket = (x + 2.0 * c, y + 2.0 * c, depth)
-        return fitted(pocket, self.slots, self.floor_mm, self.margin_mm, self.web_mm)
+        return fitted((*room, depth), self.slots, self.floor_mm, self.margin_mm, self.web_mm)
 
     @property
     def clearance_mm(self) -> tuple[float, float]:
@@ -275,14 +267,8 @@ class Holder(Fixture):
 
     def block_placements(self) -> tuple[Placement, ...]:
         """Return the placement of the block in each slot, in the middle of its clearance."""
-        cx, cy = self.clearance_mm
-        if (loop := self.pocket_loop) is not None:
-            return tuple(
-                Placement.of_box((*low, self.layout.floor_mm), loop.box, self.turns)
-                for low in self.layout.pocket_lows_mm
-            )
         return tuple(
-            Placement.at((low[0] + cx, low[1] + cy, self.layout.floor_mm), self.block.size_mm, self.turns)
+            Placement.of_box((*low, self.layout.floor_mm), self.pocket_loop.box, self.turns)
             for low in self.layout.pocket_lows_mm
         )
 
@@ -292,12 +278,12 @@ class Holder(Fixture):
         return None if self.is_released else PushOut.under(self.block)
 
     @cached_property
-    def pocket_loop(self) -> Loop | None:
-        """The outer loop of the block's outline, moved outwards by the clearance, in the block frame.
-
-        It is None for a rectangular block.
-        """
-        return None if self.block.outline is None else self.block.outline.loops[0].moved_outwards(self.clearance_mm[0])
+    def pocket_loop(self) -> Loop:
+        """The outline of a pocket in the block frame: that of the block, moved outwards by the clearance."""
+        if self.block.region is not None:
+            return self.block.region.loops[0].moved_outwards(self.clearance_mm[0])
+        (x, y), (cx, cy) = self.block.size_mm, turned_size_mm(self.clearance_mm, self.turns)
+        return Corners(((-cx, -cy), (x + cx, -cy), (x + cx, y + cy), (-cx, y + cy)))
 
     @property
     def recessed(self) -> tuple[tuple[Bore, float], ...]:
@@ -391,9 +377,7 @@ class Holder(Fixture):
         """The volume of the plate without pockets, screw holes and push-out holes, in mm^3."""
         x, y, z = self.size_mm
         depth = self.pocket_size_mm[2]
-        loop = self.pocket_loop
-        areas = [loop.area_mm2 if loop is not None else p.area_mm2 - self.pocket_key_mm**2 / 2.0 for p in self.pockets]
-        pockets = sum(areas) * depth
+        pockets = self.slots * self.pocket_loop.area_mm2 * depth
         screws = sum(bore.volume_mm3(z) for bore in self.screws)
         return x * y * z - pockets - screws - sum(bore.volume_mm3(self.layout.floor_mm) for bore in self.push_outs)
 
@@ -402,12 +386,7 @@ class Holder(Fixture):
 
         Chords replace a circle.
         """
-        if (loop := self.pocket_loop) is not None:
-            return loop.chords(CHORD_MM, None)[0].array
-        (x, y), k = self.block.size_mm, self.pocket_key_mm
-        cx, cy = self.clearance_mm if self.turns % 2 == 0 else self.clearance_mm[::-1]
-        corner = [(x + cx, -cy)] if k == 0.0 else [(x + cx - k, -cy), (x + cx, -cy + k)]
-        return np.array([(-cx, -cy), *corner, (x + cx, y + cy), (-cx, y + cy)])
+        return self.pocket_loop.chords(CHORD_MM, None)[0].array
 
     @cached_property
     def solid_in_use(self) -> TopoDS_Solid:

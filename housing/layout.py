@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from housing.fits import MIN_WALL_MM
 from housing.shapes import Bore, Rectangle
@@ -61,13 +62,13 @@ class HolderLayout:
         """The name and the thickness of each wall, in mm."""
         x, y, _ = self.plate_mm
         half = SCREW_HOLE_MM / 2.0
+        screws, pockets = shapely.points(self.screws_mm), np.array([p.polygon for p in self.pockets], dtype=object)
         edges = [min(p.low[0], p.low[1], x - p.high[0], y - p.high[1]) for p in self.pockets]
         return {
             "floor": self.floor_mm,
             "wall from pocket to plate edge": min(edges),
             "wall from screw hole to plate edge": min(min(a, b, x - a, y - b) for a, b in self.screws_mm) - half,
-            "wall from screw hole to pocket": min(p.distance_mm(at) for at in self.screws_mm for p in self.pockets)
-            - half,
+            "wall from screw hole to pocket": float(shapely.distance(screws, pockets[:, None]).min()) - half,
         }
 
 
@@ -129,30 +130,14 @@ class PushOut:
     def under(cls, block: Block) -> PushOut:
         """Return the hole under a block.
 
-        The diameter is 6 mm, or 3 mm if the ledge around a hole of 6 mm would be narrower than 1.6 mm. There are 25
-        possible positions. The hole takes the position nearest to the middle of the block that is at least 2 mm away
-        from every press position of the paper (at the scale of the block). If there is no such position, the hole takes
-        the position furthest from the press positions.
+        The diameter is 6 mm, or 3 mm if the ledge around a hole of 6 mm would be narrower than 1.6 mm. A rectangle has
+        25 possible positions, and another outline has more. The ledge also counts to holes of a ring. The hole takes
+        the position nearest to the middle of the block that is at least 2 mm away from every press position of the
+        paper (at the scale of the block). If there is none, it takes the one furthest from the press positions.
         """
         x, y = block.size_mm
-        wide, narrow = PUSH_OUTS_MM
-        if block.outline is not None:
-            return cls._under_outline(block)
-        diameter = wide if (min(x, y) - wide) / 2.0 >= MIN_WALL_MM else narrow
-        places = [(x * a, y * b) for a in _PUSH_OUT_FRACTIONS for b in _PUSH_OUT_FRACTIONS]
-        holes = [cls._at(place, diameter, block) for place in places]
-        wide_ledge = [hole for hole in holes if hole.ledge_mm >= MIN_WALL_MM]
-        holes = wide_ledge or [cls._at((x / 2.0, y / 2.0), diameter, block)]
-        clear = [hole for hole in holes if hole.clear_of_press_mm >= _PUSH_OUT_CLEAR_MM]
-        if clear:
-            return min(clear, key=lambda hole: math.dist(hole.bore.at_mm, (x / 2.0, y / 2.0)))
-        return max(holes, key=lambda hole: hole.clear_of_press_mm)
-
-    @classmethod
-    def _under_outline(cls, block: Block) -> PushOut:
-        """Return the hole by the same rules, from more possible positions. The ledge also counts to holes of a ring."""
-        x, y = block.size_mm
-        places = [(x * a, y * b) for a in _OUTLINE_FRACTIONS for b in _OUTLINE_FRACTIONS]
+        fractions = _PUSH_OUT_FRACTIONS if block.outline is None else _OUTLINE_FRACTIONS
+        places = [(x * a, y * b) for a in fractions for b in fractions]
         for diameter in PUSH_OUTS_MM:
             holes = [cls._at(place, diameter, block) for place in places]
             wide_ledge = [hole for hole in holes if hole.ledge_mm >= MIN_WALL_MM]

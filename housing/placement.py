@@ -29,17 +29,6 @@ class Placement:
     quarter_turns: int = 0
 
     @classmethod
-    def at(cls, low_mm: tuple[float, float, float], size_mm: tuple[float, float], quarter_turns: int) -> Placement:
-        """Place a block so that the lower corner of its turned outline is at a point.
-
-        Args:
-            low_mm: The point in the holder frame.
-            size_mm: The sides x, y of the block in its own frame.
-            quarter_turns: The number of quarter turns counter-clockwise.
-        """
-        return cls.of_box(low_mm, ((0.0, 0.0), size_mm), quarter_turns)
-
-    @classmethod
     def of_box(
         cls,
         low_mm: tuple[float, float, float],

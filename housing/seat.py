@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from housing.holder import Holder
 from housing.marks import DEPTH_MM
@@ -102,8 +103,8 @@ class Seat:
 
         They are also rectangles if the rectangle around the outline touches the corner for a screw.
         """
-        touches = any(n.apart_mm(r) is None for n in self.notches for r in self.recesses)
-        return self.holder.pocket_loop is not None and not touches
+        touches = any(n.polygon.intersection(r.polygon).area > 0.0 for n in self.notches for r in self.recesses)
+        return self.holder.block.outline is not None and not touches
 
     @property
     def lip_lengths_mm(self) -> tuple[float, ...]:
@@ -126,7 +127,8 @@ class Seat:
         """The name and the thickness of each wall, in mm."""
         (x0, y0), (x1, y1) = self.outer.low, self.outer.high
         arms = [min(r.low[0] - x0, r.low[1] - y0, x1 - r.high[0], y1 - r.high[1]) for r in self.recesses]
-        pinches = [gap for n in self.notches for r in self.recesses if (gap := n.apart_mm(r)) is not None]
+        pairs = [(notch.polygon, recess.polygon) for notch in self.notches for recess in self.recesses]
+        pinches = [notch.distance(recess) for notch, recess in pairs if notch.intersection(recess).area == 0.0]
         walls = {
             "lip": LIP_MM,
             "roof": ROOF_MM,
@@ -144,11 +146,11 @@ class Seat:
         """The volume of arms, lips and roof, in mm^3."""
 
         def covered(plan: Rectangle) -> float:
-            return plan.area_mm2 - sum(plan.common(notch).area_mm2 for notch in self.notches)
+            return float(plan.polygon.difference(shapely.union_all([n.polygon for n in self.notches])).area)
 
         height = self.roof_mm[1] - self.bottom_mm
         hollow = covered(self.inner) * self.lip_depth_mm
         recesses = sum(map(covered, self.recesses))
-        if self.has_outlined_recesses and self.holder.pocket_loop is not None:
+        if self.has_outlined_recesses:
             recesses = self.holder.slots * self.holder.pocket_loop.moved_outwards(RECESS_MM).area_mm2
         return covered(self.outer) * height - hollow - recesses * self.recess_depth_mm

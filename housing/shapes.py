@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from tacbench_cad.geometry.kernel import distinct
 from tacbench_cad.util.errors import CheckFailedError
@@ -56,24 +57,10 @@ class Rectangle:
         (x0, y0), (x1, y1) = self.low, self.high
         return Rectangle(low=(x0 - x_mm, y0 - y_mm), high=(x1 + x_mm, y1 + y_mm))
 
-    def distance_mm(self, point: tuple[float, float]) -> float:
-        """Return the distance from a point to the rectangle; 0 if the point is inside."""
-        x = max(self.low[0] - point[0], 0.0, point[0] - self.high[0])
-        y = max(self.low[1] - point[1], 0.0, point[1] - self.high[1])
-        return math.hypot(x, y)
-
-    def apart_mm(self, other: Rectangle) -> float | None:
-        """Return the distance to another rectangle; None if the rectangles overlap."""
-        x = max(self.low[0] - other.high[0], other.low[0] - self.high[0])
-        y = max(self.low[1] - other.high[1], other.low[1] - self.high[1])
-        if x < 0.0 and y < 0.0:
-            return None
-        return math.hypot(max(x, 0.0), max(y, 0.0))
-
-    def common(self, other: Rectangle) -> Rectangle:
-        """Return the intersection with another rectangle; its area is zero if the rectangles do not overlap."""
-        low = (max(self.low[0], other.low[0]), max(self.low[1], other.low[1]))
-        return Rectangle(low=low, high=(min(self.high[0], other.high[0]), min(self.high[1], other.high[1])))
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """The rectangle as a polygon of shapely."""
+        return shapely.box(*self.low, *self.high)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,6 @@ from .label import MARGIN_MM as MARGIN_MM
 from .label import STROKE_MM as STROKE_MM
 from .label import Engraving as Engraving
 from .label import engrave as engrave
-from .lookup import Intervals as Intervals
 from .operations import added as added
 from .operations import as_spline as as_spline
 from .operations import masked as masked

@@ -33,24 +33,7 @@ _HALF_SINE_ERROR = 5.0 / 384.0 * (math.pi / _SPANS) ** 4
 #: paper's block would have too many poles.
 _EVEN_SPANS = 120
 
-#: The names and the equations, in the order of the authors' numbers from z6.
-EQUATIONS = {
-    "ripple": "sin(u + v) + 0.5 cos(2u - 2v)",
-    "rings": "sin(pi sqrt(sin^2 u + cos^2 v))",
-    "diamond": "|sin u| + |cos v|",
-    "weave": "sin u sin v + 0.3 cos 3u cos 3v",
-    "hexagons": "cos u + cos(u/2 + sqrt(3)/2 v) + cos(u/2 - sqrt(3)/2 v)",
-    "ridges": "1 - |sin u cos v|",
-    "rock": "max(sin u, cos v) + 0.5 min(sin 2u, cos 2v)",
-    "dunes": "exp(sin u) cos v",
-    "dimples": "-sqrt(sin^2(u/2) cos^2(v/2))",
-    "scales": "sin(u + sin v) cos v",
-    "knurl": "arcsin(sin u cos v)",
-    "swirl": "sin(u + cos v) + cos(v + sin u)",
-    "chevron": "arccos(cos(u + arcsin(sin v)))",
-    "coral": "sin u cos v + 0.5 sin(2u + pi/4) cos 2v + 0.25 sin 4u sin 4v",
-}
-#: The authors' number of the first of them.
+#: The authors' number of the first of these textures.
 FIRST_NUMBER = 6
 _COS = math.pi / 2.0
 
@@ -58,7 +41,7 @@ _COS = math.pi / 2.0
 @cache
 def later_surface(name: str) -> Surface:
     """Return the surface of a later texture by its name."""
-    return _SURFACES[name]()
+    return LATER[name][0]()
 
 
 def _product(amplitude: float, left: tuple[float, float], right: tuple[float, float]) -> list[Wave]:
@@ -96,33 +79,32 @@ def _coral() -> Surface:
     )
 
 
-def _bessel(order: int, sign: float) -> float:
-    """Return J_n(1) for the sign -1, or I_n(1) for the sign 1, for n of any sign."""
-    n = abs(order)
-    terms = [sign**m * 0.5 ** (2 * m + n) / (math.factorial(m) * math.factorial(m + n)) for m in range(16)]
-    return math.fsum(terms) * (sign if order < 0 and n % 2 else 1.0)
-
-
 def _dunes() -> Surface:
+    from scipy.special import iv
+
     # exp(sin u) = I_0 + 2 sum of I_n cos n(u - pi/2)
-    waves = [Wave(amplitude=_bessel(0, 1.0), f=0.0, g=1.0, phase=_COS)]
+    waves = [Wave(amplitude=float(iv(0, 1.0)), f=0.0, g=1.0, phase=_COS)]
     for n in range(1, _ORDERS + 1):
-        waves += _product(2.0 * _bessel(n, 1.0), (float(n), _COS - n * _COS), (1.0, _COS))
+        waves += _product(2.0 * float(iv(n, 1.0)), (float(n), _COS - n * _COS), (1.0, _COS))
     return WaveSum(tuple(waves))
 
 
 def _scales() -> Surface:
+    from scipy.special import jv
+
     # sin(u + sin v) = sum of J_n sin(u + n v), and J_(n-1) + J_(n+1) = 2 n J_n
     orders = [n for n in range(-_ORDERS, _ORDERS + 1) if n]
-    return WaveSum(tuple(Wave(amplitude=n * _bessel(n, -1.0), f=1.0, g=float(n)) for n in orders))
+    return WaveSum(tuple(Wave(amplitude=n * float(jv(n, 1.0)), f=1.0, g=float(n)) for n in orders))
 
 
 def _swirl() -> Surface:
+    from scipy.special import jv
+
     # sin(u + cos v) = sum of J_n sin(u + n v + n pi/2), and cos(v + sin u) = sum of J_n cos(v + n u)
     waves = []
     for n in range(-_ORDERS, _ORDERS + 1):
-        waves.append(Wave(amplitude=_bessel(n, -1.0), f=1.0, g=float(n), phase=n * _COS))
-        waves.append(Wave(amplitude=_bessel(n, -1.0), f=float(n), g=1.0, phase=_COS))
+        waves.append(Wave(amplitude=float(jv(n, 1.0)), f=1.0, g=float(n), phase=n * _COS))
+        waves.append(Wave(amplitude=float(jv(n, 1.0)), f=float(n), g=1.0, phase=_COS))
     return WaveSum(tuple(waves))
 
 
@@ -190,19 +172,20 @@ def _on_even_lines(function: Callable[[Floats, Floats], Floats]) -> SplineSurfac
     return measured_error(function, spline_through(lines, lines, heights, repeats=(True, True)))
 
 
-_SURFACES: dict[str, Callable[[], Surface]] = {
-    "ripple": _ripple,
-    "rings": _rings,
-    "diamond": _diamond,
-    "weave": _weave,
-    "hexagons": _hexagons,
-    "ridges": _ridges,
-    "rock": _rock,
-    "dunes": _dunes,
-    "dimples": _dimples,
-    "scales": _scales,
-    "knurl": _knurl,
-    "swirl": _swirl,
-    "chevron": _chevron,
-    "coral": _coral,
+#: The functions that make the surfaces, and their equations, by names in the order of the authors' numbers from z6.
+LATER: dict[str, tuple[Callable[[], Surface], str]] = {
+    "ripple": (_ripple, "sin(u + v) + 0.5 cos(2u - 2v)"),
+    "rings": (_rings, "sin(pi sqrt(sin^2 u + cos^2 v))"),
+    "diamond": (_diamond, "|sin u| + |cos v|"),
+    "weave": (_weave, "sin u sin v + 0.3 cos 3u cos 3v"),
+    "hexagons": (_hexagons, "cos u + cos(u/2 + sqrt(3)/2 v) + cos(u/2 - sqrt(3)/2 v)"),
+    "ridges": (_ridges, "1 - |sin u cos v|"),
+    "rock": (_rock, "max(sin u, cos v) + 0.5 min(sin 2u, cos 2v)"),
+    "dunes": (_dunes, "exp(sin u) cos v"),
+    "dimples": (_dimples, "-sqrt(sin^2(u/2) cos^2(v/2))"),
+    "scales": (_scales, "sin(u + sin v) cos v"),
+    "knurl": (_knurl, "arcsin(sin u cos v)"),
+    "swirl": (_swirl, "sin(u + cos v) + cos(v + sin u)"),
+    "chevron": (_chevron, "arccos(cos(u + arcsin(sin v)))"),
+    "coral": (_coral, "sin u cos v + 0.5 sin(2u + pi/4) cos 2v + 0.25 sin 4u sin 4v"),
 }

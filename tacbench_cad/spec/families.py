@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Literal
 
-from tacbench_cad.spec.authors_later import EQUATIONS, FIRST_NUMBER, later_surface
+from tacbench_cad.spec.authors_later import FIRST_NUMBER, LATER, later_surface
 from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import WaveSum
@@ -60,14 +60,12 @@ def series(law: Law, N: int, terms: Terms = "highest", axes: Axes = "xy") -> Wav
     highest = N if terms == "highest" or not odd_only else 2 * N - 1
     if highest > MAX_TERMS:
         raise InputError("N", N, f"the highest multiple may be {MAX_TERMS} at most")
-    if law == "triangle":
-        weights = [8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2 for i in range(1, highest + 1)]
-    elif law == "square":
-        weights = [4.0 / (math.pi * i) for i in range(1, highest + 1)]
-    else:
-        weights = [2.0 / math.pi * (-1.0) ** (i + 1) / i for i in range(1, highest + 1)]
-    if odd_only:
-        weights = [weight if i % 2 == 0 else 0.0 for i, weight in enumerate(weights)]
+    laws: dict[Law, Callable[[int], float]] = {
+        "triangle": lambda i: 8.0 / math.pi**2 * (-1.0) ** ((i - 1) // 2) / i**2,
+        "square": lambda i: 4.0 / (math.pi * i),
+        "sawtooth": lambda i: 2.0 / math.pi * (-1.0) ** (i + 1) / i,
+    }
+    weights = [laws[law](i) if i % 2 or not odd_only else 0.0 for i in range(1, highest + 1)]
     return harmonics(weights, axes)
 
 
@@ -164,7 +162,7 @@ def catalogue(preset: str = "paper") -> tuple[Texture, ...]:
 
 
 #: The names of the authors' later textures.
-LATER_NAMES = tuple(EQUATIONS)
+LATER_NAMES = tuple(LATER)
 #: The names of all built-in textures.
 BUILT_IN_NAMES = (*(f"texture-{number}" for number in range(1, 7)), *LATER_NAMES)
 
@@ -180,6 +178,6 @@ def built_in_name(word: str) -> str | None:
 @cache
 def built_in(name: str, preset: str = "paper") -> Texture:
     """Return the built-in texture with one of :data:`BUILT_IN_NAMES`."""
-    if name in EQUATIONS:
-        return Texture(name=name, surface=later_surface(name), equation=EQUATIONS[name])
+    if name in LATER:
+        return Texture(name=name, surface=later_surface(name), equation=LATER[name][1])
     return next(texture for texture in catalogue(preset) if texture.name == name)

@@ -78,27 +78,19 @@ class PressGrid:
         """
         x, y = block.size_mm
         if self.x_mm[-1] > x or self.y_mm[-1] > y:
-            need = f"{self.x_mm[-1]:g} x {self.y_mm[-1]:g} mm"
-            allowed = (
-                f"the block is too small for the press grid, which needs {need}; use a larger block or a smaller grid"
-            )
+            need = f"needs {self.x_mm[-1]:g} x {self.y_mm[-1]:g} mm"
+            allowed = f"the block is too small for the press grid, which {need}; use a larger block or a smaller grid"
             raise InputError("size", f"{x:g} x {y:g} mm", allowed)
-        if block.outline is not None:
-            excess = block.outline.distance(*self.positions_mm.T)
-            if excess.max() > 1e-9:
-                a, b = self.positions_mm[int(excess.argmax())]
-                raise InputError(
-                    "outline",
-                    str(block.outline),
-                    f"{np.count_nonzero(excess > 1e-9)} of the {len(excess)} press positions are outside of it; the "
-                    f"furthest, x {a:g}, y {b:g} mm, by {excess.max():.3g} mm; use a larger block or another grid",
-                )
-        if block.key_mm is not None:
-            gap = (x - block.key_mm) - (self.x_mm[-1] - self.y_mm[0])
-            if gap < 0.0:
-                raise InputError(
-                    "key", block.key_mm, f"cuts into the press grid; use at most {block.key_mm + math.floor(gap):g} mm"
-                )
+        beyond = beyond_top_mm(block, self.positions_mm)
+        if beyond.max() > 1e-9:
+            field, value = ("key", block.key_mm) if block.outline is None else ("outline", str(block.outline))
+            a, b = self.positions_mm[int(beyond.argmax())]
+            raise InputError(
+                field,
+                value,
+                f"{np.count_nonzero(beyond > 1e-9)} of the {len(beyond)} press positions are outside of it; the "
+                f"furthest, x {a:g}, y {b:g} mm, by {beyond.max():.3g} mm; use a larger block or another grid",
+            )
 
 
 def beyond_top_mm(block: Block, points_mm: Floats) -> Floats:

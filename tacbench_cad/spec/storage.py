@@ -84,7 +84,10 @@ def surface_from(values: Mapping[str, Any], where: str = "") -> Surface:
     with located(f"{where}[block] "):
         one_of("unit", unit, get_args(Unit))
     if "spline" not in values:
-        return WaveSum(tuple(Wave(**_row(row, where)) for row in values["waves"]), unit)
+        try:
+            return WaveSum(tuple(Wave(amplitude=a, f=f, g=g, phase=phase) for a, f, g, phase in values["waves"]), unit)
+        except (TypeError, ValueError):
+            raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
     try:
         table = dict(values["spline"])
         counts = tuple(int(count) for count in table["poles"])
@@ -106,9 +109,3 @@ def surface_from(values: Mapping[str, Any], where: str = "") -> Surface:
         return SplineSurface(axes[0], axes[1], poles, error=error, evidence=evidence, unit=unit)
     except (KeyError, TypeError, ValueError, zlib.error, InputError):
         raise InputError(f"{where}[block] spline", None, "is not a spline that this program wrote") from None
-
-
-def _row(row: Any, where: str) -> dict[str, float]:
-    if not isinstance(row, (list, tuple)) or len(row) != 4:
-        raise InputError(f"{where}[block]", None, "is not a block that this program wrote")
-    return dict(zip(("amplitude", "f", "g", "phase"), row, strict=True))

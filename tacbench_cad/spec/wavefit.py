@@ -76,19 +76,12 @@ def fit_waves(
     level = table - table.mean()
     seamless = _periodic_part(level)
     n, m = seamless.shape
-    spectrum = np.fft.rfft2(seamless) / seamless.size
-    # all columns but the first, and the last of an even number, stand for two conjugate coefficients
-    twice = np.full(spectrum.shape, 2.0)
-    twice[:, 0] = 1.0
-    if m % 2 == 0:
-        twice[:, -1] = 1.0
-    amplitude = 2.0 * np.abs(spectrum)
-    rows = np.fft.fftfreq(n, 1.0 / n)
-    double = ((twice == 1.0) & (rows[:, None] < 0.0)) | ((rows[:, None] == 0.0) & (np.arange(spectrum.shape[1]) == 0))
-    amplitude[double] = 0.0
-    if n % 2 == 0 or m % 2 == 0:  # a wave at the Nyquist frequency has no phase of its own
-        amplitude[n // 2 if n % 2 == 0 else slice(0, 0)] = 0.0
-        amplitude[:, m // 2 if m % 2 == 0 else slice(0, 0)] = 0.0
+    spectrum = np.fft.fft2(seamless) / seamless.size
+    rows, columns = np.fft.fftfreq(n, 1.0 / n), np.fft.fftfreq(m, 1.0 / m)
+    # one of each two conjugate coefficients; a wave at the Nyquist frequency has no phase of its own
+    used = (columns > 0.0) | ((columns == 0.0) & (rows[:, None] > 0.0))
+    used &= (rows[:, None] != -n / 2.0) & (columns != -m / 2.0)
+    amplitude = np.where(used, 2.0 * np.abs(spectrum), 0.0)
     chosen = np.argsort(-amplitude, axis=None, kind="stable")[:waves]
     chosen = chosen[amplitude.ravel()[chosen] > 0.0]
     made = []
@@ -97,7 +90,7 @@ def fit_waves(
             Wave(
                 amplitude=float(amplitude[i, j]),
                 f=float(2.0 * math.pi * rows[i] / (n * steps[0])),
-                g=float(2.0 * math.pi * j / (m * steps[1])),
+                g=float(2.0 * math.pi * columns[j] / (m * steps[1])),
                 phase=float(np.angle(spectrum[i, j]) + math.pi / 2.0),
             )
         )
@@ -125,8 +118,7 @@ def _periodic_part(heights: Floats) -> Floats:
     along = heights[:, -1] - heights[:, 0]
     jumps[:, 0] += along
     jumps[:, -1] -= along
-    cosines = (2.0 * np.cos(2.0 * math.pi * np.arange(count) / count) for count in (n, m))
-    first, second = cosines
+    first, second = (2.0 * np.cos(2.0 * math.pi * np.arange(count) / count) for count in (n, m))
     laplace = first[:, None] + second[None, :] - 4.0
     laplace[0, 0] = 1.0
     smooth = np.fft.fft2(jumps) / laplace

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.geometry.brep import solid_refusal
-from tacbench_cad.spec.authors_later import EQUATIONS, later_surface
+from tacbench_cad.spec.authors_later import LATER, later_surface
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, TOLERANCE_MM, Tolerance
 from tacbench_cad.spec.texture_files import find_texture
@@ -44,7 +44,7 @@ def heights(name: str, points: Floats) -> Floats:
     return np.asarray(REFERENCE[name](*points))
 
 
-@pytest.mark.parametrize("name", EQUATIONS)
+@pytest.mark.parametrize("name", LATER)
 def test_the_surface_is_the_equation(name: str) -> None:
     points = np.random.default_rng(1).uniform(-30.0, 30.0, (2, 20_000))
     surface = later_surface(name)
@@ -69,7 +69,7 @@ def test_names_and_numbers() -> None:
     assert Block.of("dunes").texture.equation == "exp(sin u) cos v"
 
 
-@pytest.mark.parametrize("name", EQUATIONS)
+@pytest.mark.parametrize("name", LATER)
 def test_default_tolerances_are_large_enough_for_the_texture_itself(name: str) -> None:
     block = Block.of(name)
     assert isinstance(block.sampling, Tolerance)

@@ -10,7 +10,7 @@ import pytest
 
 from tacbench_cad.geometry.texturing import texturing
 from tacbench_cad.lab.study.plate import block_of_word
-from tacbench_cad.spec.authors_later import EQUATIONS
+from tacbench_cad.spec.authors_later import LATER
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import catalogue, equation1, plane_waves, series
 from tacbench_cad.spec.texture_files import find_texture, find_textures, read_texture
@@ -279,7 +279,7 @@ def test_everything_that_the_messages_allow_is_allowed(tmp_path: Path, monkeypat
         find_texture("dune")
     with pytest.raises(InputError, match=r'did you mean the file "texture.toml"\?'):
         find_texture("texture")
-    names = [f"texture-{i}" for i in range(1, 7)] + list(EQUATIONS) + [str(i) for i in range(1, 7)]
+    names = [f"texture-{i}" for i in range(1, 7)] + list(LATER) + [str(i) for i in range(1, 7)]
     for word in [*names, *range(1, 7), "texture.toml"]:
         assert find_texture(word).surface is not None
     assert find_textures(("all",), "paper") == list(catalogue())

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tacbench_cad.spec.lookup import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats
@@ -50,7 +49,6 @@ class DerivativeBounds:
         self.used = 0
         self._lines = (_cells(x, surface.breaks[0]), _cells(y, surface.breaks[1]))
         x, y = self._lines
-        self._intervals = Intervals(x), Intervals(y)
         self._creases = surface.creases
         bounds = np.stack([surface.cell_bounds(x, y, order) for order in (*_SECOND, *_THIRD)], axis=-1)
         for axis, kinks in enumerate((self._kinks(surface, 0), self._kinks(surface, 1))):
@@ -115,9 +113,9 @@ class DerivativeBounds:
         first, last = [], []
         for axis in range(2):
             lines = self._lines[axis]
-            first.append(self._intervals[axis].index(low[axis]))
+            first.append(np.searchsorted(lines[1:-1], low[axis], "right"))
             # a box that only touches a border of cells from inside does not reach the next cell
-            cell = self._intervals[axis].index(high[axis])
+            cell = np.searchsorted(lines[1:-1], high[axis], "right")
             last.append(np.maximum(cell - (high[axis] <= lines.take(cell)), 0))
         span = np.maximum(last[0] - first[0], last[1] - first[1])
         level = np.where(span == 0, 0, np.ceil(np.log2(np.maximum(span, 1))).astype(np.int64) + 1)

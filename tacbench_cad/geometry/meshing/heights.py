@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from tacbench_cad.geometry.meshing.certify_triangles import DerivativeBounds, leaning, shortest
-from tacbench_cad.spec.lookup import Intervals
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.types import Floats, Ints
 
@@ -114,10 +113,9 @@ class _CellAxis:
         self.middle = (self.edges[:-1] + self.edges[1:]) / 2.0
         self._even = len(ends) == 2
         self._scale = len(self.middle) / side
-        self._intervals = Intervals(self.edges)
 
     def cell(self, t: Floats) -> Ints:
         """Return the cell of each coordinate."""
         if not self._even:
-            return self._intervals.index(t)
+            return np.asarray(np.searchsorted(self.edges[1:-1], t, "right"))
         return np.clip((t * self._scale).astype(np.int64), 0, len(self.middle) - 1)

@@ -24,7 +24,7 @@ from tacbench_cad.checks.check import check
 from tacbench_cad.extensions.design.app import MAX_TEXT, DesignPage, question_of
 from tacbench_cad.extensions.design.document import STARTS, controls, first_state, opened, start, toml
 from tacbench_cad.extensions.design.model import CUT_POINTS, Design, facts, picture
-from tacbench_cad.spec.authors_later import EQUATIONS
+from tacbench_cad.spec.authors_later import LATER
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import catalogue
 from tacbench_cad.spec.texture_files import find_texture, read_texture
@@ -49,7 +49,7 @@ def test_the_first_six_are_those_of_the_catalogue(number: int) -> None:
 
 
 def test_all_later_textures_are_offered() -> None:
-    assert set(EQUATIONS) <= set(STARTS)
+    assert set(LATER) <= set(STARTS)
     dunes, u = start("dunes").formula.surface, np.linspace(0.0, 9.0, 50)
     assert dunes.grid(u, u) == pytest.approx(find_texture("dunes").surface.grid(u, u), abs=1e-12)
 
