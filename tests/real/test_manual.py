@@ -30,7 +30,7 @@ MAX_RENEWAL_S, MAX_BUILD_S, MAX_PAGE_MS = 3600.0, 1800.0, 60_000
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 NAMES = [path.stem for path in PAGES] + ["api/index"]
 #: The pages that are always renewed. ``make docs`` and the long tests renew all.
-RENEWED = ("start", "textures", "view", "sources", "extending", "commands", "api/index")
+RENEWED = ("start", "textures", "view", "commands", "api/index")
 #: The languages of blocks that are shown and not run.
 SHOWN = {"sh", "text", "toml", "csv", "json", "bibtex", "gcode", "xml", "yaml"}
 
