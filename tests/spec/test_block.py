@@ -169,11 +169,11 @@ def test_the_corner_of_the_key_does_not_count_for_the_height() -> None:
     x, y = keyed.extremes.at_high
     assert keyed.region is not None
     assert float(keyed.region.distance(x, y)) <= 1e-9
-    xs, ys = np.meshgrid(np.linspace(0, 23.3, 1201), np.linspace(0, 30, 1201))
+    xs, ys = np.meshgrid(np.linspace(0, 23.3, 401), np.linspace(0, 30, 401))
     inside = keyed.region.distance(xs, ys) <= 0
     sampled = keyed.surface(xs[inside], ys[inside]).max()
     assert sampled <= keyed.extremes.high + keyed.extremes.error
-    assert sampled == pytest.approx(keyed.extremes.high, abs=1e-4)
+    assert sampled == pytest.approx(keyed.extremes.high, abs=1e-3)
 
 
 @pytest.mark.parametrize("number", [2, 4, 6])

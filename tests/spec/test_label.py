@@ -260,6 +260,7 @@ def test_nothing_to_write_is_refused() -> None:
         engraved((" ",), BLOCK, 0.0)
 
 
+@pytest.mark.long
 def test_the_labels_of_all_copies_need_few_searches() -> None:
     _placed.cache_clear()
     ring = Ring(outer_mm=40.0, inner_mm=8.0)

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 from tacbench_cad.spec.authors_later import later_surface
 from tacbench_cad.spec.families import plane_waves
@@ -139,7 +140,7 @@ def test_lines_of_a_window_that_lie_on_a_crease_or_on_each_other_are_one_line() 
     assert WAVES.windowed(3.0, ((0.0, 6.0), (0.0, 6.0))).creases[0].tolist() == [3.0]
 
 
-@pytest.mark.parametrize("unit", ["units", "mm"])
+@pytest.mark.parametrize("unit", mostly_long(["units", "mm"], "mm"))
 def test_every_operation_keeps_the_unit(unit: Literal["units", "mm"]) -> None:
     waves, spline = replace(WAVES, unit=unit), replace(height_map(TABLE), unit=unit)
     ends = ((0.0, 6.0), (0.0, 6.0))

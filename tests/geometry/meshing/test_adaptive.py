@@ -61,7 +61,12 @@ def pyramids() -> Surface:
 
 @pytest.mark.parametrize("key", mostly_long([None, 4.3], 4.3))
 @pytest.mark.parametrize(
-    ("surface", "limit"), [(weave(), 4800), (stripes(), 1500), (bumps(), 4500), (pyramids(), 4500)]
+    ("surface", "limit"),
+    [
+        (weave(), 4800),
+        (pyramids(), 4500),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in [(stripes(), 1500), (bumps(), 4500)]),
+    ],
 )
 def test_few_triangles_within_the_tolerance(surface: Surface, limit: int, key: float | None) -> None:
     block = block_of(surface, key=key)
@@ -126,6 +131,7 @@ def _prism(corners: np.ndarray) -> float:
     return float(((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2.0 * (az + bz + cz) / 3.0)
 
 
+@pytest.mark.long
 def test_too_many_triangles_are_refused() -> None:
     block = block_of(weave(), 1e-5)
     with pytest.raises(InputError, match="20,000,000"):

@@ -56,7 +56,8 @@ def test_never_below_the_sampled_truth_in_full(seed: int) -> None:
     check(seed)
 
 
-@pytest.mark.parametrize("name", mostly_long(["diamond", "ridges", "chevron"], "diamond"))
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["diamond", "ridges", "chevron"])
 def test_sample_grids_across_creases_have_a_finite_bound_that_holds(name: str) -> None:
     block = Block.of(name, sampling=SampleGrid(nx=95, ny=101))
     mesh, certificate = mesh_block(block)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.cases import mostly_long
 from helpers.own_formulas import (
     Case,
     largest_distance,
@@ -57,16 +58,14 @@ def check(case: Case, path: Path) -> None:
         assert certificate.distance_mm <= block.sampling.mm
 
 
-@pytest.mark.parametrize(("number", "tolerance"), [(4, 0.1), (6, 0.01), (4, 0.3)])
+@pytest.mark.parametrize(("number", "tolerance"), mostly_long([(4, 0.1), (6, 0.01), (4, 0.3)], (4, 0.3)))
 def test_steep_textures(number: int, tolerance: float, tmp_path: Path) -> None:
     block = Block.of(number, sampling=Tolerance(mm=tolerance))
     terms = [(wave.amplitude, wave.f, wave.g, wave.phase) for wave in block.texture.surface.waves]  # type: ignore[attr-defined]
     check(Case("catalogue", block, waves(terms), block.mm_per_unit), tmp_path / "block.stl")
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(14), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1000, 1420))]
-)
+@pytest.mark.parametrize("seed", mostly_long([*range(14), *range(1000, 1420)], *range(7)))
 def test_random_blocks(seed: int, tmp_path: Path) -> None:
     check(random_case(seed), tmp_path / ("block.3mf" if seed % 5 == 0 else "block.stl"))
 
