@@ -36,24 +36,15 @@ class Decorator(Protocol):
         ...
 
 
-# The panels of options in the help.
-ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT = "Arguments", "Parts", "Size", "Printer", "Input", "Content"
-METHOD, FRAMES, PICTURE, VIRTUAL_RIG, REPAIR = "Method", "Frames", "Picture", "Virtual rig", "Repair"
-PAGE = "Page"
-OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL = (
-    "Output",
-    "Fixtures",
-    "Accuracy",
-    "Processes",
-    "Advanced",
-    "General",
-)
-#: The order of the panels: the options that users need first come first.
+#: The panels of options in the help, in their order: the options that users need first come first.
 PANELS = (
-    *(ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT),
-    *(METHOD, FRAMES, PICTURE, VIRTUAL_RIG, PAGE, REPAIR),
-    *(OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL),
+    *("Arguments", "Parts", "Size", "Printer", "Input", "Content"),
+    *("Method", "Frames", "Picture", "Virtual rig", "Page", "Repair"),
+    *("Output", "Fixtures", "Accuracy", "Processes", "Advanced", "General"),
 )
+ARGUMENTS, PARTS, SIZE, PRINTER, INPUT, CONTENT = PANELS[:6]
+METHOD, FRAMES, PICTURE, VIRTUAL_RIG, PAGE, REPAIR = PANELS[6:12]
+OUTPUT, FIXTURES, ACCURACY, PROCESSES, ADVANCED, GENERAL = PANELS[12:]
 #: If the choices take more characters than this, they are listed in the text of the option, not after its name.
 _MAX_CHOICES = 20
 

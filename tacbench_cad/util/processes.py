@@ -155,6 +155,7 @@ def _settle(future: Future[Any], name: str, seconds: float | None, ended: Future
     """Give a future the result of a call that has ended, or the error that describes what went wrong."""
     from pebble import ProcessExpired
 
+    error: BaseException | None
     try:
         result, error = ended.result(), None
     except ProcessExpired as expired:
