@@ -24,8 +24,6 @@ from tacbench_cad.util.processes import LostProcessError, isolated
 from tacbench_cad.util.types import Bools, Floats, Indices, Ints
 from tacbench_cad.util.untrusted import limits_factor
 
-#: pymeshlab does not test an untrusted mesh if more pairs of triangles than this have overlapping bounding boxes.
-MAX_PAIRS = 5e7
 #: The time limit of pymeshlab for an untrusted mesh, in s, and the additional time for each triangle, in s.
 MAX_SECONDS, MAX_SECONDS_PER_TRIANGLE = 12.0, 4e-5
 #: The number of roundings with which triangles that cut each other are confirmed, and the largest number of triangles
@@ -265,49 +263,17 @@ def _confirmed(mesh: Mesh, cutting: Bools) -> int:
 
 
 def untrusted_full_checks(meshes: Sequence[Mesh]) -> list[Check]:
-    """Same as :func:`full_checks`, but with limits of time and of overlapping triangles, for untrusted meshes.
+    """Same as :func:`full_checks`, but with a limit of time, for untrusted meshes.
 
-    The report says "not tested" if the meshes exceed a limit.
+    The report says "not tested" if the meshes exceed the limit.
     """
-    apart, factor = groups(meshes), limits_factor()
-    pairs = sum(map(overlapping_pairs, apart))
-    seconds = factor * (MAX_SECONDS + MAX_SECONDS_PER_TRIANGLE * sum(len(mesh.faces) for mesh in meshes))
-    reason = f"the bounding boxes of about {pairs:.1g} pairs of triangles overlap"
-    if pairs <= factor * MAX_PAIRS:
-        try:
-            checks: list[Check] = isolated(full_checks, *apart, seconds=seconds)
-            return checks
-        except LostProcessError as error:
-            reason = f"pymeshlab would need more than {error.seconds:.0f} s" if error.seconds else str(error)
+    seconds = limits_factor() * (MAX_SECONDS + MAX_SECONDS_PER_TRIANGLE * sum(len(mesh.faces) for mesh in meshes))
+    try:
+        checks: list[Check] = isolated(full_checks, Mesh.joined(meshes), seconds=seconds)
+        return checks
+    except LostProcessError as error:
+        reason = f"pymeshlab would need more than {error.seconds:.0f} s" if error.seconds else str(error)
     return [Check(name="self-intersection", ok=True, detail=f"not tested: {reason}")]
-
-
-def groups(meshes: Sequence[Mesh]) -> list[Mesh]:
-    """Join the meshes whose bounding boxes overlap. Only these can cut each other."""
-    boxes = [np.array(mesh.bounds_mm) for mesh in meshes]
-    parent = list(range(len(meshes)))
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            i = parent[i]
-        return i
-
-    for i, (low, high) in enumerate(boxes):
-        for j in range(i):
-            if np.all(low <= boxes[j][1]) and np.all(boxes[j][0] <= high):
-                parent[root(i)] = root(j)
-    roots = [root(i) for i in range(len(meshes))]
-    return [Mesh.joined([meshes[i] for i in range(len(meshes)) if roots[i] == group]) for group in dict.fromkeys(roots)]
-
-
-def overlapping_pairs(mesh: Mesh) -> float:
-    """Estimate the number of pairs of triangles with overlapping bounding boxes from a sample of the triangles."""
-    points = mesh.triangle_points
-    low, high = points.min(axis=1), points.max(axis=1)
-    count = len(points)
-    sample = np.random.default_rng(0).choice(count, min(count, int(np.clip(2e7 // count, 16, 400))), replace=False)
-    beside = [np.count_nonzero(((low <= high[i]) & (high >= low[i])).all(axis=1)) - 1 for i in sample]
-    return count * float(np.mean(beside)) / 2.0
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -7,11 +7,8 @@ distance from the formula.
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING
-from weakref import ref
 
 import numpy as np
 
@@ -47,8 +44,6 @@ SOLID_BOX_MM = 1e-3
 _FLOAT32 = 2.0**-23
 #: The number of points on the textured faces of a part that is not a block.
 FACE_POINTS = 20_000
-#: The part whose mesh has passed all checks most recently, the fingerprint of this mesh, and the report.
-_passed: tuple[ref[PrintPart], tuple[int, bytes, bool], Report] | None = None
 
 
 def verify(part: PrintPart, path: Path, full: bool = False) -> Report:
@@ -78,26 +73,6 @@ def verify(part: PrintPart, path: Path, full: bool = False) -> Report:
 
 
 def _verify_mesh(part: PrintPart, path: Path, mesh: Mesh, full: bool) -> Report:
-    """Check a mesh, unless an equal mesh of the same part, from a file of another format, has passed all checks."""
-    global _passed
-    key = (*_fingerprint(mesh), full)
-    if _passed is None or _passed[0]() is not part or _passed[1] != key:
-        report = _report_of_mesh(part, path, mesh, full)
-        _passed = (ref(part), key, report) if report.ok else None
-        return report
-    return dataclasses.replace(_passed[2], path=path)
-
-
-def _fingerprint(mesh: Mesh) -> tuple[int, bytes]:
-    """Return the number of vertices, and the hash of the triangles as coordinates.
-
-    In an STL file, corners with equal coordinates are one vertex. A mesh with the same triangles and the same number of
-    vertices therefore also has the same neighbours.
-    """
-    return len(mesh.vertices), hashlib.sha256(np.ascontiguousarray(mesh.triangle_points).data).digest()
-
-
-def _report_of_mesh(part: PrintPart, path: Path, mesh: Mesh, full: bool) -> Report:
     _, expected = part.mesh
     edges = meshcheck.edges(mesh)
     checks = [

@@ -155,20 +155,20 @@ def _settle(future: Future[Any], name: str, seconds: float | None, ended: Future
     """Give a future the result of a call that has ended, or the error that describes what went wrong."""
     from pebble import ProcessExpired
 
-    error: BaseException | None
+    result: Any = None
+    error: BaseException | None = None
     try:
-        result, error = ended.result(), None
+        result = ended.result()
     except ProcessExpired as expired:
         code = expired.exitcode or 0
         how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
         hint = "; maybe the memory was full" if code == -int(getattr(signal, "SIGKILL", 9)) else ""
-        result, error = None, LostProcessError(f"the process that ran {name} {how}{hint}")
+        error = LostProcessError(f"the process that ran {name} {how}{hint}")
     except BrokenProcessPool:
-        result, error = None, LostProcessError(f"the process that should run {name} had ended before")
+        error = LostProcessError(f"the process that should run {name} had ended before")
     except BaseException as other:  # of the function, or the pool was closed, or an argument cannot be sent
         is_late = isinstance(other, TimeoutError) and seconds is not None
-        late = LostProcessError(f"{name} took longer than {seconds:g} s", seconds) if is_late else None
-        result, error = None, late or other
+        error = LostProcessError(f"{name} took longer than {seconds:g} s", seconds) if is_late else other
     with contextlib.suppress(InvalidStateError):
         if error is None:
             future.set_result(result)

@@ -159,24 +159,6 @@ def test_every_fault_is_reported(fault: Callable[[Mesh], Mesh], name: str, tmp_p
     assert name in _faults(report)
 
 
-def test_an_equal_mesh_in_another_format_is_not_checked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    part, calls = block_part(Block.of(2)), []
-    monkeypatch.setattr(meshcheck, "solidity", lambda mesh: calls.append(mesh) or ("NoError", 0))
-    reports = []
-    for form in ("stl", "3mf"):
-        FORMATS[form].write(part, tmp_path / f"a.{form}")
-        reports.append(verify(part, tmp_path / f"a.{form}"))
-    assert len(calls) == 1
-    assert reports[1] == dataclasses.replace(reports[0], path=tmp_path / "a.3mf")
-    # Other coordinates, other neighbours of equal triangles, and another part are checked.
-    mesh = part.mesh[0]
-    faces = mesh.faces.copy()
-    faces[tuple(np.argwhere(faces == 0)[0])] = len(mesh.vertices)
-    for other in (_move_top_vertex(mesh), Mesh(np.concatenate([mesh.vertices, mesh.vertices[:1]]), faces)):
-        assert not verify(part, _write_as(part, other, tmp_path / "a.3mf")).ok
-    assert not verify(block_part(Block.of(3)), tmp_path / "a.stl").ok
-
-
 def test_a_moved_sample_of_a_coarse_grid_is_reported(tmp_path: Path) -> None:
     part = block_part(Block.of(4, "released", sampling=SampleGrid(nx=100, ny=101)))
     certificate = part.mesh[1].certificate

@@ -97,19 +97,8 @@ def test_a_mesh_of_overlapping_triangles_is_not_tested_for_self_intersections(ma
     report = examine(make(tmp_path))
     assert time.monotonic() - begin < 20.0
     finding = next(check for check in report.checks if check.name == "self-intersection")
-    assert finding.detail.startswith("not tested: the bounding boxes of about")
+    assert finding.detail.startswith("not tested: pymeshlab would need more than 1")
     assert not report.ok and report.volume_mm3 is None
-
-
-def test_the_test_for_self_intersections_has_a_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pymeshlab")
-    from tacbench_cad.checks import meshcheck
-
-    monkeypatch.setattr(meshcheck, "MAX_PAIRS", 1e12)
-    monkeypatch.setattr(meshcheck, "MAX_SECONDS", 1.0)
-    report = examine(_random(tmp_path))
-    finding = next(check for check in report.checks if check.name == "self-intersection")
-    assert finding.detail.startswith("not tested: pymeshlab would need more than")
 
 
 def test_huge_coordinates_are_refused(tmp_path: Path) -> None:
