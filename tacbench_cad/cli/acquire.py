@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
 _VIRTUAL_SPEED = 50.0
-_VIRTUAL = "With --virtual"
 
 
 @options.command("acquire", "Press")
