@@ -50,7 +50,7 @@ def placed(block: Block, place: Placement, shift: tuple[float, float] = (0.0, 0.
 
 @pytest.mark.parametrize(
     "holder",
-    mostly_long([*CASES, TRAY], CASES[1], CASES[3], CASES[5]),
+    mostly_long([*CASES, TRAY], CASES[1], CASES[5]),
     ids=lambda holder: getattr(holder, "name", None),
 )
 def test_nothing_collides_and_markers_are_over_their_positions(holder: Holder) -> None:
@@ -84,7 +84,7 @@ def _markers_are_over_their_positions(jig: Jig) -> None:
     assert (counts == 1).all()
 
 
-@pytest.mark.parametrize("holder", CASES, ids=lambda holder: holder.name)
+@pytest.mark.parametrize("holder", mostly_long(CASES, CASES[1], CASES[5]), ids=lambda holder: holder.name)
 def test_clearances_are_as_named(holder: Holder) -> None:
     """A block and the jig can be shifted by the stated clearance to every side, but no further."""
     jig, plate, seated = meshed(holder)

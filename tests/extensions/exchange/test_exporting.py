@@ -277,6 +277,7 @@ def test_frames_that_are_not_images_are_exported_to_arrays_and_tars(
         assert member is not None and np.load(io.BytesIO(member.read())).shape == (16,)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("to", FORMATS)
 def test_memory_does_not_grow_with_the_frames(
     to: str, tmp_path: Path, make_info: Any, filled: Any, monkeypatch: pytest.MonkeyPatch

@@ -9,6 +9,7 @@ from typing import Any
 import manifold3d
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 from tacbench_cad.extensions.foreign_meshes.mesh_region import MeshRegion, region_at
 from tacbench_cad.geometry.mesh import Mesh
@@ -95,20 +96,26 @@ def test_the_region_around_a_point(
 
 @pytest.mark.parametrize(
     ("name", "at", "number", "settings"),
-    [
-        ("plate", (15, 10, 5), 4, {"tolerance_mm": 0.1}),
-        ("plate", (15, 10, 5), 2, {"fade_mm": 3.0, "sunk": True}),
+    mostly_long(
+        [
+            ("plate", (15, 10, 5), 4, {"tolerance_mm": 0.1}),
+            ("plate", (15, 10, 5), 2, {"fade_mm": 3.0, "sunk": True}),
+            ("holes", (15, 10, 5), 2, {}),
+            ("holes", (15, 10, 5), 2, {"fade_mm": 3.0, "tolerance_mm": 0.1}),
+            ("turned", None, 2, {"up": "+Z"}),
+            ("rounded", (15, 10, 7), 2, {"sunk": True}),
+            ("drum", (15, 0, 10), 2, {"up": "+Y"}),
+            ("drum", (15, 0, 10), 3, {"fade_mm": 4.0, "tolerance_mm": 0.05}),
+            ("fine facets", (15, 0, 10), 2, {"sunk": True}),
+            ("half", (15, 0, 10), 2, {"fade_mm": 2.0}),
+            ("tube", (-10, 0, 10), 2, {"depth_mm": 0.5}),
+            ("tube", (-10, 0, 10), 2, {"depth_mm": 0.5, "sunk": True}),
+        ],
         ("holes", (15, 10, 5), 2, {}),
-        ("holes", (15, 10, 5), 2, {"fade_mm": 3.0, "tolerance_mm": 0.1}),
         ("turned", None, 2, {"up": "+Z"}),
-        ("rounded", (15, 10, 7), 2, {"sunk": True}),
         ("drum", (15, 0, 10), 2, {"up": "+Y"}),
-        ("drum", (15, 0, 10), 3, {"fade_mm": 4.0, "tolerance_mm": 0.05}),
-        ("fine facets", (15, 0, 10), 2, {"sunk": True}),
-        ("half", (15, 0, 10), 2, {"fade_mm": 2.0}),
-        ("tube", (-10, 0, 10), 2, {"depth_mm": 0.5}),
         ("tube", (-10, 0, 10), 2, {"depth_mm": 0.5, "sunk": True}),
-    ],
+    ),
 )
 def test_the_result_is_one_closed_body_with_the_volume_of_the_integral(
     name: str, at: tuple[float, float, float] | None, number: int, settings: dict[str, Any]

@@ -84,6 +84,7 @@ def test_the_results_say_where_the_displacements_begin(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_figures")
 def test_the_commands_report_what_was_analysed(
     pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -177,7 +177,14 @@ def test_a_lost_wave_has_an_interval_that_contains_0() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "why"),
-    [("cloud", "one of its axes is reversed"), ("rows", "rows are in reversed order"), ("heights", "the wrong sign")],
+    mostly_long(
+        [
+            ("cloud", "one of its axes is reversed"),
+            ("rows", "rows are in reversed order"),
+            ("heights", "the wrong sign"),
+        ],
+        ("rows", "rows are in reversed order"),
+    ),
 )
 def test_a_mirror_image_is_named_and_refused(kind: str, why: str) -> None:
     block, truth = Block.of(2), ScanTruth(points=12_000, seed=2, noise_mm=0.02)

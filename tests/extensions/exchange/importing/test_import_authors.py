@@ -74,10 +74,8 @@ def test_all_published_names_are_imported_together(arrays: Path, capsys: Capture
     "shape",
     [
         (1, 2, 5, 5, *SHAPE),
-        (50, *SHAPE),
-        (50, 16, 24),
-        (1, 2, 5, 5, 16, 24),
         (25, 16, 24),
+        *(pytest.param(shape, marks=pytest.mark.long) for shape in ((50, *SHAPE), (50, 16, 24), (1, 2, 5, 5, 16, 24))),
     ],
 )
 def test_every_frame_gets_its_position(shape: tuple[int, ...], first_axis: Any, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from sklearn.decomposition import PCA
 
 from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augmentation
@@ -50,7 +51,7 @@ def test_inner_products_of_images_are_exact() -> None:
     assert np.array_equal(products.sums, centred.sum(axis=1))
 
 
-@pytest.mark.parametrize(("count", "pixels"), [(80, 4000), (400, 2000)])
+@pytest.mark.parametrize(("count", "pixels"), mostly_long([(80, 4000), (400, 2000)], (80, 4000)))
 def test_scores_of_noisy_copies_agree_with_drawn_pixels(count: int, pixels: int) -> None:
     rows = frames(count, pixels, np.uint8)
     train, test = np.arange(count - 10), np.arange(count - 10, count)
