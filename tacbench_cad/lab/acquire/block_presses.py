@@ -12,12 +12,11 @@ from typing import Literal
 import numpy as np
 
 from tacbench_cad.lab.acquire.force_search import ContactForce
-from tacbench_cad.lab.acquire.position_checks import PositionChecks
 from tacbench_cad.lab.acquire.press import Presser, SettledPress
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.acquire.slips import HeightWatch
+from tacbench_cad.lab.acquire.slips import HeightWatch, PositionChecks
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
 from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import (

@@ -17,9 +17,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tacbench_cad.lab.acquire.force_search import ContactForce
+from tacbench_cad.lab.acquire.force_search import GROWTH, ContactForce, KnownGrowth, Slope
 from tacbench_cad.lab.acquire.safety import Carriage
-from tacbench_cad.lab.acquire.stiffness import GROWTH, KnownGrowth, Slope
 from tacbench_cad.lab.acquire.touch import Touch
 from tacbench_cad.lab.rig.errors import ContactError
 from tacbench_cad.lab.rig.gauge import Force

@@ -19,8 +19,7 @@ from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
-from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
-from tacbench_cad.lab.simulate.drag import Drag
+from tacbench_cad.lab.simulate.contact import DomeContact, Drag, contact_for
 from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.motion import motion_of

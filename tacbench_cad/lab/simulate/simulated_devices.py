@@ -16,8 +16,7 @@ from tacbench_cad.lab.rig.registry import Context, Driver
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.rig.stage import Closing, LimitedStage
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
-from tacbench_cad.lab.simulate.contact import DomeContact, contact_for
-from tacbench_cad.lab.simulate.drag import Drag
+from tacbench_cad.lab.simulate.contact import DomeContact, Drag, contact_for
 from tacbench_cad.lab.simulate.tactip import SIMULATED, TacTip
 from tacbench_cad.lab.study.spec import (
     GaugeSettings,

@@ -7,7 +7,7 @@ moves inwards by ``w`` and turns with the skin, whose slope changes by the gradi
 of a lever that begins in the middle of the skin. The gel's volume and the stretching of the skin are ignored.
 
 Friction acts only in a motion in contact: there the skin in contact lags behind the dome (see
-:mod:`tacbench_cad.lab.simulate.drag`), and the pins above it with it.
+:class:`tacbench_cad.lab.simulate.contact.Drag`), and the pins above it with it.
 
 Dome frame: the origin is the dome's centre, x and y are those of the block, and z points to the summit, so downwards on
 the rig. The camera looks along +z. In the image x grows to the right and y upwards, as seen from above.
@@ -213,7 +213,7 @@ class TacTip:
             contact: The surface under the dome; None for no contact.
             pose_mm: The summit in the work frame.
             lag_mm: The x and y by which the dome is ahead of the skin in contact, see
-                :class:`~tacbench_cad.lab.simulate.drag.Drag`.
+                :class:`~tacbench_cad.lab.simulate.contact.Drag`.
         """
         if contact is None or contact.force_n(*pose_mm) == 0.0:
             return self.rest

@@ -10,7 +10,7 @@ import pytest
 from helpers.fakes import Plate
 from helpers.rigs import FakeRig, small_protocol
 
-from tacbench_cad.lab.acquire.stiffness import KnownGrowth, Slope
+from tacbench_cad.lab.acquire.force_search import KnownGrowth, Slope
 from tacbench_cad.lab.acquire.touch import taught
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import ContactError, OutOfRangeError, RigError

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tacbench_cad.lab.simulate.contact import contact_for
-from tacbench_cad.lab.simulate.drag import FRICTION, LATERAL_N_PER_MM, Drag
+from tacbench_cad.lab.simulate.contact import FRICTION, LATERAL_N_PER_MM, Drag, contact_for
 from tacbench_cad.lab.simulate.tactip import TacTip
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
