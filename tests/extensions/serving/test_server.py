@@ -17,11 +17,11 @@ pytest.importorskip("starlette", reason="the design page needs the extra web")
 pytest.importorskip("httpx2", reason="the test client of Starlette needs httpx2")
 
 from starlette.applications import Starlette
-from starlette.routing import WebSocketRoute
+from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from tacbench_cad.extensions.serving.server import Guard, bound_socket, file_routes, in_url
+from tacbench_cad.extensions.serving.server import Guard, bound_socket, file_routes, framed, in_url
 from tacbench_cad.util.errors import InputError
 
 TOKEN, PORT = "a-token-of-the-test", 8080
@@ -37,6 +37,7 @@ async def echo(socket: WebSocket) -> None:
 @pytest.fixture(scope="module")
 def client() -> TestClient:
     routes = [*file_routes("tacbench_cad.extensions.design", "page.html", "page.css"), WebSocketRoute("/socket", echo)]
+    routes.append(Route("/frame.html", lambda request: framed("<title>in a frame</title>")))
     return TestClient(Guard(Starlette(routes=routes), TOKEN, PORT))
 
 
@@ -49,6 +50,13 @@ def test_the_page_is_served_with_a_policy_that_forbids_all_other_addresses(clien
         assert set(re.findall(r"\w+://[\w.:]+", policy)) == {f"ws://127.0.0.1:{PORT}", f"ws://localhost:{PORT}"}
         assert answer.headers["cache-control"] == "no-store"
         assert answer.headers["referrer-policy"] == "no-referrer"
+
+
+def test_a_framed_page_may_be_shown_by_pages_of_this_server_only(client: TestClient) -> None:
+    answer = client.get(f"/{TOKEN}/frame.html", headers=HERE)
+    assert answer.headers["content-security-policy"] == "frame-ancestors 'self'"
+    assert answer.headers["referrer-policy"] == "no-referrer" and "in a frame" in answer.text
+    assert client.get("/frame.html", headers=HERE).status_code == 403
 
 
 @pytest.mark.parametrize(
