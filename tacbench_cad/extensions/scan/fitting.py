@@ -29,7 +29,6 @@ from tacbench_cad.extensions.scan.refining import (
     trimmed_deviation,
     variance,
 )
-from tacbench_cad.extensions.scan.waves import wave_estimates
 from tacbench_cad.spec import Block, distance_along_normal
 from tacbench_cad.util.errors import InputError, one_of
 from tacbench_cad.util.types import Floats
@@ -404,6 +403,6 @@ def _result(
         noise_mm=state.depth_mm,
         half_turn=_half_turn(state.pose, rivals),
         alternatives=rivals,
-        waves=wave_estimates(state.relief, final.unknown, final.standard_error[len(final.unknown.names) :]),
+        waves=fine.wave_estimates(state.relief, final.unknown, final.standard_error[len(final.unknown.names) :]),
         correlation=final.correlation,
     )

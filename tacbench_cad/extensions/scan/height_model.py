@@ -9,42 +9,13 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from tacbench_cad.spec import Block, Surface, Wave, WaveSum
-from tacbench_cad.util.types import Floats, Ints
+from tacbench_cad.util.types import Floats
 
 #: The number of values in a table for each period of the shortest wave, and at most.
 _STEPS_IN_WAVE = 40
 _MAX_TABLE = 200_000
 #: How far tables reach beyond the block, as a fraction of its side.
 _BEYOND = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """The sines and cosines of the waves along one axis at equally spaced places, from which all tables are summed.
-
-    Args:
-        start: The first place.
-        step: The distance of neighbouring places.
-        waves: The indices of the waves, shape (m,).
-        frequency: Their angular frequencies k, shape (m,).
-        sine: ``sin(k t + phase)`` at the places t, shape (n, m).
-        cosine: ``cos(k t + phase)``, shape (n, m).
-    """
-
-    start: float
-    step: float
-    waves: Ints
-    frequency: Floats
-    sine: Floats
-    cosine: Floats
-
-    @classmethod
-    def of(cls, waves: Ints, frequency: Floats, phase: Floats, low: float, high: float) -> Basis:
-        """Return the basis between two places, from the indices, frequencies and phases of the waves, shape (m,)."""
-        highest = float(np.max(np.abs(frequency), initial=2.0 * math.pi / (high - low)))
-        step = max(2.0 * math.pi / highest / _STEPS_IN_WAVE, (high - low) / _MAX_TABLE)
-        angle = np.arange(low, high + 2.0 * step, step)[:, None] * frequency + phase
-        return cls(low, step, waves, frequency, np.sin(angle), np.cos(angle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,29 +40,34 @@ class _Table:
     scatter: Floats
 
     @classmethod
-    def of(cls, basis: Basis, factors: Floats, kept: Floats, blur_mm: float) -> _Table:
+    def of(cls, waves: Floats, ends: tuple[float, float], changes: Floats, kept: Floats, blur_mm: float) -> _Table:
         """Sum a table.
 
         Args:
-            basis: The waves.
-            factors: The factors of the sine and of the cosine of every wave of the block, shape (waves, 2).
-            kept: The fraction of every wave that the blur leaves, shape (waves,).
+            waves: The amplitude, the angular frequency and the phase of each wave along the axis, shape (m, 3).
+            ends: The first and the last place.
+            changes: The changes of the waves; see :class:`Relief`, shape (m, 2).
+            kept: The fraction of every wave that the blur leaves, shape (m,).
             blur_mm: The standard deviation of the noise along x and y.
         """
-        step, kept = basis.step, kept[basis.waves]
-        a, b = factors[basis.waves].T
+        (amplitude, frequency, phase), (low, high) = waves.T, ends
+        highest = float(np.max(np.abs(frequency), initial=2.0 * math.pi / (high - low)))
+        step = max(2.0 * math.pi / highest / _STEPS_IN_WAVE, (high - low) / _MAX_TABLE)
+        angle = np.arange(low, high + 2.0 * step, step)[:, None] * frequency + phase
+        sine, cosine = np.sin(angle), np.cos(angle)
+        a, b = (amplitude[:, None] * np.add(changes, (1.0, 0.0))).T
         shown = kept * a, kept * b
-        value = basis.sine @ shown[0] + basis.cosine @ shown[1]
-        slope = basis.cosine @ (basis.frequency * shown[0]) - basis.sine @ (basis.frequency * shown[1])
+        value = sine @ shown[0] + cosine @ shown[1]
+        slope = cosine @ (frequency * shown[0]) - sine @ (frequency * shown[1])
         scatter = slope**2
         if blur_mm > 2.0 * step:
             from scipy.ndimage import gaussian_filter1d
 
-            exact = basis.sine @ a + basis.cosine @ b
+            exact = sine @ a + cosine @ b
             mean = gaussian_filter1d(exact, blur_mm / step, mode="nearest")
             square = gaussian_filter1d(exact**2, blur_mm / step, mode="nearest")
             scatter = np.maximum(square - mean**2, 0.0) / blur_mm**2
-        return cls(basis.start, step, value, slope * step, scatter)
+        return cls(low, step, value, slope * step, scatter)
 
     def scattered(self, t: Floats) -> Floats:
         """Return the scatter at places, from the nearest value."""
@@ -124,7 +100,6 @@ class Relief:
         changes: The numbers a and b of each wave, shape (waves, 2).
         shortest_mm: The shortest wavelength that a fit may change. On pixels, waves shorter than two of them look like
             longer ones.
-        bases: The sines of the waves along x and along y, if every wave runs along one of the axes; None otherwise.
         blur_mm: The standard deviation of the noise along x and y.
     """
 
@@ -132,7 +107,6 @@ class Relief:
     datum_mm: float
     size_mm: tuple[float, float]
     changes: Floats
-    bases: tuple[Basis, Basis] | None
     blur_mm: float = 0.0
     shortest_mm: float = 0.0
 
@@ -140,17 +114,8 @@ class Relief:
     @lru_cache(maxsize=16)
     def of(cls, block: Block) -> Relief:
         """Return the relief of a block as designed."""
-        surface, bases = block.surface, None
-        count = len(surface.waves) if isinstance(surface, WaveSum) else 0
-        if isinstance(surface, WaveSum) and surface.is_separable:
-            _, f, g, phase = surface.table.T
-            along_x, along_y = np.flatnonzero(g == 0.0), np.flatnonzero(g != 0.0)
-            x, y = block.size_mm
-            bases = (
-                Basis.of(along_x, f[along_x], phase[along_x], -_BEYOND * x, (1.0 + _BEYOND) * x),
-                Basis.of(along_y, g[along_y], phase[along_y], -_BEYOND * y, (1.0 + _BEYOND) * y),
-            )
-        return cls(surface, block.datum_mm, block.size_mm, np.zeros((count, 2)), bases)
+        count = len(block.surface.waves) if isinstance(block.surface, WaveSum) else 0
+        return cls(block.surface, block.datum_mm, block.size_mm, np.zeros((count, 2)))
 
     def changed(self, changes: Floats, blur_mm: float) -> Relief:
         """Return the relief with other changes and another blur."""
@@ -176,12 +141,16 @@ class Relief:
 
     @cached_property
     def _tables(self) -> tuple[_Table, _Table] | None:
-        if self.bases is None:
+        """The tables along x and along y, if every wave runs along one of the axes; None otherwise."""
+        if not (isinstance(self.surface, WaveSum) and self.surface.is_separable):
             return None
-        assert isinstance(self.surface, WaveSum)
-        factors = self.surface.table[:, :1] * np.add(self.changes, (1.0, 0.0))
-        first, second = (_Table.of(basis, factors, self.kept, self.blur_mm) for basis in self.bases)
-        return first, second
+        table, tables = self.surface.table, []
+        for axis, side in enumerate(self.size_mm):
+            own = (table[:, 2] != 0.0) == bool(axis)
+            ends = (-_BEYOND * side, (1.0 + _BEYOND) * side)
+            waves = table[own][:, [0, 1 + axis, 3]]
+            tables.append(_Table.of(waves, ends, self.changes[own], self.kept[own], self.blur_mm))
+        return tables[0], tables[1]
 
     def __call__(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the height above the underside and its slopes along x and y at points, each of shape (n,)."""

@@ -11,8 +11,6 @@ ranked over all prints.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +29,6 @@ from tacbench_cad.lab.analysis import (
     list_part,
     long_part,
     parts_of,
-    records,
     text_part,
 )
 from tacbench_cad.util.errors import InputError
@@ -39,8 +36,6 @@ from tacbench_cad.util.text import counted, interval, short
 
 #: The title of the section, and the name of its table.
 TITLE, TABLE_FILE = "Scan and touch", "scans.csv"
-#: The values of a print that was scanned.
-Row = Mapping[str, Any]
 #: The two numbers of the scan that are compared with the presses.
 SCANNED = {"top_rms_mm": "the deviation from the formula", "pin_shift_px": "the computed shift of the pins"}
 #: The smallest number of prints beyond one for each group, from which a correlation has an interval.
@@ -72,9 +67,9 @@ def report_section(results: Results) -> ReportSection:
     Args:
         results: The results of the report.
     """
-    rows, damaged = scan_rows(results.collection, results.variance)
+    table, damaged = scan_table(results.collection, results.variance)
     parts = [text_part("Scans that cannot be read:"), list_part(damaged)] if damaged else []
-    if not rows:
+    if table.empty:
         return ReportSection(title=TITLE, parts=parts)
     parts += [
         text_part(
@@ -82,15 +77,14 @@ def report_section(results: Results) -> ReportSection:
             "mean square between the frames of the print and those of the other prints of its texture, printer and "
             "filament; it contains sensor noise."
         ),
-        *(text_part(answer(rows, name)) for name in SCANNED),
-        long_part(Shown("Scans of the prints", _shown(rows)), TABLE_FILE),
+        *(text_part(answer(table, name)) for name in SCANNED),
+        long_part(Shown("Scans of the prints", _shown(table)), TABLE_FILE),
     ]
-    return ReportSection(title=TITLE, parts=parts, tables={TABLE_FILE: pd.DataFrame(rows)})
+    return ReportSection(title=TITLE, parts=parts, tables={TABLE_FILE: table})
 
 
-def _shown(rows: Sequence[Row]) -> pd.DataFrame:
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
     """Return the table of the page."""
-    table = pd.DataFrame(rows)
     return pd.DataFrame(
         {
             **{name: table[name] for name in ("run", "texture", "printer", "filament")},
@@ -103,15 +97,15 @@ def _shown(rows: Sequence[Row]) -> pd.DataFrame:
     )
 
 
-def scan_rows(collection: Collection, variance: VarianceView | None) -> tuple[list[Row], list[str]]:
-    """Return a row for each print that was scanned, and the errors of unreadable records.
+def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[pd.DataFrame, list[str]]:
+    """Return a table with a row for each print that was scanned, and the errors of unreadable records.
 
     Args:
         collection: The study.
         variance: The variance table; None if there is none.
     """
     distances = _distances(collection, variance)
-    rows: list[Row] = []
+    rows: list[dict[str, Any]] = []
     damaged: list[str] = []
     for number, run in enumerate(collection.runs):
         path = run.folder / SCAN_FILE
@@ -126,11 +120,11 @@ def scan_rows(collection: Collection, variance: VarianceView | None) -> tuple[li
         if len(here) == 0:
             continue
         first = int(here[0])
-        combination, texture = str(collection.combination[first]), str(collection.texture[first])
-        key = (combination, texture, int(collection.print_number[first]))
+        made, texture = parts_of(str(collection.combination[first])), str(collection.texture[first])
+        key = (made["printer"], made["filament"], texture, int(collection.print_number[first]))
         rows.append(
             {
-                **parts_of(combination),
+                **made,
                 "run": run.folder.name,
                 "texture": texture,
                 "top_rms_mm": record.top_rms_mm,
@@ -140,49 +134,49 @@ def scan_rows(collection: Collection, variance: VarianceView | None) -> tuple[li
                 "scan_simulated": "yes" if record.simulated else "",
             }
         )
-    return rows, damaged
+    return pd.DataFrame(rows), damaged
 
 
-def _distances(collection: Collection, variance: VarianceView | None) -> dict[tuple[str, str, int], float]:
+def _distances(collection: Collection, variance: VarianceView | None) -> dict[Any, float]:
     """Return the mean distance of each print from the others over the force levels."""
     table = variance.tables.get("print_distances") if variance else None
-    values: dict[tuple[str, str, int], list[float]] = defaultdict(list)
-    for row in () if table is None else records(table):
-        if row["force_level"] != ALL_LEVELS and row["from_others"] is not None:
-            values[f"{row['printer']}_{row['filament']}", row["texture"], row["copy"]].append(row["from_others"])
-    return {key: float(np.mean(of_levels)) for key, of_levels in values.items()}
+    if table is None:
+        return {}
+    known = table[(table["force_level"] != ALL_LEVELS) & table["from_others"].notna()]
+    print_of = known.astype({"from_others": float}).groupby(["printer", "filament", "texture", "copy"])
+    return dict(print_of["from_others"].mean())
 
 
-def rank_correlation(rows: Sequence[Row], name: str) -> RankCorrelation:
+def rank_correlation(table: pd.DataFrame, name: str) -> RankCorrelation:
     """Return the rank correlation of a number of the scan and the difference from other prints.
 
     Args:
-        rows: The rows of the table.
+        table: The table of the scans.
         name: The column of the number.
     """
     from scipy.stats import spearmanr
 
-    groups: dict[tuple[Any, ...], list[tuple[float, float]]] = defaultdict(list)
-    for row in rows:
-        if row[name] and row["from_others"]:
-            pair = (math.log(row[name]), math.log(row["from_others"]))
-            groups[row["texture"], row["printer"], row["filament"]].append(pair)
-    several = [np.array(pairs) for pairs in groups.values() if len(pairs) > 1]
-    count, free = sum(map(len, several)), sum(len(pairs) - 1 for pairs in several)
-    relative = np.concatenate([pairs - pairs.mean(axis=0) for pairs in several]) if several else np.zeros((1, 2))
+    numbers = table[[name, "from_others"]].astype(float)
+    numbers = numbers[(numbers > 0.0).all(axis=1)]
+    made = [table[column] for column in ("texture", "printer", "filament")]
+    several = numbers[numbers.groupby(made, dropna=False)[name].transform("size") > 1]
+    logarithms = several.apply(np.log)
+    groups = logarithms.groupby(made, dropna=False)
+    relative = (logarithms - groups.transform("mean")).to_numpy()
+    count, free = len(several), len(several) - groups.ngroups
     if free < MIN_FREE or np.ptp(relative, axis=0).min() < 1e-12:
-        return RankCorrelation(prints=count, groups=len(several))
+        return RankCorrelation(prints=count, groups=groups.ngroups)
     value = float(spearmanr(relative).statistic)
     # Fisher's z with the standard error of Bonett and Wright (2000) for ranks. Each group costs a mean.
     error = math.sqrt((1.0 + value**2 / 2.0) / (free - 2))
     middle = math.atanh(max(-1.0 + 1e-12, min(1.0 - 1e-12, value)))
     low, high = (math.tanh(middle + sign * HALF_WIDTH * error) for sign in (-1.0, 1.0))
-    return RankCorrelation(prints=count, groups=len(several), value=value, low=low, high=high)
+    return RankCorrelation(prints=count, groups=groups.ngroups, value=value, low=low, high=high)
 
 
-def answer(rows: Sequence[Row], name: str) -> str:
+def answer(table: pd.DataFrame, name: str) -> str:
     """Return a sentence that says whether prints that deviate more differ more when they are pressed."""
-    result, what = rank_correlation(rows, name), SCANNED[name]
+    result, what = rank_correlation(table, name), SCANNED[name]
     if result.value is None:
         return (
             f"Too few prints to compare {what} with the presses: {counted(result.prints, 'scanned print')} with "

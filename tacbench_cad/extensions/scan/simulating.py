@@ -42,9 +42,8 @@ class ScanTruth(Checked):
         pose: The pose, with the scale and the skew of the print in its ``stretch``.
         transfer_x: The factor of the amplitude of a wave along x, by its wavelength in mm; None for 1.
         transfer_y: The same along y. A wave in another direction gets ``cos^2`` and ``sin^2`` of the two factors.
-        noise_mm: The standard deviation of the noise of each point.
-        noise_direction: ``depth`` for noise along z on the top and along the normal on walls, as a scanner that looks
-            at each of them has; ``all`` for the same noise along all three axes.
+        noise_mm: The standard deviation of the noise of each point: along z on the top, along the normal on walls, as a
+            scanner that looks at each of them has it.
         outlier_fraction: The fraction of points that lie anywhere within 3 mm of the block's box.
         top_fraction: The fraction of the top that was seen: the part on one side of a random line.
         holes: The number of round holes in the top.
@@ -60,7 +59,6 @@ class ScanTruth(Checked):
     transfer_x: Transfer | None = None
     transfer_y: Transfer | None = None
     noise_mm: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.02
-    noise_direction: Literal["depth", "all"] = "depth"
     outlier_fraction: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.0
     top_fraction: Annotated[float, Interval(ge=0.01, le=1.0)] = 1.0
     holes: int = 0
@@ -157,10 +155,7 @@ def simulate_scan(block: Block, truth: ScanTruth) -> Cloud:
     printed = nominal @ truth.pose.stretch.T
     normals = np.repeat([normal for _, normal in parts], [len(points) for points, _ in parts], axis=0)
     printed[:, :2] += truth.wall_offset_mm * normals[:, :2]
-    if truth.noise_direction == "all":
-        printed += truth.noise_mm * rng.standard_normal(printed.shape)
-    else:
-        printed += truth.noise_mm * rng.standard_normal((len(printed), 1)) * normals
+    printed += truth.noise_mm * rng.standard_normal((len(printed), 1)) * normals
     if outliers:
         margin = np.full(3, OUTLIERS_WITHIN_MM)
         high = np.array([*block.size_mm, block.height_mm]) + margin

@@ -15,9 +15,9 @@ from helpers.fixture_measure import manifold
 from helpers.printers import PRINTER, points, write_corrected
 
 from tacbench_cad.cli import main
+from tacbench_cad.extensions.printer_models.correct_command import show_effects
 from tacbench_cad.extensions.printer_models.correction import corrected_for
 from tacbench_cad.extensions.printer_models.effect import effect_of
-from tacbench_cad.extensions.printer_models.effect_table import show_effects
 from tacbench_cad.extensions.printer_models.model import write_printer_model
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.spec.block import Block

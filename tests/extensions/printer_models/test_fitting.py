@@ -100,7 +100,7 @@ def test_scans_of_one_print_count_once(tmp_path: Path) -> None:
         ({}, {"printer": "form-3"}, "--printer NAME"),
         ({"printed_from": "t4-corr_paper_x1"}, {}, "prints of plain files"),
         ({"kind": "something"}, {}, "tacbench scan"),
-        ({"waves": [{"wavelength_mm": "long"}]}, {}, "[[waves]] 1: wavelength_mm"),
+        ({"waves": [{"wavelength_mm": "long"}]}, {}, "wavelength_mm = 'long'"),
     ],
 )
 def test_mixed_and_unusable_scans_are_refused(

@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.studies import Frame, write_study
 
 pytest.importorskip("cv2")
 
 from tacbench_cad.extensions.scan.record import KIND, SCAN_FILE, SCHEMA
-from tacbench_cad.extensions.scan.report_section import answer, rank_correlation, report_section, scan_rows
+from tacbench_cad.extensions.scan.report_section import answer, rank_correlation, report_section, scan_table
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.variance.table import variance_table
@@ -22,11 +23,11 @@ from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
 
 
-def rows(groups: int, prints: int, slope: float, noise: float = 0.0) -> list[dict[str, object]]:
+def rows(groups: int, prints: int, slope: float, noise: float = 0.0) -> pd.DataFrame:
     """Return scanned prints whose distance is a power of their deviation; each texture has its own scale."""
     random = np.random.default_rng(1)
     deviations = [[0.02 * 1.3**copy * 2.0**group for copy in range(prints)] for group in range(groups)]
-    return [
+    return pd.DataFrame(
         {
             "texture": f"texture-{group}",
             "printer": "ender-3",
@@ -36,7 +37,7 @@ def rows(groups: int, prints: int, slope: float, noise: float = 0.0) -> list[dic
         }
         for group, members in enumerate(deviations)
         for deviation in members
-    ]
+    )
 
 
 def test_a_relation_inside_of_the_textures_is_found() -> None:
@@ -62,10 +63,9 @@ def test_intervals_of_unrelated_prints_contain_zero_in_nineteen_of_twenty_studie
     random = np.random.default_rng(2)
     covered = 0
     for _ in range(400):
-        study = [
-            {**row, "top_rms_mm": np.exp(random.standard_normal()), "from_others": np.exp(random.standard_normal())}
-            for row in rows(2, 6, 1.0)
-        ]
+        study = rows(2, 6, 1.0)
+        for name in ("top_rms_mm", "from_others"):
+            study[name] = np.exp(random.standard_normal(len(study)))
         result = rank_correlation(study, "top_rms_mm")
         assert result.low is not None and result.high is not None
         covered += result.low <= 0.0 <= result.high
@@ -87,14 +87,14 @@ def test_the_table_joins_each_scan_with_its_print(tmp_path: Path) -> None:
         (folder / SCAN_FILE).write_text(json.dumps(document), encoding="utf-8")
     (folders[0] / SCAN_FILE).write_text("{}", encoding="utf-8")
     collection = Collection.open([tmp_path])
-    rows_of, damaged = scan_rows(collection, VarianceView.of(variance_table(collection)))
+    table, damaged = scan_table(collection, VarianceView.of(variance_table(collection)))
     assert len(damaged) == 1 and str(folders[0] / SCAN_FILE) in damaged[0]
-    second, third = rows_of
+    second, third = (row for _, row in table.iterrows())
     assert (second["run"], second["top_rms_mm"], second["scan_simulated"]) == (folders[1].name, 0.02, "yes")
     # The means of the three prints are 100, 102 and 120 counts.
     assert third["from_others"] == pytest.approx(19.0**2, rel=0.02)
     assert second["from_others"] == pytest.approx(8.0**2, rel=0.05)
-    assert scan_rows(collection, None)[0][0]["from_others"] is None
+    assert scan_table(collection, None)[0]["from_others"].isna().all()
 
 
 def test_the_report_shows_the_scans(tmp_path: Path) -> None:
