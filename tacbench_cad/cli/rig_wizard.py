@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,8 +19,9 @@ from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.editing import store_keys, write_template
 from tacbench_cad.lab.study.file import read_study
-from tacbench_cad.lab.study.first_press import first_press
 from tacbench_cad.lab.study.names import own_name
+from tacbench_cad.lab.study.spec import Study
+from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
@@ -30,6 +32,14 @@ _TRIES = 5
 _PRACTICE, _PRACTICE_SPEED = "virtual", 50.0
 #: The folder of the first press, beside the study file.
 FOLDER = "first-press"
+#: The force of the first press and the half width of its band, in N.
+FIRST_FORCE_N, FIRST_BAND_N = 0.1, 0.02
+#: The depth of the first press below first touch on a rig without a gauge, in mm.
+FIRST_DEPTH_MM = 0.2
+#: The force above which the first press is stopped, in N.
+FIRST_LIMIT_N = 1.0
+#: The longest step down of the first press, in mm.
+FIRST_STEP_MM = 0.05
 T = TypeVar("T")
 
 
@@ -161,6 +171,30 @@ def _first_press(path: Path) -> None:
     (row,) = Run.open(folder / study.blocks[0].printed.name).rows
     measured = "" if row.measured_force_n is None else f" with {row.measured_force_n:.3f} N"
     print_lines(f"pressed to z = {row.pose_mm[2]:z.3f} mm{measured}; the frame is {folder / 'last.png'}")
+
+
+def first_press(study: Study) -> Study:
+    """Return a study of one careful press on the first block of a study.
+
+    Forces, depth and steps are small, whatever the study's protocol says. Its other settings stay.
+    """
+    protocol = study.protocol
+    x, y = protocol.grid.x_mm, protocol.grid.y_mm
+    careful = replace(
+        protocol,
+        grid=PressGrid(x_mm=(x[len(x) // 2],), y_mm=(y[len(y) // 2],)),
+        repeats=1,
+        stationary_frames=0,
+        motion=None,
+        forces_n=(FIRST_FORCE_N,),
+        bands_n=(FIRST_BAND_N,),
+        depths_mm=(FIRST_DEPTH_MM,),
+        hard_limit_n=min(protocol.hard_limit_n, FIRST_LIMIT_N),
+        approach_step_mm=min(protocol.approach_step_mm, FIRST_STEP_MM),
+    )
+    return replace(
+        study, blocks=(replace(study.blocks[0], levels=careful.all_levels),), protocol=careful, grid_spacing="own"
+    )
 
 
 def _table(path: Path, name: str) -> dict[str, Any]:

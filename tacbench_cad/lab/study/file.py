@@ -81,34 +81,22 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
 
 
 def virtual_study(
-    *,
-    texture: str = "1",
-    preset: str = "paper",
-    scale: float = 1.0,
-    driver: str = "simulated",
-    speed: float = 50.0,
-    out: Path | None = None,
-    printer: str = "bambu-p1p",
-    filament: str = "pla-minus",
+    *, texture: str = "1", driver: str = "simulated", speed: float = 50.0, out: Path | None = None
 ) -> StudyFile:
-    """Describe a study of a single block on a simulated rig.
+    """Describe a study of a single block of a virtual printer on a simulated rig.
 
     Args:
         texture: The number, name or file of the texture.
-        preset: ``paper`` or ``released``.
-        scale: The block's scale.
         driver: The driver of a simulated stage.
         speed: The speed of the rig relative to real time; 50 is 50 times faster.
         out: The folder for the run folder; None if it is unknown.
-        printer: The virtual printer of the block.
-        filament: The filament of the block.
 
     Raises:
         InputError: A value is not allowed.
     """
     one_of("driver", driver, simulated_stages())
     document: dict[str, Any] = {
-        "block": {"texture": texture, "preset": preset, "scale": scale, "printer": printer, "filament": filament},
+        "block": {"texture": texture, "printer": "bambu-p1p", "filament": "pla-minus"},
         "stage": {"driver": driver, "options": {"speed": speed}},
         "gauge": {"driver": "simulated"},
         "sensor": {"driver": "simulated"},
