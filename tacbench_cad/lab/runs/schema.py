@@ -8,15 +8,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache, cached_property
-from types import NoneType
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge
+from typing_extensions import TypedDict
 
 from tacbench_cad.lab.study.spec import Point, Pressed
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 #: The description of the run, the table with one row for each press, and the print record that the user fills in.
 RUN_FILE, TARGETS_FILE, PRINT_FILE = "run.json", "targets.csv", "print.toml"
@@ -61,8 +67,8 @@ IMAGE_SUFFIXES = (".png", ".jpg")
 _FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.(?:png|jpg)|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
 _MOVING_NAME = re.compile(r"frame_\d{1,9}\.(?:png|npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-#: The patterns of a whole number in ``object_label`` and in the other columns.
-_LABEL, _WHOLE = re.compile(r"[1-9]\d{0,2}"), re.compile(r"\d{1,9}")
+#: The pattern of a whole number in ``object_label``.
+_LABEL = re.compile(r"[1-9]\d{0,2}")
 
 
 def frame_name(number: int, suffix: str) -> str:
@@ -367,38 +373,51 @@ COLUMNS = columns(Row)
 
 
 def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
-    """Make a row from the texts of its columns.
+    """Make a row from the texts of its columns. An empty text is None.
 
     Raises:
         InputError: A text is not valid. The message names the column.
     """
+    from pydantic import ValidationError
+
+    names = dict(zip((column.name for column in fields(kind)), columns(kind), strict=True))  # type: ignore[arg-type]
     factory: Any = kind
-    row: T = factory(**{name: parse(column, texts[column]) for name, column, parse in _parsers(factory)})
+    values = {name: texts[column] or None for name, column in names.items()}
+    try:
+        row: T = factory(**_adapter(factory).validate_python(values))
+    except ValidationError as error:
+        first = error.errors()[0]
+        column = names[str(first["loc"][0])]
+        raise InputError(column, texts[column], first["msg"].replace("Input should", "must")) from None
     return row
 
 
 @cache
-def _parsers(kind: Any) -> tuple[tuple[str, str, Callable[[str, str], Any]], ...]:
-    """Return the name, column and parser of each field of a row."""
-    hints = get_type_hints(kind)
-    return tuple(
-        (attribute.name, column, _parser(hints[attribute.name], attribute.metadata.get("low", 1)))
-        for attribute, column in zip(fields(kind), columns(kind), strict=True)
-    )
+def _adapter(kind: type[Any]) -> TypeAdapter[dict[str, Any]]:
+    """Return the converter of the texts of a row."""
+    from pydantic import AwareDatetime, BeforeValidator, FiniteFloat, Strict, TypeAdapter
 
+    def number(text: Any) -> Any:
+        return int(text) if isinstance(text, str) and _LABEL.fullmatch(text) else text
 
-def _parser(hint: Any, low: int) -> Callable[[str, str], Any]:
-    kinds = get_args(hint)
-    if NoneType in kinds:
-        parse = _parser(int | str if str in kinds and int in kinds else kinds[0], low)
-        return lambda column, text: parse(column, text) if text else None
-    if hint == int | str:
-        return lambda _, text: int(text) if _LABEL.fullmatch(text) else text
-    if hint is int:
-        return lambda column, text: _whole(column, text, low)
-    if kinds:
-        return lambda column, text: one_of(column, text, kinds)
-    return {float: _number, bool: _flag, datetime: _time, str: lambda _, text: text}[hint]
+    def flag(text: Any) -> Any:  # a spreadsheet writes TRUE and FALSE
+        return {"true": True, "false": False}.get(text.lower(), text) if isinstance(text, str) else text
+
+    hints, types = get_type_hints(kind), dict[str, Any]()
+    for column in fields(kind):
+        hint = hints[column.name]
+        parts = get_args(hint) if get_origin(hint) is UnionType else (hint,)
+        strict = {
+            int: Annotated[int, Ge(column.metadata.get("low", 1))],
+            float: FiniteFloat,
+            datetime: AwareDatetime,
+            bool: Annotated[bool, Strict(), BeforeValidator(flag)],
+        }
+        of_text: Any = strict.get(parts[0], parts[0])
+        if str in parts and int in parts:
+            of_text = Annotated[int | str, BeforeValidator(number)]
+        types[column.name] = of_text | None if NoneType in parts else of_text
+    return TypeAdapter(TypedDict(kind.__name__, types))  # type: ignore[operator]
 
 
 def cells(row: Any) -> list[str]:
@@ -418,35 +437,3 @@ def cell(value: Any) -> str:
     if isinstance(value, datetime):
         return value.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     return repr(float(value)) if isinstance(value, float) else str(value)
-
-
-def _flag(column: str, text: str) -> bool:
-    if text.lower() not in ("true", "false"):  # a spreadsheet writes TRUE and FALSE
-        raise InputError(column, text, "must be true, false or empty")
-    return text.lower() == "true"
-
-
-def _time(column: str, text: str) -> datetime:
-    try:
-        time = datetime.fromisoformat(text)
-        if time.tzinfo is not None:
-            return time.astimezone(UTC)
-    except (ValueError, OverflowError):
-        pass
-    raise InputError(column, text, "must be a time with a time zone, for example 2026-01-31T12:00:00.000Z")
-
-
-def _number(column: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(column, text, "must be a finite number")
-    return value
-
-
-def _whole(column: str, text: str, low: int) -> int:
-    if not _WHOLE.fullmatch(text) or int(text) < low:
-        raise InputError(column, text, f"must be a whole number from {low}")
-    return int(text)
