@@ -32,14 +32,6 @@ def test_text_has_all_authors_the_title_and_the_version() -> None:
     assert second == f"The tacbench-cad authors. tacbench-cad, version {__version__}."
 
 
-def test_bibtex_entries_are_closed_and_have_one_author_field_each() -> None:
-    text = citations("bibtex")
-    assert text.startswith("% tacbench-cad does not know the paper's year")
-    assert text.count("@misc{") == text.count("author = {") == 2
-    assert text.count("{") == text.count("}")
-    assert "Shepherd, Dexter R. and Herzig, Nicolas and" in text
-
-
 def test_an_unknown_format_is_refused_with_a_suggestion() -> None:
     with pytest.raises(InputError, match="format = 'bibtx': did you mean \"bibtex\""):
         citations("bibtx")

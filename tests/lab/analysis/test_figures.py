@@ -9,7 +9,6 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from tacbench_cad.lab.analysis.figures import new_figure, save, styled
-from tacbench_cad.lab.analysis.variance.variance_figures import _panels
 from tacbench_cad.util.plotting import save_figure
 
 
@@ -40,14 +39,3 @@ def test_figures_of_simulated_data_are_marked_in_metadata_and_once_below(tmp_pat
             simulated
         )
     assert sizes["virtual"][0] == sizes["real"][0] and 10 < sizes["virtual"][1] - sizes["real"][1] < 40
-
-
-def test_the_lowest_panel_of_each_column_names_its_groups() -> None:
-    """With three panels in two columns, the second panel has no panel below it and must name its groups itself."""
-    with styled():
-        figure, panels = _panels(3, 2, (1.0, 1.0), (2.0, 2.0), sharex=True, sharey=True)
-        for axes in panels:
-            axes.set_xticks([0, 1], ["texture 1", "texture 2"])
-        figure.canvas.draw()
-        named = [any(label.get_visible() for label in axes.get_xticklabels()) for axes in panels]
-    assert named == [False, True, True]

@@ -161,11 +161,6 @@ def test_figures_of_other_numbers_of_repeats_are_converted_to_two() -> None:
     assert five.textures[0].published[2].ratio == pytest.approx((1.1 * 0.625, 1.5 * 0.625))
 
 
-def test_few_prints_are_reported() -> None:
-    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.85, prints=3)).limits
-    assert "There are 3 prints, and 6 in the paper: the interval is wide." in limits
-
-
 def test_both_sides_of_a_ratio_have_the_same_divisor() -> None:
     """Two repeats of pure noise of variance 5 have a variance of 2.5 with ddof 0, so the prints add nothing."""
     noise = graded([cell(1, 2.4, 2.6, variance=2.5, floor=5.0, noise_alone=2.5)])
@@ -273,14 +268,6 @@ def test_the_command_prints_a_table_verdicts_and_reasons(study: Path, capsys: py
         "The images have 24 x 32",
     ):
         assert out.count(sentence) == 2
-
-
-def test_the_number_of_processes_changes_no_digit(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    documents = []
-    for jobs in (["--jobs", "1"], ["--jobs", "2"]):
-        assert main(["grade", str(study), *jobs, "--json"]) == 0
-        documents.append(capsys.readouterr().out)
-    assert documents[0] == documents[1]
 
 
 def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]) -> None:

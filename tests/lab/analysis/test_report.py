@@ -37,8 +37,7 @@ from tacbench_cad.lab.analysis.tables import Shown
 from tacbench_cad.lab.runs.checking import Finding, RunReport
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.util import packages
-from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bytes
 
 VOID = {"meta", "img", "link", "br", "hr", "input"}
@@ -200,19 +199,6 @@ def test_simulated_data_are_marked_once_at_the_top_and_in_each_file(report: Path
     for path in report.with_name("report_files").rglob("*.png"):
         with Image.open(path) as image:
             assert image.info["Description"] == "simulated data: sensor: a <formula> & noise"
-
-
-def test_the_page_fits_a_small_screen_and_paper(report: Path, page: Page) -> None:
-    assert {"name": "viewport", "content": "width=device-width, initial-scale=1"} in page.all("meta")
-    assert "@media print" in report.read_text(encoding="utf-8")
-    parents: list[dict[str, str]] = []
-    for (tag, attributes), (child, _) in zip(page.tags, page.tags[1:], strict=False):
-        if child in ("table", "img"):
-            assert tag == "div"
-            parents.append(attributes)
-    assert all(attributes["class"] == "scroll" for attributes in parents)
-    assert "details::details-content" in report.read_text(encoding="utf-8"), "folded sections are printed"
-    assert page.all("html")[0]["lang"] == "en"
 
 
 def test_the_page_has_the_main_facts(page: Page) -> None:
@@ -391,13 +377,6 @@ def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
     (tmp_path / "f.png").write_bytes(b"<svg>")
     with pytest.raises(InputError, match="is not a PNG file"):
         read_image(tmp_path / "f.png")
-
-
-def test_without_jinja_no_report_is_started(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packages, "has_module", lambda name: name != "jinja2")
-    with pytest.raises(MissingToolError, match="the report needs jinja2, not installed"):
-        write_report([runs], tmp_path / "page.html")
-    assert not list(tmp_path.iterdir())
 
 
 def test_depth_mode_is_not_comparable_with_forces(runs: Path) -> None:

@@ -13,7 +13,7 @@ from helpers.studies import PRINTERS, SHAPE, write_study
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.variance.moments import MAP_SIDE, moments, small_map, sum_of_squares
+from tacbench_cad.lab.analysis.variance.moments import MAP_SIDE, small_map, sum_of_squares
 from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.rig.sensor import Frame
@@ -189,15 +189,6 @@ def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
         peaks.append(peak(Collection.open([tmp_path / name])))
     # With 32 and 200 images of 77 kB only the records of the sums grow, by about 1 kB for each image.
     assert peaks[1] - peaks[0] < 0.03 * (200 - 32) * 240 * 320
-
-
-def test_moments_equal_those_of_all_frames_at_once() -> None:
-    stack = np.random.default_rng(3).integers(0, 256, (7, 150, 80), dtype=np.uint8)
-    result, flat = moments(list(stack)), stack.reshape(7, -1).astype(np.float64)
-    np.testing.assert_allclose(result.mean, flat.mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(result.squares, 7 * flat.var(axis=0), rtol=1e-9)
-    deviations = flat - flat.mean(axis=0)
-    np.testing.assert_allclose(result.gram, deviations @ deviations.T / flat.shape[1], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [0, 1, 35])

@@ -6,13 +6,8 @@ import csv
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
-from matplotlib.figure import Figure
 
-from tacbench_cad.lab.analysis.classification import accuracy_figures as figures_classify
-from tacbench_cad.lab.analysis.classification.accuracy import FoldScore
 from tacbench_cad.lab.analysis.classification.accuracy_figures import draw_result
 from tacbench_cad.lab.analysis.classification.classify import write_tables
 from tacbench_cad.lab.analysis.classification.result import SWEEP_COLUMNS, Result
@@ -79,60 +74,6 @@ def test_each_value_has_a_row_with_interval_and_standard_deviation(study: Collec
     assert len(list((tmp_path / "trials").iterdir())) == 6
     png, pdf = draw_result(result, tmp_path)
     assert png.name == "sweep_resolution.png" and pdf.read_bytes().startswith(b"%PDF")
-
-
-@pytest.mark.parametrize(
-    ("bounds", "deviation", "title", "bars", "bands"),
-    [
-        ((0.4, 0.8), 0.1, "bar: 95 % interval; band: standard deviation over the trials", 3, 1),
-        ((0.4, 0.8), None, "bar: 95 % interval", 3, 0),
-        ((None, None), None, "", 0, 0),
-    ],
-)
-def test_the_legend_lists_exactly_what_is_drawn(
-    study: Collection,
-    bounds: tuple[float | None, float | None],
-    deviation: float | None,
-    title: str,
-    bars: int,
-    bands: int,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    score = FoldScore(
-        estimator="forest",
-        train_on="",
-        tested_on="all",
-        protocol="leak-free",
-        hold_out="copy",
-        accuracy=0.6,
-        standard_deviation=deviation,
-        low=bounds[0],
-        high=bounds[1],
-        units="3 copies",
-        trials=1 if deviation is None else 2,
-        images=24,
-        confusion=np.eye(2, dtype=np.int64),
-    )
-    result = Result(
-        settings=LEAK_FREE,
-        outcomes=pd.DataFrame(),
-        scores=(score,) * 3,
-        notes=(),
-        collection=study,
-        parameter="resolution",
-        values=(0.1, 0.5, 1.0),
-    )
-    drawn: list[Figure] = []
-    monkeypatch.setattr(figures_classify, "save", lambda figure, *rest: drawn.append(figure) or ())
-    draw_result(result, tmp_path)
-    (figure,) = drawn
-    assert figure.legends[0].get_title().get_text() == title
-    (axes,) = figure.axes
-    upright = [line for line in axes.lines if len(set(line.get_xdata())) == 1 and len(line.get_xdata()) == 2]
-    assert [list(line.get_ydata()) for line in upright] == [[40.0, 80.0]] * bars
-    heights = [np.ptp(collection.get_paths()[0].vertices[:, 1]) for collection in axes.collections]
-    assert heights == pytest.approx([20.0] * bands)
 
 
 def test_copies_and_forces_select_the_data(study: Collection, tmp_path: Path) -> None:
