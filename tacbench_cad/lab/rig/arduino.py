@@ -73,13 +73,15 @@ class ArduinoStage(SerialStage[Link]):
             a move.
 
     Raises:
-        InputError: ``steps_per_mm`` is missing or wrong, or the port cannot be opened.
+        InputError: One of ``steps_per_mm`` is 0, or the port cannot be opened.
         NoAnswerError: The device does not answer.
         RigError: The device answers, but it is not the paper's firmware.
     """
 
-    def __init__(self, port: str, *, steps_per_mm: object = None, **options: Unpack[SerialOptions]) -> None:
-        self._steps_per_mm = _checked(steps_per_mm)
+    def __init__(self, port: str, *, steps_per_mm: Point, **options: Unpack[SerialOptions]) -> None:
+        if not all(steps_per_mm):
+            raise InputError("[stage] options steps_per_mm", list(steps_per_mm), "must be three numbers other than 0")
+        self._steps_per_mm = steps_per_mm
         super().__init__(port, Link, (BAUD,), options)
         self._link.lost = "the stage was not homed"
         self._stopping = False
@@ -265,17 +267,3 @@ class ArduinoStage(SerialStage[Link]):
         raise NoAnswerError(
             f"{self._link.name}: does not answer SHOW with done. Check power, cable, baud rate and driver"
         )
-
-
-def _checked(steps_per_mm: object) -> Point:
-    allowed = (
-        "must be three numbers other than 0: motor steps per mm of x, y, z, negative for an axis that counts in the "
-        "other direction"
-    )
-    if not isinstance(steps_per_mm, list | tuple) or len(steps_per_mm) != 3:
-        raise InputError("[stage] options steps_per_mm", steps_per_mm, allowed)
-    for number in steps_per_mm:
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number) or number == 0:
-            raise InputError("[stage] options steps_per_mm", number, allowed)
-    x, y, z = map(float, steps_per_mm)
-    return (x, y, z)

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 
 from tacbench_cad.lab.rig import plugin, ports, registry
 from tacbench_cad.lab.rig.arduino import ArduinoStage
@@ -31,9 +32,12 @@ from tacbench_cad.lab.study.spec import (
     SensorSettings,
     StageSettings,
 )
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.entries import is_own
-from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, nearest, one_line, one_of
+from tacbench_cad.util.errors import InputError, MissingToolError, TacbenchError, one_line, one_of
 
+#: The longest homing, in s.
+HomeTimeout = Annotated[float, Interval(ge=0.1, le=3600.0)]
 #: The distribution whose drivers are ours.
 OURS = "tacbench-cad"
 #: The attributes that every stage, gauge and sensor must have.
@@ -241,26 +245,39 @@ def _driver_of(factory: Callable[..., Any]) -> Driver:
     return Driver(open=open, summary=summary)
 
 
-def _serial(factory: Callable[..., Stage], known: tuple[str, ...], summary: str) -> Driver:
+@dataclass(frozen=True, kw_only=True)
+class _GrblOptions:
+    home_timeout_s: HomeTimeout = 120.0
+    tolerance_mm: Annotated[float, Interval(ge=0.0001, le=5.0)] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _MarlinOptions:
+    home_timeout_s: HomeTimeout = 120.0
+    home_lift_mm: Annotated[float, Interval(ge=0.0, le=500.0)] = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ArduinoOptions:
+    home_timeout_s: HomeTimeout = 120.0
+    steps_per_mm: Point
+
+
+def _serial(factory: Callable[..., Stage], kind: type[Any], summary: str) -> Driver:
     """Return the driver of a stage behind a serial port.
 
     Args:
         factory: Opens the stage.
-        known: The options that it accepts.
+        kind: The dataclass of its options.
         summary: The devices that it drives.
     """
 
     def open(settings: StageSettings, context: Context) -> Stage:
-        options = dict(settings.options)
-        for key in options:
-            if key not in known:
-                allowed = f"is not an option of {settings.driver}; {nearest(key, known)}"
-                raise InputError(f"[stage] options {key}", None, allowed)
-        if settings.baud is not None:
-            options["baud"] = settings.baud
+        options = vars(from_plain(kind, dict(settings.options), "[stage] options "))
         return factory(
             ports.resolve(settings.port, "stage"),
             clock=context.clock,
+            baud=settings.baud,
             timeout_s=settings.timeout_s,
             simulated=context.simulated,
             **options,
@@ -285,9 +302,9 @@ def _open_load_cell(settings: GaugeSettings, context: Context) -> Gauge:
     )
 
 
-GRBL = _serial(GrblStage, ("home_timeout_s", "tolerance_mm"), "GRBL 1.1 and grblHAL, on a serial port or over TCP")
-MARLIN = _serial(MarlinStage, ("home_timeout_s", "home_lift_mm"), "Marlin 2, most printers")
-ARDUINO = _serial(ArduinoStage, ("steps_per_mm", "home_timeout_s"), "the Arduino firmware of the paper's authors")
+GRBL = _serial(GrblStage, _GrblOptions, "GRBL 1.1 and grblHAL, on a serial port or over TCP")
+MARLIN = _serial(MarlinStage, _MarlinOptions, "Marlin 2, most printers")
+ARDUINO = _serial(ArduinoStage, _ArduinoOptions, "the Arduino firmware of the paper's authors")
 SERIAL = Driver(
     open=_open_load_cell,
     summary="load cell whose board sends one line per sample (HX711, ADS1232)",

@@ -10,8 +10,9 @@ from helpers.scripted_peer import Peer
 
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.drivers import open_stage
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, PositionLostError, RigError
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.util.errors import InputError
 
 THERE: Point = (2.0, 4.0, -1.0)
@@ -53,7 +54,7 @@ class Script:
 
 def opened(peer: Peer, *, timeout_s: float = TIMEOUT_S, speed: float = 1.0) -> ArduinoStage:
     clock = Clock(speed=speed)
-    return ArduinoStage(peer.port, steps_per_mm=[100, -200.0, 400], clock=clock, timeout_s=timeout_s)
+    return ArduinoStage(peer.port, steps_per_mm=(100.0, -200.0, 400.0), clock=clock, timeout_s=timeout_s)
 
 
 def test_moves_are_in_whole_steps_with_signs_and_a_pause() -> None:
@@ -276,4 +277,5 @@ def test_another_firmware_is_refused() -> None:
 @pytest.mark.parametrize("steps", [None, [1, 2], [1, 2, 0], "abc", [1, 2, "3"], [1.0, 2.0, float("nan")], [1, 2, True]])
 def test_steps_per_mm_are_checked_before_anything_is_opened(steps: object) -> None:
     with pytest.raises(InputError, match="steps_per_mm"):
-        ArduinoStage("/dev/null", steps_per_mm=steps)
+        options = {} if steps is None else {"steps_per_mm": steps}
+        open_stage(StageSettings(driver="arduino", port="/dev/null", limits_mm=((0.0, 1.0),) * 3, options=options))
