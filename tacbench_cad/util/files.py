@@ -141,10 +141,6 @@ def write_json(path: Path, document: Mapping[str, Any], *, durable: bool = True)
     write_text(path, json.dumps(document, indent=2, allow_nan=False) + "\n", durable=durable)
 
 
-class FolderInUseError(InputError):
-    """Another process of this program writes to the folder."""
-
-
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Lock an output folder, so that no other process of this program writes to it. A missing folder is created.
@@ -158,8 +154,7 @@ def locked(folder: Path) -> Iterator[None]:
         folder: The folder to write to.
 
     Raises:
-        FolderInUseError: Another process has locked the folder.
-        InputError: The folder is not writable.
+        InputError: Another process has locked the folder, or it is not writable.
     """
     from filelock import FileLock, Timeout
 
@@ -171,7 +166,7 @@ def locked(folder: Path) -> Iterator[None]:
         lock.acquire(timeout=_LOCK_WAIT_S)
     except Timeout:
         allowed = "another tacbench is writing to it; wait for it to end"
-        raise FolderInUseError("output folder", str(folder), allowed) from None
+        raise InputError("output folder", str(folder), allowed) from None
     except OSError as error:
         raise _refusal(folder, error) from error
     try:
