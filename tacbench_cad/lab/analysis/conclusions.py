@@ -25,9 +25,8 @@ import numpy as np
 import pandas as pd
 
 from tacbench_cad.lab.analysis.tables import Shown, frame_of, records
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, name_of
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, CellKey, name_of
 from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, ratio_interval
-from tacbench_cad.lab.analysis.variance.presses import CellKey
 from tacbench_cad.lab.analysis.variance.result import PrinterTest, VarianceResult
 from tacbench_cad.lab.analysis.variance.streaming import PlaceSums, levels_with_most_prints
 from tacbench_cad.lab.analysis.variance.table import pooled

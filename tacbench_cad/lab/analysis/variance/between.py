@@ -19,9 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, CellKey
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
-from tacbench_cad.lab.analysis.variance.presses import CellKey
 from tacbench_cad.lab.analysis.variance.streaming import PlaceSums
 from tacbench_cad.util.types import Floats, Ints
 

@@ -14,6 +14,8 @@ ALL_LEVELS = "all"
 #: The two sources of a noise floor.
 FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
 
+#: The printer-filament and the texture of a cell.
+CellKey = tuple[str, str]
 #: The samples of a variance: all presses at a position (prints and repeats), or the repeats on each print.
 Quantity = Literal["prints and repeats", "repeats of one print"]
 #: A force level from 1, or :data:`ALL_LEVELS`.

@@ -36,7 +36,7 @@ import numpy as np
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature, read_usable
 from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.variance.presses import SentPress, presses_of, runs_to_send
+from tacbench_cad.lab.analysis.variance.streaming import SentPress, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.spec import UNKNOWN

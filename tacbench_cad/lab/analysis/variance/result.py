@@ -10,12 +10,11 @@ from typing import Any, Literal
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature
 from tacbench_cad.lab.analysis.variance.between import TextureMatrix
-from tacbench_cad.lab.analysis.variance.cells import Cell, Level
+from tacbench_cad.lab.analysis.variance.cells import Cell, CellKey, Level
 from tacbench_cad.lab.analysis.variance.intervals import (
     CellSums,
 )
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest
-from tacbench_cad.lab.analysis.variance.presses import CellKey
 from tacbench_cad.lab.analysis.variance.streaming import Pass
 from tacbench_cad.util.types import Floats
 

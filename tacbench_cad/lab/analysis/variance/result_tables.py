@@ -10,8 +10,7 @@ import pandas as pd
 
 from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.tables import frame_of
-from tacbench_cad.lab.analysis.variance.cells import parts_of
-from tacbench_cad.lab.analysis.variance.presses import CellKey
+from tacbench_cad.lab.analysis.variance.cells import CellKey, parts_of
 from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.result import VarianceResult
 

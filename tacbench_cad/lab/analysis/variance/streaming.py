@@ -33,16 +33,16 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Feature, read_usable
+from tacbench_cad.lab.analysis.variance.cells import CellKey
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
 from tacbench_cad.lab.analysis.variance.moments import moments, sum_of_squares
-from tacbench_cad.lab.analysis.variance.presses import CellKey, SentPress, presses_of, runs_to_send
 from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs.reading import Run
@@ -53,6 +53,42 @@ K = TypeVar("K")
 
 #: The number of tasks for each process: more than one, so that all processes end at about the same time.
 TASKS_PER_JOB = 4
+
+
+class SentPress(NamedTuple):
+    """A press as it is sent to other processes."""
+
+    level: int
+    position: int
+    combination: str
+    texture: str
+    copy: int
+    repeat: int
+    run: int
+    paths: tuple[str, ...]
+
+    @property
+    def cell(self) -> CellKey:
+        """The printer-filament and the texture."""
+        return (self.combination, self.texture)
+
+
+def presses_of(collection: Collection, feature: Feature) -> list[SentPress]:
+    """Return the presses of a study, in the order of the study, with the files that a feature transforms."""
+    columns = (
+        *(collection.level, collection.position, collection.combination, collection.texture),
+        *(collection.print_number, collection.repeat, collection.run),
+    )
+    values = zip(*(column.tolist() for column in columns), strict=True)
+    return [SentPress._make((*press, feature.paths(collection, i))) for i, press in enumerate(values)]
+
+
+def runs_to_send(collection: Collection) -> tuple[Run, ...]:
+    """Return the runs for other processes, without the data that this process has already read.
+
+    Their paths are absolute, because the workers of a cluster have other working folders.
+    """
+    return tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -33,7 +33,16 @@ from tacbench_cad.lab.analysis.feature import Feature
 from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED, Pixels
 from tacbench_cad.lab.analysis.published import variance_of
 from tacbench_cad.lab.analysis.variance.between import texture_matrices
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Cell, Level, Quantity, parts_of
+from tacbench_cad.lab.analysis.variance.cells import (
+    ALL_LEVELS,
+    FRAMES,
+    REPEATS,
+    Cell,
+    CellKey,
+    Level,
+    Quantity,
+    parts_of,
+)
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
 from tacbench_cad.lab.analysis.variance.intervals import (
     OF_ALL,
@@ -43,7 +52,6 @@ from tacbench_cad.lab.analysis.variance.intervals import (
     variance_interval,
 )
 from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
-from tacbench_cad.lab.analysis.variance.presses import CellKey
 from tacbench_cad.lab.analysis.variance.result import PrinterTest, Protocol, Sums, VarianceResult
 from tacbench_cad.lab.analysis.variance.streaming import PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
