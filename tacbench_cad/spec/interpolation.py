@@ -44,7 +44,7 @@ def spline_through(
     """
     axes, poles = [], np.asarray(heights, dtype=np.float64)
     for which, (at, periodic) in enumerate(zip((u, v), repeats, strict=True)):
-        axis, turned = _interpolated([np.asarray(at, dtype=np.float64)], np.moveaxis(poles, which, 0), periodic)
+        axis, turned = _interpolated(np.asarray(at, dtype=np.float64), (), np.moveaxis(poles, which, 0), periodic)
         poles = np.moveaxis(turned, 0, which)
         axes.append(axis)
     # single precision halves the size of stored surfaces, and changes a height by at most 6e-8 of the largest
@@ -52,34 +52,33 @@ def spline_through(
     return SplineSurface(axes[0], axes[1], single)
 
 
-def _interpolated(segments: Sequence[Floats], values: Floats, smooth_period: bool = False) -> tuple[SplineAxis, Floats]:
-    """Interpolate along the first axis: a cubic spline on each segment, joined where the segments meet.
+def _interpolated(
+    lines: Floats, creases: Sequence[float], values: Floats, smooth_period: bool = False
+) -> tuple[SplineAxis, Floats]:
+    """Interpolate along the first axis by a cubic spline with creases.
 
     Args:
-        segments: The positions of the samples, at least 4 on each segment. The last position of a segment is the first
-            position of the next.
-        values: The samples, shape (n, ...). Neighbouring segments share a sample.
-        smooth_period: Whether the spline repeats without a crease. It must have one segment.
+        lines: The positions of the samples, at least 4 between neighbouring creases, which are samples themselves.
+        creases: The positions of the creases inside.
+        values: The samples, shape (n, ...).
+        smooth_period: Whether the spline repeats without a crease. It must not have other creases.
     """
     from scipy.interpolate import make_interp_spline
 
     if smooth_period:
-        (at,) = segments
         closed = np.concatenate([values[:-1], values[:1]])
-        spline = make_interp_spline(at, closed, k=DEGREE, bc_type="periodic")
-        axis, poles = SplineAxis(spline.t, DEGREE).cut(spline.c, float(at[0]), float(at[-1]))
+        spline = make_interp_spline(lines, closed, k=DEGREE, bc_type="periodic")
+        axis, poles = SplineAxis(spline.t, DEGREE).cut(spline.c, float(lines[0]), float(lines[-1]))
         poles[-1] = poles[0]
         return SplineAxis(axis.knots, DEGREE, True), poles
-    knot_runs: list[Floats] = []
-    pole_runs: list[Floats] = []
-    first = 0
-    for at in segments:
-        spline = make_interp_spline(at, values[first : first + len(at)], k=DEGREE)
-        # the segments share a pole, and the knots of the joint
-        knot_runs.append(spline.t[DEGREE + 1 if knot_runs else 0 : -1])
-        pole_runs.append(spline.c[1 if pole_runs else 0 :])
-        first += len(at) - 1
-    return SplineAxis(np.concatenate([*knot_runs, segments[-1][-1:]]), DEGREE), np.concatenate(pole_runs)
+    # beside an end or a crease, a sample is not a knot
+    joints = np.searchsorted(lines, np.array([lines[0], *sorted(creases), lines[-1]]))
+    times = np.ones(len(lines), dtype=np.int64)
+    times[joints[:-1] + 1] = times[joints[1:] - 1] = 0
+    times[joints] = DEGREE
+    times[[0, -1]] = DEGREE + 1
+    spline = make_interp_spline(lines, values, k=DEGREE, t=np.repeat(lines, times))
+    return SplineAxis(spline.t, DEGREE), np.asarray(spline.c)
 
 
 def height_map(
@@ -194,20 +193,21 @@ def sampled(
         InputError: The function cannot be called, does not return finite numbers, or needs too many samples.
     """
     call = _vectorised(function)
-    segments = [
-        [np.linspace(low, high, 9) for low, high in itertools.pairwise([ends[0], *sorted(lines), ends[1]])]
-        for ends, lines in zip((u, v), creases, strict=True)
+    lines = [
+        np.unique(np.concatenate([np.linspace(*span, 9) for span in itertools.pairwise([low, *sorted(sharp), high])]))
+        for (low, high), sharp in zip((u, v), creases, strict=True)
     ]
     for _ in range(24):
-        dense = [_dense(parts, np.array([1.0, 2.0]) / 3.0) for parts in segments]
+        dense = [_dense(each, np.array([1.0, 2.0]) / 3.0) for each in lines]
         values = call(dense[0][:, None], dense[1][None, :])
-        split = [_errors(parts, np.moveaxis(values, which, 0)) for which, parts in enumerate(segments)]
-        if max(float(each.max()) for each in split) <= 0.4 * error:
+        errors = [_errors(lines[i], creases[i], np.moveaxis(values, i, 0)) for i in (0, 1)]
+        largest = max(float(each.max()) for each in errors)
+        if largest <= 0.4 * error:
             break
-        segments = [_refined(parts, each > 0.4 * error) for parts, each in zip(segments, split, strict=True)]
-        if np.prod([sum(map(len, parts)) for parts in segments]) > MAX_POLES:
-            raise _too_fine(function, error, max(float(each.max()) for each in split))
-    surface = measured_error(call, _spline(call, segments, repeats))
+        lines = [_refined(each, split > 0.4 * error) for each, split in zip(lines, errors, strict=True)]
+        if len(lines[0]) * len(lines[1]) > MAX_POLES:
+            raise _too_fine(function, error, largest)
+    surface = measured_error(call, _spline(call, lines, creases, repeats))
     if surface.error > error:
         raise _too_fine(function, error, surface.error)
     return replace(surface, unit=unit)
@@ -220,13 +220,15 @@ def _too_fine(function: Function, error: float, reached: float) -> InputError:
 
 
 def _spline(
-    call: Callable[[Floats, Floats], Floats], segments: Sequence[Sequence[Floats]], repeats: tuple[bool, bool]
+    call: Callable[[Floats, Floats], Floats],
+    lines: Sequence[Floats],
+    creases: Sequence[Sequence[float]],
+    repeats: tuple[bool, bool],
 ) -> SplineSurface:
-    lines = [_lines(parts) for parts in segments]
     poles = np.asarray(call(lines[0][:, None], lines[1][None, :]))
     axes = []
-    for which, parts in enumerate(segments):
-        axis, turned = _interpolated(parts, np.moveaxis(poles, which, 0))
+    for which in (0, 1):
+        axis, turned = _interpolated(lines[which], creases[which], np.moveaxis(poles, which, 0))
         if repeats[which]:
             if np.abs(turned[-1] - turned[0]).max() > 1e-6 * max(float(np.ptp(poles)), 1e-300):
                 raise InputError("repeats", None, f"the function has other values after one period along {'uv'[which]}")
@@ -261,49 +263,35 @@ def _vectorised(function: Function) -> Callable[[Floats, Floats], Floats]:
     return call
 
 
-def _lines(parts: Sequence[Floats]) -> Floats:
-    """Return the samples of neighbouring segments, each once."""
-    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-
-
-def _dense(parts: Sequence[Floats], between: Floats) -> Floats:
+def _dense(lines: Floats, between: Floats) -> Floats:
     """Return the samples, and the given fractions of each interval between them."""
-    lines = _lines(parts)
     inner = lines[:-1, None] + np.diff(lines)[:, None] * np.append(0.0, between)
     return np.append(inner.ravel(), lines[-1])
 
 
-def _errors(parts: Sequence[Floats], values: Floats) -> Floats:
+def _errors(lines: Floats, creases: Sequence[float], values: Floats) -> Floats:
     """Return the largest error of the interpolation along the first axis in each interval.
 
     Args:
-        parts: The samples.
+        lines: The samples.
+        creases: The positions of the creases.
         values: The values at the samples and at two points in each interval.
     """
     from scipy.interpolate import BSpline
 
-    axis, poles = _interpolated(parts, values[::3])
-    fit = BSpline(axis.knots, poles, DEGREE)(_dense(parts, np.array([1.0, 2.0]) / 3.0))
+    axis, poles = _interpolated(lines, creases, values[::3])
+    fit = BSpline(axis.knots, poles, DEGREE)(_dense(lines, np.array([1.0, 2.0]) / 3.0))
     off = np.abs(fit - values).max(axis=1)
     return np.asarray(np.maximum(off[1::3], off[2::3]))
 
 
-def _refined(parts: Sequence[Floats], split: Bools) -> list[Floats]:
+def _refined(lines: Floats, split: Bools) -> Floats:
     """Halve the marked intervals, and those that are much longer than a neighbour."""
-    refined, first = [], 0
-    for part in parts:
-        marked = split[first : first + len(part) - 1].copy()
-        first += len(part) - 1
-        lines = np.sort(np.concatenate([part, (part[:-1] + part[1:])[marked] / 2.0]))
-        while True:
-            width = np.diff(lines)
-            near = np.minimum(np.append(width[1:], np.inf), np.append(np.inf, width[:-1]))
-            long = width > _RATIO * near
-            if not long.any():
-                break
-            lines = np.sort(np.concatenate([lines, (lines[:-1] + lines[1:])[long] / 2.0]))
-        refined.append(lines)
-    return refined
+    while split.any():
+        lines = np.sort(np.concatenate([lines, (lines[:-1] + lines[1:])[split] / 2.0]))
+        width = np.diff(lines)
+        split = width > _RATIO * np.minimum(np.append(width[1:], np.inf), np.append(np.inf, width[:-1]))
+    return lines
 
 
 def measured_error(function: Callable[[Floats, Floats], Floats], surface: SplineSurface) -> SplineSurface:
@@ -313,7 +301,7 @@ def measured_error(function: Callable[[Floats, Floats], Floats], surface: Spline
     where it is largest. If there are very many spans, only a part of the points is used.
     """
     breaks = surface.u.breaks, surface.v.breaks
-    u, v = (_thinned(_dense([lines], _POINTS)) for lines in breaks)
+    u, v = (_thinned(_dense(lines, _POINTS)) for lines in breaks)
     worst: list[tuple[float, float, float]] = []
     for strip in np.array_split(u, max(1, len(u) * len(v) // 1_000_000)):
         difference = np.abs(surface.grid(strip, v) - function(strip[:, None], v[None, :]))
