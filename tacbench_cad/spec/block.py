@@ -271,15 +271,14 @@ class Block:
 
         If the mesh has a sample grid, its highest vertex lies at :attr:`height_mm`.
         """
-        return self.formula_datum_mm if isinstance(self.sampling, Tolerance) else self._grid_datum_mm(self.sampling)
+        if isinstance(self.sampling, Tolerance):
+            return self.formula_datum_mm
+        return self.height_mm - highest_sample(self.surface, self.samples_mm, self.region)
 
     @property
     def solid_datum_mm(self) -> float:
         """The height z of the formula's zero in the solid, in mm, whose highest point lies at :attr:`height_mm`."""
         return self.formula_datum_mm
-
-    def _grid_datum_mm(self, grid: SampleGrid) -> float:
-        return self.height_mm - highest_sample(self.surface, grid.lines(self.size_mm), self.region)
 
     @property
     def samples_mm(self) -> tuple[Floats, Floats]:

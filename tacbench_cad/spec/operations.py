@@ -49,7 +49,7 @@ def added(surfaces: Sequence[Surface], domain: Domain | None = None) -> Surface:
     waves = [surface.plane_waves for surface in surfaces]
     if None not in waves:
         return WaveSum(tuple(wave for each in waves for wave in each or ()), common_unit(surfaces))
-    splines = [surface for surface in surfaces if isinstance(surface, SplineSurface)]
+    splines = [surface.spline for surface in surfaces if surface.spline is not None]
     domains = {(spline.u.ends, spline.v.ends, spline.u.repeats, spline.v.repeats) for spline in splines}
     if len(splines) == len(surfaces) and len(domains) == 1:
         total = splines[0]
@@ -125,8 +125,8 @@ def as_spline(surface: Surface, error: float) -> SplineSurface:
     Raises:
         InputError: The surface has no ends, or needs too many samples.
     """
-    if isinstance(surface, SplineSurface):
-        return surface
+    if surface.spline is not None:
+        return surface.spline
     u, v = surface.ends
     if u is None or v is None:
         allowed = "has no ends, so no spline can be made of it; window it, or use Texture.from_function"

@@ -353,6 +353,11 @@ class SplineSurface(Surface):
         return replace(self, u=u, v=v, poles=poles, error=error, unit=unit or self.unit)
 
     @property
+    def spline(self) -> SplineSurface:
+        """The surface itself."""
+        return self
+
+    @property
     def ends(self) -> Ends:
         """The ends of the domain along u and along v; None along an axis along which the surface repeats."""
         return None if self.u.repeats else self.u.ends, None if self.v.repeats else self.v.ends

@@ -55,17 +55,17 @@ def surface_summary(surface: Surface) -> dict[str, Any]:
             "unit": surface.unit,
             "waves": [{"amplitude": w.amplitude, "f": w.f, "g": w.g, "phase": w.phase} for w in waves],
         }
-    if not isinstance(surface, SplineSurface):
+    if (spline := surface.spline) is None:
         return {"unit": surface.unit, "surface": str(surface), "error": surface.error, "evidence": surface.evidence}
     return {
         "unit": surface.unit,
         "spline": {
-            "degree": [surface.u.degree, surface.v.degree],
-            "poles": list(surface.poles.shape),
-            "repeats": [surface.u.repeats, surface.v.repeats],
-            "error": surface.error,
-            "evidence": surface.evidence,
-            "sha256": surface.digest,
+            "degree": [spline.u.degree, spline.v.degree],
+            "poles": list(spline.poles.shape),
+            "repeats": [spline.u.repeats, spline.v.repeats],
+            "error": spline.error,
+            "evidence": spline.evidence,
+            "sha256": spline.digest,
         },
     }
 

@@ -169,6 +169,11 @@ class Surface(Protocol):
         return None
 
     @property
+    def spline(self) -> spec.SplineSurface | None:
+        """The spline that the surface is exactly; None if it is none."""
+        return None
+
+    @property
     def ends(self) -> Ends:
         """The ends along u and along v beyond which the surface is not known; None along an axis without ends."""
         return None, None
