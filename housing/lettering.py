@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import shapely
+from numpy.typing import ArrayLike
 
 from tacbench_cad.spec.glyphs import GLYPHS, UNITS_HIGH
-from tacbench_cad.util.types import Floats
 
 #: The height of a glyph, in mm.
 HEIGHT_MM = 2.6
@@ -20,19 +21,17 @@ _UNIT_MM = (HEIGHT_MM - PEN_MM) / UNITS_HIGH
 COUNTER_MM = 3.0 * _UNIT_MM - PEN_MM
 
 
-def stroke(start: Floats, end: Floats, width_mm: float, overrun_mm: float = 0.0) -> Floats:
-    """Return a straight stroke as a counter-clockwise quadrilateral, shape (4, 2), in mm.
+def stroke(start: ArrayLike, end: ArrayLike, width_mm: float, *, longer: bool = False) -> shapely.Polygon:
+    """Return a straight stroke in mm.
 
     Args:
         start: The start point, shape (2,).
         end: The end point, shape (2,).
         width_mm: The width of the stroke.
-        overrun_mm: The extension of the stroke beyond both points, so that strokes that meet at a corner fill it.
+        longer: Whether the stroke extends beyond both points by half of its width, so that strokes that meet at a
+            corner fill it.
     """
-    along = (end - start) / np.linalg.norm(end - start)
-    across = np.array([-along[1], along[0]]) * width_mm / 2.0
-    first, last = start - along * overrun_mm, end + along * overrun_mm
-    return np.array([first - across, last - across, last + across, first + across])
+    return shapely.LineString([start, end]).buffer(width_mm / 2.0, cap_style="square" if longer else "flat")
 
 
 def width_mm(letters: str) -> float:
@@ -40,8 +39,8 @@ def width_mm(letters: str) -> float:
     return sum(GLYPHS[letter].width * _UNIT_MM + PEN_MM for letter in letters) + (len(letters) - 1) * SPACE_MM
 
 
-def word(letters: str, low_mm: tuple[float, float]) -> list[Floats]:
-    """Return the strokes of a word as overlapping counter-clockwise quadrilaterals, each of shape (4, 2), in mm.
+def word(letters: str, low_mm: tuple[float, float]) -> list[shapely.Polygon]:
+    """Return the strokes of a word, which overlap, in mm.
 
     Args:
         letters: The word, in characters that a label may contain.
@@ -52,6 +51,6 @@ def word(letters: str, low_mm: tuple[float, float]) -> list[Floats]:
         first = np.array([x, low_mm[1]]) + PEN_MM / 2.0
         for line in GLYPHS[letter].lines:
             points = [first + np.array(point) * _UNIT_MM for point in line]
-            strokes += [stroke(a, b, PEN_MM, PEN_MM / 2.0) for a, b in itertools.pairwise(points)]
+            strokes += [stroke(a, b, PEN_MM, longer=True) for a, b in itertools.pairwise(points)]
         x += width_mm(letter) + SPACE_MM
     return strokes

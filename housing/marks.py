@@ -39,21 +39,21 @@ NUMERAL_GAP_MM = 1.0
 DATUM_MM = 5.0
 
 
-def merged(strokes: Iterable[Floats]) -> tuple[shapely.Polygon, ...]:
+def merged(strokes: Iterable[shapely.Polygon]) -> tuple[shapely.Polygon, ...]:
     """Join overlapping strokes into grooves, sorted by their lowest y and then by their lowest x.
 
     Args:
-        strokes: Convex outlines, shape (n, 2), in mm.
+        strokes: Polygons in mm.
 
     Returns:
         The grooves. The holes of a polygon are islands that are not engraved.
     """
-    joined = shapely.union_all([shapely.Polygon(stroke) for stroke in strokes], grid_size=GRID_MM)
+    joined = shapely.union_all(list(strokes), grid_size=GRID_MM)
     grooves = shapely.get_parts(shapely.simplify(joined, SIMPLIFY_MM))
     return tuple(sorted(grooves, key=lambda groove: (groove.bounds[1], groove.bounds[0])))
 
 
-def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float, wall_mm: float) -> list[Floats]:
+def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float, wall_mm: float) -> list[shapely.Polygon]:
     """Return lines along all rows and columns, with a tick beyond both ends and gaps around the holes.
 
     If one of two hairs has a gap at their crossing, its end has the distance ``wall_mm`` from the other hair. If both
@@ -82,9 +82,9 @@ def hairs(grid: PressGrid, holes_mm: Floats, keep_off_mm: float, wall_mm: float)
         hair.breaks.append(gap)
     strokes = []
     for row, place in zip(rows, y, strict=True):
-        strokes += [stroke(np.array([a, place]), np.array([b, place]), HAIR_MM) for a, b in row.pieces()]
+        strokes += [stroke((a, place), (b, place), HAIR_MM) for a, b in row.pieces()]
     for column, place in zip(columns, x, strict=True):
-        strokes += [stroke(np.array([place, a]), np.array([place, b]), HAIR_MM) for a, b in column.pieces()]
+        strokes += [stroke((place, a), (place, b), HAIR_MM) for a, b in column.pieces()]
     return strokes
 
 
@@ -118,9 +118,9 @@ def _breaks(place: float, holes_mm: Floats, keep_off_mm: float) -> list[tuple[fl
     return [(float(a), float(b)) for a, b in zip(along - reach, along + reach, strict=True)]
 
 
-def numerals(grid: PressGrid, keep_off_mm: float) -> list[Floats]:
+def numerals(grid: PressGrid, keep_off_mm: float) -> list[shapely.Polygon]:
     """Return the leaders that spread from the ticks at low y and low x, and the numerals 1 to 5 at their ends."""
-    strokes: list[Floats] = []
+    strokes: list[shapely.Polygon] = []
     middle = (PER_SIDE - 1) / 2.0
     centre = ((grid.x_mm[0] + grid.x_mm[-1]) / 2.0, (grid.y_mm[0] + grid.y_mm[-1]) / 2.0)
     below = grid.y_mm[0] - keep_off_mm - TICK_MM
@@ -128,22 +128,22 @@ def numerals(grid: PressGrid, keep_off_mm: float) -> list[Floats]:
     for i in range(PER_SIDE):
         x = centre[0] + (i - middle) * NUMERAL_PITCH_MM[0]
         foot = below - LEADER_MM[0]
-        strokes.append(stroke(np.array([grid.x_mm[i], below]), np.array([x, foot]), HAIR_MM, HAIR_MM / 2.0))
+        strokes.append(stroke(np.array([grid.x_mm[i], below]), np.array([x, foot]), HAIR_MM, longer=True))
         strokes += word(str(i + 1), (x - width_mm(str(i + 1)) / 2.0, foot - NUMERAL_GAP_MM - HEIGHT_MM))
         y = centre[1] + (i - middle) * NUMERAL_PITCH_MM[1]
         foot = left - LEADER_MM[1]
-        strokes.append(stroke(np.array([left, grid.y_mm[i]]), np.array([foot, y]), HAIR_MM, HAIR_MM / 2.0))
+        strokes.append(stroke(np.array([left, grid.y_mm[i]]), np.array([foot, y]), HAIR_MM, longer=True))
         strokes += word(str(i + 1), (foot - NUMERAL_GAP_MM - width_mm(str(i + 1)), y - HEIGHT_MM / 2.0))
     return strokes
 
 
-def datum_lines(size_mm: tuple[float, float]) -> list[Floats]:
+def datum_lines(size_mm: tuple[float, float]) -> list[shapely.Polygon]:
     """Return lines over the block's edges x = 0 (near high y) and y = 0, with ``X0`` and ``Y0`` beside them."""
     x, y = size_mm
     gap = NUMERAL_GAP_MM + HAIR_MM / 2.0
-    edge_x = stroke(np.array([0.0, y - 1.0]), np.array([0.0, y - 1.0 + DATUM_MM]), HAIR_MM)
+    edge_x = stroke((0.0, y - 1.0), (0.0, y - 1.0 + DATUM_MM), HAIR_MM)
     end = x - 4.0
-    edge_y = stroke(np.array([end - DATUM_MM, 0.0]), np.array([end, 0.0]), HAIR_MM)
+    edge_y = stroke((end - DATUM_MM, 0.0), (end, 0.0), HAIR_MM)
     start = end - (DATUM_MM + width_mm("Y0")) / 2.0
     return [edge_x, *word("X0", (gap, y + 1.0)), edge_y, *word("Y0", (start, -gap - HEIGHT_MM))]
 

@@ -63,11 +63,6 @@ from .presets import PRESETS as PRESETS
 from .presets import VALUES as VALUES
 from .presets import grid_of_same_step as grid_of_same_step
 from .presets import with_table as with_table
-from .printrecord import FIELDS as FIELDS
-from .printrecord import SCORES as SCORES
-from .printrecord import PrintRecord as PrintRecord
-from .printrecord import form as form
-from .printrecord import read_record as read_record
 from .protocol import DOME_RADIUS_MM as DOME_RADIUS_MM
 from .protocol import FORCE_SPREADS_N as FORCE_SPREADS_N
 from .protocol import FORCES_N as FORCES_N

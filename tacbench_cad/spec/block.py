@@ -304,9 +304,8 @@ class Block:
     @property
     def grid_aliases(self) -> bool:
         """Whether the sample grid has too few samples for the finest wave (fewer than two per period)."""
-        return isinstance(self.sampling, SampleGrid) and self._aliases(self.sampling)
-
-    def _aliases(self, grid: SampleGrid) -> bool:
+        if not isinstance(grid := self.sampling, SampleGrid):
+            return False
         (x, y), (f, g) = self.size_mm, self.surface.highest_frequency
         return f * x / (grid.nx - 1) > math.pi or g * y / (grid.ny - 1) > math.pi
 

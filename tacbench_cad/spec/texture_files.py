@@ -166,22 +166,9 @@ def texture_of_document(
     with located(where):
         if not isinstance(family, _PlaneWaves) and tables.wave:
             raise InputError("[[wave]]", None, f'only allowed with family = "plane-waves", not "{family.family}"')
-        texture, table = family.made(tables, _Files(folder, within))
+        texture, table = family.made(tables, folder, within)
         require_own_unit("[block] mm_per_unit", table.mm_per_unit, texture.surface)
         return replace(texture, block=table)
-
-
-@dataclass(frozen=True)
-class _Files:
-    """Where a texture file is.
-
-    Args:
-        folder: The folder of the other files that it names.
-        within: The file itself, and the files that name it.
-    """
-
-    folder: Path
-    within: tuple[Path, ...]
 
 
 _Amplitude = Annotated[float, Interval(ge=-WAVE_LIMITS["amplitude"], le=WAVE_LIMITS["amplitude"])]
@@ -235,7 +222,7 @@ class _Equation1:
     f2: _Frequency
     phase: _Phase = 0.0
 
-    def made(self, document: _Document, _: _Files) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, *_: object) -> tuple[Texture, BlockTable]:
         surface = equation1(self.A1, self.A2, self.f1, self.f2, self.phase)
         return Texture(name=self.name, surface=surface), document.block
 
@@ -257,7 +244,7 @@ class _Series:
             if self.weights is None and getattr(self, name) is None:
                 raise InputError(name, None, "is missing; a series needs law and N, or weights")
 
-    def made(self, document: _Document, _: _Files) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, *_: object) -> tuple[Texture, BlockTable]:
         if self.weights is not None:
             return Texture(name=self.name, surface=harmonics(self.weights, self.axes)), document.block
         assert self.law is not None and self.N is not None
@@ -271,7 +258,7 @@ class _PlaneWaves:
     name: str
     family: Literal["plane-waves"]
 
-    def made(self, document: _Document, _: _Files) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, *_: object) -> tuple[Texture, BlockTable]:
         if not document.wave:
             raise InputError("[[wave]]", None, "at least one such table is needed")
         units = document.block.mm_per_unit or (1.0, 1.0, 1.0)
@@ -299,10 +286,10 @@ class _Image:
         if (self.fit == "waves") != (self.waves is not None):
             raise InputError("waves", self.waves, 'the number of waves belongs to fit = "waves"')
 
-    def made(self, document: _Document, files: _Files) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, folder: Path, within: tuple[Path, ...]) -> tuple[Texture, BlockTable]:
         texture = image_texture(
             self.name,
-            files.folder / self.file,
+            folder / self.file,
             mm_per_pixel=self.mm_per_pixel,
             height_mm=self.height_mm,
             smooth_mm=self.smooth_mm,
@@ -324,11 +311,11 @@ class _Combined:
     stretch: tuple[_Stretch, _Stretch, _Stretch] = (1.0, 1.0, 1.0)
     fade: Annotated[float, Interval(ge=1e-3, le=1e4)] | None = None
 
-    def made(self, document: _Document, files: _Files) -> tuple[Texture, BlockTable]:
+    def made(self, document: _Document, folder: Path, within: tuple[Path, ...]) -> tuple[Texture, BlockTable]:
         weights = self.weights or (1.0,) * len(self.of)
         if len(weights) != len(self.of):
             raise InputError("weights", len(weights), f"needs one number for each of the {len(self.of)} textures")
-        parts = [find_texture(word, folder=files.folder, within=files.within) for word in self.of]
+        parts = [find_texture(word, folder=folder, within=within) for word in self.of]
         own = document.block
         units = {part.block.mm_per_unit for part in parts if part.block.mm_per_unit is not None}
         if any(part.surface.unit == "mm" for part in parts):

@@ -97,15 +97,12 @@ class WaveSum(Surface):
     @cached_property
     def _common_direction(self) -> tuple[float, float] | None:
         """The unit direction along which all waves run; None if their directions differ."""
-        moving = [w for w in self.waves if w.amplitude != 0.0 and (w.f, w.g) != (0.0, 0.0)]
-        if not moving:
+        moving = self.table[(self.table[:, 0] != 0.0) & np.any(self.table[:, 1:3] != 0.0, axis=1), 1:3]
+        if not len(moving):
             return None
-        length = math.hypot(moving[0].f, moving[0].g)
-        direction = (moving[0].f / length, moving[0].g / length)
-        for w in moving:
-            if abs(w.f * direction[1] - w.g * direction[0]) > 1e-15 * math.hypot(w.f, w.g):
-                return None
-        return direction
+        length = np.linalg.norm(moving, axis=1)
+        c, s = (moving[0] / length[0]).tolist()
+        return (c, s) if np.all(np.abs(moving[:, 0] * s - moving[:, 1] * c) <= 1e-15 * length) else None
 
     def __call__(self, u: ArrayLike, v: ArrayLike, order: tuple[int, int] = (0, 0)) -> Floats:
         """Return the value or a partial derivative at the points ``(u, v)``.

@@ -26,13 +26,13 @@ from tacbench_cad.lab.analysis.classification.split_files import make_splits, re
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, read_calibration, write_calibration
 from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.runs.printrecord import form, read_record
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.plate import read_layout
 from tacbench_cad.making.choice import described
 from tacbench_cad.making.manifest import read_rows, unchanged, write_manifest
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.printrecord import form, read_record
 from tacbench_cad.spec.sampling import SampleGrid
 
 TEXTURE = """# a texture

@@ -11,7 +11,8 @@ import numpy as np
 from tacbench_cad.extensions.slicing.plates import Plate, write_layout
 from tacbench_cad.formats import threemf
 from tacbench_cad.geometry import PrintPart, as_part
-from tacbench_cad.spec import form, read_texture
+from tacbench_cad.lab.runs import form
+from tacbench_cad.spec import read_texture
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 from tacbench_cad.util.files import locked, replacing, write_text
 from tacbench_cad.util.untrusted import read_bytes

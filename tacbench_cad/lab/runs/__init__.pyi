@@ -31,6 +31,7 @@ from .importing.sources import Source as Source
 from .importing.sources import columns_of_fields as columns_of_fields
 from .info import printed_block_from as printed_block_from
 from .npyfile import mapped as mapped
+from .printrecord import form as form
 from .reading import Run as Run
 from .reading import find_runs as find_runs
 from .region import Region as Region

@@ -16,10 +16,10 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import decoded, sha256
 from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.origins import read_origins
+from tacbench_cad.lab.runs.printrecord import PrintRecord, read_record
 from tacbench_cad.lab.runs.run_tables import RunTable, read_table
 from tacbench_cad.lab.runs.schema import PositionCheck, PressKey, Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import Series, series_rows
-from tacbench_cad.spec.printrecord import PrintRecord, read_record
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.text import natural

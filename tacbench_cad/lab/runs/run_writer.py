@@ -25,13 +25,13 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import params, schema
 from tacbench_cad.lab.runs.frame_files import FrameFile, encoded
 from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
+from tacbench_cad.lab.runs.printrecord import form
 from tacbench_cad.lab.runs.reading import Run, planned, since_good_check
 from tacbench_cad.lab.runs.run_tables import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationary, T, When
 from tacbench_cad.lab.runs.series import MovingFrame, require_complete, write_series
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import Point
-from tacbench_cad.spec.printrecord import form
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, write_json, write_text

@@ -16,6 +16,7 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
+from tacbench_cad.lab.runs.printrecord import FIELDS
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
@@ -25,7 +26,6 @@ from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
-from tacbench_cad.spec.printrecord import FIELDS
 from tacbench_cad.util.convert import Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text

@@ -13,8 +13,8 @@ from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.tables import Shown, frame_of
 from tacbench_cad.lab.analysis.variance.cells import parts_of
 from tacbench_cad.lab.runs.checking import RunReport
+from tacbench_cad.lab.runs.printrecord import FIELDS, SCORES, PrintRecord
 from tacbench_cad.lab.study.spec import UNKNOWN
-from tacbench_cad.spec.printrecord import FIELDS, SCORES, PrintRecord
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
