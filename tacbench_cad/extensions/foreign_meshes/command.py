@@ -98,8 +98,6 @@ def command(file: Path, out: Path | None, json: bool, **settings: Any) -> None:
         raise InputError("--at, --face", None, "must be given one at a time: a point, or a selector for a STEP file")
     if face is not None and not is_solid:
         raise InputError("--face", face, "needs a STEP file; name the region of a mesh by --at X,Y,Z")
-    if shape == "solid" and not is_solid:
-        raise InputError("output file", str(target), "must end in .stl or .3mf, because the part is a mesh")
     if tolerance is not None:
         lengths["tolerance_mm" if shape == "solid" else "mesh_tolerance_mm"] = tolerance
     result = textured(file, at or face, texture, name=part_name(target), **lengths, **settings)

@@ -137,13 +137,11 @@ def require_unit(mesh: Mesh, name: str) -> None:
     longest = float((high - low).max())
     if MIN_SIZE_MM <= longest <= MAX_SIZE_MM:
         return
-    units = {"metres": 1000.0, "inches": 25.4, "centimetres": 10.0} if longest < MIN_SIZE_MM else {"micrometres": 1e-3}
-    fit = [f"{factor:g} for {unit}" for unit, factor in units.items() if MIN_SIZE_MM <= longest * factor <= MAX_SIZE_MM]
     raise InputError(
         name,
         None,
         f"the longest side is {longest:.4g} mm, so the unit is probably not the millimetre; give the millimetres per "
-        f"unit as scale{': ' + ', '.join(fit) if fit else ''}",
+        "unit as scale: 10 for centimetres, 25.4 for inches, 1000 for metres",
     )
 
 
@@ -183,9 +181,8 @@ def region_at(
     heights = (around.points[flat] - frame.origin) @ frame.axes[2]
     frame = Frame(frame.origin + (heights.max() + heights.min()) / 2.0 * frame.axes[2], frame.axes)
     half = float(np.ptp(heights)) / 2.0
-    rings = [shapely.Polygon(frame.local(mesh.vertices[loop])) for loop in _loops(around, flat)]
-    outer, *holes = sorted(rings, key=lambda ring: -ring.area)
-    return MeshRegion(frame, shapely.difference(outer, shapely.union_all(holes)), False, (-half, half))
+    sides = frame.local(mesh.vertices[_border_edges(around, flat)])
+    return MeshRegion(frame, shapely.build_area(shapely.multilinestrings(sides)), False, (-half, half))
 
 
 def _mean_normal(around: Surroundings, chosen: Bools) -> Floats:
@@ -284,23 +281,15 @@ def _grown_cylinder(
             axis = axes[:, 0]
     else:
         return None
-    angles = np.sort(np.arctan2(*(around.normal[chosen & ~_thin(around)] @ _across(axis).T).T))
+    angles = np.sort(np.arctan2(*(around.normal[chosen & ~_thin(around)] @ axes_of(axis, None, "the axis")[:2].T).T))
     if 1 + np.count_nonzero(np.diff(angles) > math.radians(FLAT_DEG)) < MIN_FACETS:
         return None
-    return chosen, Frame(centre, np.vstack([_across(axis), axis]), radius, side)
-
-
-def _across(axis: Floats) -> Floats:
-    """Return two directions across an axis; with it, they are right-handed."""
-    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = first - (first @ axis) * axis
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first)])
+    return chosen, Frame(centre, np.vstack([axes_of(axis, None, "the axis")[:2], axis]), radius, side)
 
 
 def _circle(points: Floats, axis: Floats) -> tuple[Floats, float]:
     """Return a point on the axis and the radius of the cylinder with the smallest squared errors of the radius."""
-    across = _across(axis)
+    across = axes_of(axis, None, "the axis")[:2]
     flat = points @ across.T
     middle = flat.mean(axis=0)
     x, y = (flat - middle).T
@@ -329,24 +318,11 @@ def _is_curved(around: Surroundings, flat: Bools, region: Bools) -> bool:
     return bool(around.area[flat].sum() <= _PLANE_AREA * largest)
 
 
-def _loops(around: Surroundings, chosen: Bools) -> list[Ints]:
-    """Return the border of a region as closed loops of vertices. The region is on the left."""
-    faces, neighbours = around.mesh.faces[chosen], around.neighbours[chosen]
-    row, edge = np.nonzero(~chosen[neighbours])
-    start, end = faces[row, edge].tolist(), faces[row, (edge + 1) % 3].tolist()
-    after: dict[int, list[int]] = {}
-    for a, b in zip(start, end, strict=True):
-        after.setdefault(a, []).append(b)
-    loops = []
-    while after:
-        first = next(iter(after))
-        loop, at = [first], after[first].pop()
-        while at != first:
-            loop.append(at)
-            at = after[at].pop()
-        loops.append(np.array(loop))
-        after = {a: rest for a, rest in after.items() if rest}
-    return loops
+def _border_edges(around: Surroundings, chosen: Bools) -> Indices:
+    """Return the vertices at both ends of each edge of the border of a region, shape (n, 2)."""
+    faces = around.mesh.faces[chosen]
+    row, edge = np.nonzero(~chosen[around.neighbours[chosen]])
+    return np.stack([faces[row, edge], faces[row, (edge + 1) % 3]], axis=1)
 
 
 def _cylindrical(
@@ -356,33 +332,26 @@ def _cylindrical(
     frame = Frame(fit.origin, axes_of(fit.axes[2], up, "the axis of the cylinder"), fit.radius_mm, fit.side)
     radius, around_mm = fit.radius_mm, frame.around_mm
     assert radius is not None and around_mm is not None
-    points = around.points[chosen]
-    away = (points - frame.origin) @ frame.axes.T
-    normals = around.normal[chosen] @ frame.axes.T
-    planes = np.abs(np.einsum("ij,ij->i", away[:, 0, :2], normals[:, :2]))
-    solid = ~_thin(around)[chosen]
-    nearest = float(planes[solid].min()) - radius
+    away = (around.points[chosen] - frame.origin) @ frame.axes.T
+    planes = np.abs(np.einsum("ij,ij->i", away[:, 0, :2], (around.normal[chosen] @ frame.axes.T)[:, :2]))
+    nearest = float(planes[~_thin(around)[chosen]].min()) - radius
     farthest = float(np.hypot(away[..., 0], away[..., 1]).max()) - radius
-    facets = (nearest, farthest) if frame.side > 0.0 else (-farthest, -nearest)
     low, high = float(away[..., 2].min()), float(away[..., 2].max())
-    loops = [frame.local(around.mesh.vertices[loop]) for loop in _loops(around, chosen)]
-    loops = [np.column_stack([np.unwrap(loop[:, 0], period=around_mm), loop[:, 1]]) for loop in loops]
-    turned = [abs(float(loop[-1, 0] - loop[0, 0])) > around_mm / 2.0 for loop in loops]
-    closed = len(loops) == 2 and all(turned)
-    for loop in loops:
-        s, t = loop.T
-        on_side = (np.abs(t - low) < FLAT_MM) | (np.abs(t - high) < FLAT_MM)
-        if not closed:
-            on_side |= (np.abs(s - s.min()) < FLAT_MM) | (np.abs(s - s.max()) < FLAT_MM)
-        if (len(loops) > 1 and not closed) or not on_side.all():
-            raise InputError(
-                "at",
-                None,
-                "lies on a cylinder with a hole or a slanted rim; only cylinders between circles around the axis and "
-                "lines along the axis can get a texture",
-            )
-    outline = np.concatenate(loops)
-    start = 0.0 if closed else float(outline[:, 0].min())
-    width = around_mm if closed else float(np.ptp(outline[:, 0]))
-    frame = frame.moved(start, 0.0)
-    return MeshRegion(frame, shapely.box(0.0, low, width, high), closed, facets)
+    s, t = np.moveaxis(frame.local(around.mesh.vertices[_border_edges(around, chosen)]), -1, 0)
+    on_side = (np.abs(t - low) < FLAT_MM) | (np.abs(t - high) < FLAT_MM)
+    closed, start, width = bool(on_side.all() and np.ptp(t, axis=1).max() < FLAT_MM), 0.0, around_mm
+    if not closed:  # it begins behind the largest gap between the vertices of its border
+        places = np.sort(s, axis=None)
+        gaps = np.diff(places, append=places[0] + around_mm)
+        start, width = float(places[(int(np.argmax(gaps)) + 1) % len(places)]), around_mm - float(gaps.max())
+        place = np.mod(s - start + FLAT_MM, around_mm) - FLAT_MM
+        on_side |= (np.abs(place) < FLAT_MM) | (np.abs(place - width) < FLAT_MM)
+    if not on_side.all():
+        raise InputError(
+            "at",
+            None,
+            "lies on a cylinder with a hole or a slanted rim; only cylinders between circles around the axis and lines "
+            "along the axis can get a texture",
+        )
+    facets = (nearest, farthest) if frame.side > 0.0 else (-farthest, -nearest)
+    return MeshRegion(frame.moved(start, 0.0), shapely.box(0.0, low, width, high), closed, facets)
