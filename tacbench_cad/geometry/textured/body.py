@@ -37,7 +37,7 @@ _PER_WAVE, _MIN_STRIPS, _MAX_STRIPS = 12.0, 64, 2000
 #: The largest first and second derivative of the window ``(1 - cos(pi x)) / 2``.
 _WINDOW = (math.pi / 2.0, math.pi**2 / 2.0)
 #: The steps of the error test inside a cell, along each axis.
-_TEST_STEPS = 3
+_TEST_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class TextureBody:
     Args:
         body: The body as an object of manifold3d, in the coordinates of the part.
         certificate: The bounds of the distance between its triangles and the formula. They are measured on a grid that
-            is three times finer if the texture fades out towards an outline that is not a rectangle.
+            is six times finer if the texture fades out towards an outline that is not a rectangle.
     """
 
     body: Any
