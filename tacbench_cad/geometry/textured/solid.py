@@ -103,10 +103,13 @@ def textured_solid(shape: TopoDS_Shape, face: TopoDS_Face, texturing: Texturing)
     if len(solids) != 1 or not BRepCheck_Analyzer(solids[0]).IsValid():
         raise CheckFailedError("the solid with the texture is not valid; choose another margin_mm or direction")
     # The adaptive method is right for spline faces. Walls below a free curve need the default method.
-    measured = [kernel.volume_mm3(solids[0], method) - kernel.volume_mm3(solid, method) for method in (_ACCURACY, None)]
-    if min(abs(volume - added) for volume in measured) > VOLUME_FRACTION * abs(added):
+    for method in (_ACCURACY, None):
+        measured = kernel.volume_mm3(solids[0], method) - kernel.volume_mm3(solid, method)
+        if abs(measured - added) <= VOLUME_FRACTION * abs(added):
+            break
+    else:
         raise CheckFailedError(
-            f"the texture has a volume of {measured[1]:.6g} mm^3 instead of {added:.6g} mm^3; choose another "
+            f"the texture has a volume of {measured:.6g} mm^3 instead of {added:.6g} mm^3; choose another "
             "margin_mm or direction"
         )
     return TexturedSolid(
