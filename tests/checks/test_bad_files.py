@@ -23,6 +23,8 @@ from tacbench_cad.formats import FORMATS, format_of
 from tacbench_cad.formats.step import read_step
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.formats.threemf import read_3mf
+from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import LOCK_NAME, TEMPORARY_PREFIX, locked, remove_leftovers, replacing
 
@@ -265,3 +267,15 @@ def test_infinite_coordinates_are_refused_quickly(tmp_path: Path) -> None:
     report = examine(write_soup(tmp_path / "a.stl", corners))
     assert not report.ok
     assert time.monotonic() - start < 60.0  # this detects a hang and does not measure the speed
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("form", ["stl", "3mf", "step"])
+def test_a_full_device_is_refused(form: str, tmp_path: Path) -> None:
+    _need(form)
+    part = block_part(Block.of(2))
+    link = tmp_path / f"link.{form}"
+    link.symlink_to("/dev/full")
+    with pytest.raises(InputError, match="output folder"), replacing(tmp_path / f"a.{form}"):
+        FORMATS[form].write(part, link)
+    assert not (tmp_path / f"a.{form}").exists()

@@ -152,3 +152,13 @@ def test_the_command_writes_it_and_the_manifest_lists_it(tmp_path: Path) -> None
     files = {row["file"] for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
     assert files == {"texture-1_paper_x1.3mf", "holder_paper_x1.3mf", "assembly_paper_x1.3mf"}
     assert files <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_the_same_assembly_gives_the_same_bytes(tmp_path: Path) -> None:
+    """The kernel continues its numbering in the same process, but the files do not depend on it."""
+    files = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        make_files(SMALL.part(), ("3mf", "step"), tmp_path / name, False)
+        files.append([path.read_bytes() for path in sorted((tmp_path / name).iterdir())])
+    assert len(files[0]) == 2 and files[0] == files[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -70,3 +71,15 @@ def test_the_old_manifest_is_kept_if_a_row_cannot_be_written(tmp_path: Path) -> 
         manifest.write_manifest(tmp_path, [{"file": "b.stl", "sha256": "0", "volume_mm3": float("nan")}])
     assert path.read_bytes() == before
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.stl", "manifest.json"]
+
+
+def test_a_manifest_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
+    (tmp_path / MANIFEST_NAME).write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match="is not a manifest"):
+        manifest.read_rows(tmp_path)
+
+
+def test_the_manifest_contains_no_folder_and_no_time(tmp_path: Path) -> None:
+    text = manifest.write_manifest(tmp_path, [row(tmp_path, "a.stl")]).read_text()
+    assert str(tmp_path) not in text
+    assert set(json.loads(text)) == {"schema", "units", "files"}

@@ -319,3 +319,9 @@ def test_a_refused_height_names_a_height_that_suits_all_textures(tmp_path: Path)
     height = float(caught.value.allowed.split("a height of at least ")[1].split(" mm")[0])
     assert plan(replace(LIGHT, height_mm=height)).sources
     assert math.isclose(height, 5.52)
+
+
+def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        build(replace(LIGHT, textures=("1",), out=tmp_path / "out"), stop_after(0))
+    assert not (tmp_path / "out").exists()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -271,3 +272,25 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     with workers(1) as executor:
         near = classify(collection, settings, 2, Path("near"), executor)
     assert far.outcomes.equals(near.outcomes)
+
+
+def test_a_server_that_never_answers(impatient: None) -> None:
+    pytest.importorskip("distributed")
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        start = time.monotonic()
+        with pytest.raises(InputError, match="no Dask scheduler answered"), workers(1, address):
+            pass
+        assert time.monotonic() - start < 20.0
+
+
+def test_a_scheduler_without_workers(impatient: None) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=0, processes=True, dashboard_address=None, silence_logs=50) as empty,
+        pytest.raises(InputError, match="no worker after 1 s"),
+        workers(1, empty.scheduler_address),
+    ):
+        pass

@@ -11,6 +11,8 @@ from tacbench_cad.util.types import Bools
 
 #: The tolerance of the z component of a unit normal, within which a face counts as horizontal or vertical.
 _FLAT = 1e-4
+#: A triangle that is narrower, in mm, has the direction of its rounding errors, and no printer makes it.
+_NARROWEST_MM = 1e-3
 #: The accuracy of a ceiling's width, in mm.
 _WIDTH_MM = 1e-3
 
@@ -52,7 +54,8 @@ def overhangs(mesh: Mesh) -> Overhangs:
     above_bed = corners[:, :, 2].min(axis=1) > mesh.vertices[:, 2].min() + 1e-6
     # A sloping face may begin on the bed, but the bed supports only horizontal faces.
     flat = down > 1.0 - _FLAT
-    slanted = (down > _FLAT) & ~flat
+    longest_mm = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    slanted = (down > _FLAT) & ~flat & (size > _NARROWEST_MM * longest_mm)
     ceiling = flat & above_bed
     steepest = float(np.degrees(np.arcsin(np.clip(down[slanted], 0.0, 1.0))).max(initial=0.0))
     return Overhangs(
