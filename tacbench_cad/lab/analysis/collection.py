@@ -56,27 +56,22 @@ def _of_press(place: int) -> cached_property[NDArray[Any]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Courses:
-    """The times and poses of the series of n presses, with T frames each.
+    """The times and positions of the series of n presses, with T frames each.
 
     Args:
         digests: A checksum of the frames and forces of each series.
         time_s: The time since the first frame, (n, T).
-        pose: The position in mm and the rotations in degrees of the sensor, (n, T, 6).
+        pose_mm: The position of the sensor, (n, T, 3).
     """
 
     digests: list[bytes]
     time_s: Floats
-    pose: Floats
+    pose_mm: Floats
 
     @property
     def distance_mm(self) -> Floats:
         """The distance of the sensor from its position in the first frame, (n, T)."""
-        return np.asarray(np.linalg.norm(self.pose[..., :3] - self.pose[:, :1, :3], axis=2))
-
-    @property
-    def rotation_deg(self) -> Floats:
-        """The largest change of one of the three rotations since the first frame, (n, T)."""
-        return np.asarray(np.abs(self.pose[..., 3:] - self.pose[:, :1, 3:]).max(axis=2))
+        return np.asarray(np.linalg.norm(self.pose_mm - self.pose_mm[:, :1], axis=2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -329,20 +324,20 @@ class Collection:
 
     @cached_property
     def courses(self) -> Courses:
-        """The times and poses of all series. This reads the table of each series.
+        """The times and positions of all series. This reads the table of each series.
 
         Raises:
             CheckFailedError: A table is missing or incomplete.
             InputError: A table cannot be read.
         """
         count = self.frames or self.info.series_frames
-        courses = Courses(digests=[], time_s=np.empty((len(self), count)), pose=np.empty((len(self), count, 6)))
+        courses = Courses(digests=[], time_s=np.empty((len(self), count)), pose_mm=np.empty((len(self), count, 3)))
         for index in range(len(self)):
             rows = self.moving(index)
             text = "".join(f"{row.sha256} {row.force_n}\n" for row in rows)
             courses.digests.append(hashlib.sha256(text.encode()).digest())
             courses.time_s[index] = [row.time_s for row in rows]
-            courses.pose[index] = [(*row.pose_mm, *row.rotation_deg) for row in rows]
+            courses.pose_mm[index] = [row.pose_mm for row in rows]
         return courses
 
     def moving(self, index: int) -> tuple[schema.MovingRow, ...]:

@@ -347,11 +347,6 @@ class MovingRow(TableRow):
         """The position of the sensor's summit in the work frame, in mm."""
         return (self.pose_x, self.pose_y, self.pose_z)
 
-    @property
-    def rotation_deg(self) -> Point:
-        """The rotations of the sensor around x, y and z, in degrees."""
-        return (self.pose_rx, self.pose_ry, self.pose_rz)
-
 
 def block_values(printed: Pressed) -> dict[str, Any]:
     """Return the values that describe the run's block in each row of ``targets.csv``."""

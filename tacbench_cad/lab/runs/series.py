@@ -49,7 +49,6 @@ class Series:
         frames: The frames, shape (T, ...) with the shape of a frame after T.
         time_s: The time since the first frame, in s of the rig's clock, shape (T,).
         pose_mm: The position of the sensor's summit in the work frame, shape (T, 3).
-        rotation_deg: The rotations of the sensor around x, y and z, shape (T, 3).
         force_n: The force, shape (T,); None if there was no gauge.
         pose_from: The origin of the poses: ``reports`` of the stage during the motion, or ``time``.
     """
@@ -57,7 +56,6 @@ class Series:
     frames: Frame
     time_s: Floats
     pose_mm: Floats
-    rotation_deg: Floats
     force_n: Floats | None
     pose_from: PoseFrom
 
@@ -69,7 +67,6 @@ class Series:
             frames=np.stack(frames),
             time_s=np.array([row.time_s for row in rows]),
             pose_mm=np.array([row.pose_mm for row in rows]),
-            rotation_deg=np.array([row.rotation_deg for row in rows]),
             force_n=None if None in forces else np.array(forces, dtype=np.float64),
             pose_from=rows[0].pose_from,
         )

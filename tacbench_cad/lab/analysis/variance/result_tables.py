@@ -57,7 +57,7 @@ def tables_of(result: VarianceResult, seatings: Sequence[Seating] = ()) -> dict[
                 _pairs(result), (*CELL[:2], "force_level", "texture", "other_texture", "variance", "presses")
             ),
             "print_distances": frame_of(_print_distances(result), (*CELL, "copy", "from_others")),
-            "motion": frame_of(_motion(result), (*CELL, "frame", "time_s", "distance_mm", "rotation_deg", "variance")),
+            "motion": frame_of(_motion(result), (*CELL, "frame", "time_s", "distance_mm", "variance")),
             "permutation": frame_of(_tests(result), (*_TESTS, "p_holm", "least_p")),
             "registration": frame_of((row for seating in seatings for row in seating.rows()), _SEATING),
         }
@@ -103,13 +103,12 @@ def _print_distances(result: VarianceResult) -> Iterator[dict[str, Any]]:
 
 
 def _motion(result: VarianceResult) -> Iterator[dict[str, Any]]:
-    """Yield the rows of ``motion.csv``; the times and poses are means over the presses of a cell."""
+    """Yield the rows of ``motion.csv``; the times and distances are means over the presses of a cell."""
     collection = result.collection
     for (level, key), values in result.steps.items():
         here = (collection.level == level) & (collection.combination == key[0]) & (collection.texture == key[1])
         course = {
-            name: getattr(collection.courses, name)[here].mean(axis=0).tolist()
-            for name in ("time_s", "distance_mm", "rotation_deg")
+            name: getattr(collection.courses, name)[here].mean(axis=0).tolist() for name in ("time_s", "distance_mm")
         }
         for index, value in enumerate(values.tolist()):
             means = {name: of_frames[index] for name, of_frames in course.items()}

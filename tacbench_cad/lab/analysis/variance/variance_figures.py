@@ -210,12 +210,10 @@ def motion_figure(result: VarianceResult) -> Figure:
 
 
 def _course(collection: Collection) -> tuple[str, Floats]:
-    """Return the label and the values of the axis along a motion: its distance, its rotation, or else its time."""
+    """Return the label and the values of the axis along a motion: its distance, or else its time."""
     courses = collection.courses
-    of_axes = {"distance (mm)": courses.distance_mm, "rotation (degrees)": courses.rotation_deg}
-    for label, values in of_axes.items():
-        if values.max() > 0.0:
-            return label, values.mean(axis=0)
+    if courses.distance_mm.max() > 0.0:
+        return "distance (mm)", courses.distance_mm.mean(axis=0)
     return "time (s)", courses.time_s.mean(axis=0)
 
 
