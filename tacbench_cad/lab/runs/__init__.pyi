@@ -1,6 +1,5 @@
 """The names of :mod:`tacbench_cad.lab.runs`, for type checkers and for its lazy loading alike."""
 
-from . import params as params
 from . import schema as schema
 from .checking import Finding as Finding
 from .checking import check_run as check_run
@@ -29,6 +28,7 @@ from .importing.sources import Rows as Rows
 from .importing.sources import Sample as Sample
 from .importing.sources import Source as Source
 from .importing.sources import columns_of_fields as columns_of_fields
+from .info import RunInfo as RunInfo
 from .info import printed_block_from as printed_block_from
 from .npyfile import mapped as mapped
 from .printrecord import form as form

@@ -14,7 +14,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.frames import FrameLimits
 from tacbench_cad.lab.rig.sensor import is_image
-from tacbench_cad.lab.runs import params, schema
+from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import decoded, sha256
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.quality import MIN_FRAMES, Judge, MeasuredRun, beside_each_other
@@ -124,7 +124,6 @@ def check_run(
     check.extra_files()
     check.frames(workers or os.cpu_count() or 1, progress)
     empty = check.print_record()
-    check.parameters()
     check.camera()
     return RunReport(
         folder=folder,
@@ -344,17 +343,6 @@ class _Check:
             if not (self.run.folder / photo).is_file():
                 self.add("record", schema.PRINT_FILE, f"lists the photo {photo}, which is missing in the run folder")
         return record.empty
-
-    def parameters(self) -> None:
-        """Examine the files that TacTip toolchains look for."""
-        for name in params.PARAMETERS:
-            if not (self.run.folder / name).is_file():
-                self.add("missing", name, "is missing; TacTip toolchains need it")
-                continue
-            try:
-                self.run.parameters(name)
-            except InputError:
-                self.add("unreadable", name, "is not valid JSON")
 
     def camera(self) -> None:
         """Look for automatic controls that the camera did not switch off."""

@@ -132,14 +132,6 @@ class Run:
         """
         return read_record(self.folder / schema.PRINT_FILE, within=self.folder)
 
-    def parameters(self, name: str) -> Any:
-        """Read a JSON file for TacTip toolchains as plain values.
-
-        Raises:
-            InputError: The file is missing or damaged.
-        """
-        return untrusted.read_document(self.folder / name, "parameters", "json", within=self.folder)
-
     def frame(self, row: Row, verify: bool = False) -> Frame:
         """Read the frame of a press.
 

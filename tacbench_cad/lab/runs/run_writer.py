@@ -22,7 +22,7 @@ from tacbench_cad import __version__
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs import params, schema
+from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import FrameFile, encoded
 from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
 from tacbench_cad.lab.runs.printrecord import form
@@ -415,8 +415,6 @@ def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
     targets = folder / schema.TARGETS_FILE
     if targets.exists() and targets.stat().st_size > 0:
         raise InputError("run folder", str(folder), "has a targets.csv but no run.json; choose another folder")
-    for name, parameters in params.PARAMETERS.items():
-        write_json(folder / name, parameters(info), durable=durable)
     if not (folder / schema.PRINT_FILE).is_file():
         printed = info.printed
         record = form(f"Record of the print {printed.name}.", printed.printer or "", printed.filament or "")

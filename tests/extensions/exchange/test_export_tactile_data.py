@@ -40,6 +40,9 @@ def test_images_table_and_parameters_have_the_paths_of_tactile_learning(run_fold
     environment = json.loads((run_folder / "env_params.json").read_text())
     assert environment["robot"] == "sim"
     assert environment["work_frame"] == [80.0, 80.0, -60.0, 0.0, 0.0, 0.0]
+    assert environment["work_frame_meaning"].startswith("x and y are the block's own")
+    sensor = json.loads((run_folder / "sensor_image_params.json").read_text())
+    assert (sensor["image_size"], sensor["gray"]) == ([32, 24], True)
     processed = json.loads((run_folder / "processed_image_params.json").read_text())
     assert processed["bbox"] == [4, 0, 28, 24]
     assert processed["dims"] == [128, 128]

@@ -131,11 +131,6 @@ CASES: dict[str, tuple[Callable[[Path], object], list[tuple[str, str]]]] = {
         [("record", "print.toml")],
     ),
     "automatic control of the camera": (_automatic, [("camera", "run.json")]),
-    "no parameters": (lambda folder: (folder / "env_params.json").unlink(), [("missing", "env_params.json")]),
-    "broken parameters": (
-        lambda folder: (folder / "env_params.json").write_text("{"),
-        [("unreadable", "env_params.json")],
-    ),
 }
 
 

@@ -177,7 +177,6 @@ def test_links_and_pipes_are_refused_without_waiting(
         ("references/references.csv", lambda run: run.references),
         ("stationary/stationary.csv", lambda run: run.stationary_frames),
         ("print.toml", lambda run: run.print_record),
-        ("collect_params.json", lambda run: run.parameters("collect_params.json")),
         ("run.json", lambda run: run),
     ],
 )

@@ -10,9 +10,10 @@ import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tacbench_cad.lab.rig import Frame, is_image
-from tacbench_cad.lab.runs import Run, encoded, params, schema
+from tacbench_cad.lab.runs import Run, RunInfo, encoded, schema
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require
@@ -138,22 +139,72 @@ def _process(run: Run, row: schema.Row | schema.Reference, images: Path, process
 
 
 def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int, ...]) -> None:
-    for name in params.PARAMETERS:
-        path = run.folder / name
-        try:
-            document = run.parameters(name)
-        except InputError:
-            raise InputError("run", str(path), "is missing or damaged; restore it from a copy") from None
-        if not isinstance(document, dict):
-            raise InputError("run", str(path), "must be a JSON object")
-        if target != run.folder:
-            write_json(target / name, document)
+    """Write the files that describe the presses, the rig, the recorded images and the exported images."""
+    sensor = _sensor_params(run.info)
+    write_json(target / "collect_params.json", _collect_params(run.info))
+    write_json(target / "env_params.json", _environment_params(run.info))
+    write_json(target / "sensor_image_params.json", sensor)
     width, height = processing.size
     processed = {
-        **params.sensor_params(run.info),
+        **sensor,
         "bbox": list(processing.bbox_for(shape)),
         "dims": [width, height],
         "image_size": [width, height],
         "gray": processing.grey or len(shape) == 2,
     }
-    write_json(target / params.PROCESSED_FILE, processed)
+    write_json(target / "processed_image_params.json", processed)
+
+
+def _collect_params(info: RunInfo) -> dict[str, Any]:
+    """Return the contents of ``collect_params.json``: the objects and the limits of the poses.
+
+    Models scale their labels with these limits. For an imported run they are unknown, so they are null.
+    """
+    protocol, label = info.protocol, info.printed.object_label
+    lowest = highest = shear = pose = None
+    if protocol is not None:
+        x, y = protocol.grid.x_mm, protocol.grid.y_mm
+        lowest, highest = [x[0], y[0], -protocol.depth_limit_mm, 0.0, 0.0, 0.0], [x[-1], y[-1], 0.0, 0.0, 0.0, 0.0]
+        shear = pose = [0.0] * 6
+    return {
+        "pose_label_names": list(schema.POSE_COLUMNS),
+        "pose_llims": lowest,
+        "pose_ulims": highest,
+        "shear_label_names": list(schema.SHEAR_COLUMNS),
+        "shear_llims": shear,
+        "shear_ulims": shear,
+        "object_poses": {} if label is None else {str(label): pose},
+        "sample_disk": False if protocol else None,
+        "sort": False if protocol else None,
+        "seed": protocol.seed if protocol else None,
+    }
+
+
+def _environment_params(info: RunInfo) -> dict[str, Any]:
+    """Return the contents of ``env_params.json``: the robot, the block, and the work frame in the stage's frame."""
+    driver, frame = info.stage.get("settings", {}).get("driver", "stage" if info.stage else None), info.frame
+    return {
+        "robot": "sim" if info.stage.get("simulated") else driver and str(driver),
+        "stim_name": info.printed.name,
+        "speed": info.stage.get("settings", {}).get("approach_mm_s"),
+        "work_frame": frame and [*frame.origin_mm, 0.0, 0.0, 90.0 * frame.quarter_turns],
+        "tcp_pose": frame and [0.0] * 6,
+        "work_frame_meaning": frame and info.as_dict()["frame"]["meaning"],
+        "simulated": list(info.simulated),
+    }
+
+
+def _sensor_params(info: RunInfo) -> dict[str, Any]:
+    """Return the contents of ``sensor_image_params.json``: the sensor, and the size of its images (never cropped)."""
+    shape = info.frame_shape
+    height, width = shape[:2] if shape and len(shape) in (2, 3) else (None, None)
+    settings = info.sensor.get("settings", {})
+    return {
+        "type": str(info.sensor.get("name", "sensor")) if info.protocol else info.sensor.get("name"),
+        "source": settings.get("actual", {}).get("device", settings.get("requested", {}).get("device")),
+        "exposure": settings.get("actual", {}).get("exposure"),
+        "gray": shape is not None and len(shape) == 2,
+        "bbox": None if width is None else [0, 0, width, height],
+        "image_size": None if width is None else [width, height],
+        "simulated": list(info.simulated),
+    }
