@@ -6,6 +6,7 @@ import contextlib
 import csv
 import io
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -108,6 +109,19 @@ def test_the_output_of_saved_results_is_the_same(study: Path, written: tuple[Pat
     with pytest.raises(InputError, match=r"variance\.csv.*cannot be read"):
         VarianceView.read(written[0], view.collection)
     (written[0] / "other.csv").rename(written[0] / "variance.csv")
+
+
+@pytest.mark.parametrize(("column", "value"), [("variance", "-1.0"), ("prints", "0")])
+def test_impossible_values_in_an_edited_table_are_refused(
+    column: str, value: str, study: Path, written: tuple[Path, str], tmp_path: Path
+) -> None:
+    folder = shutil.copytree(written[0], tmp_path / "edited")
+    table = rows(folder / "variance.csv")
+    table[1][column] = value
+    text = "\n".join([",".join(table[0]), *(",".join(row.values()) for row in table)])
+    (folder / "variance.csv").write_text(text + "\n")
+    with pytest.raises(InputError, match=r"variance\.csv.*no negative variance and no 0 prints"):
+        VarianceView.read(folder, Collection.open([study]))
 
 
 def test_a_damaged_image_is_reported_and_the_exit_code_is_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -133,9 +133,8 @@ class VarianceView:
         settings = read_settings(folder / SETTINGS_FILE, Settings)
         names = ["variance", "floor_removed"]
         if settings.protocol == "paper":
-            names += ("printer_answers", "components", "permutation", *["registration"] * settings.registered)
-            # Earlier versions did not write this file.
-            names += ["print_distances"] * (folder / "print_distances.csv").is_file()
+            names += ("printer_answers", "components", "permutation", "print_distances")
+            names += ["registration"] * settings.registered
         tables = {name: read_csv(folder / f"{name}.csv") for name in names}
         removed = tables["floor_removed"].rename(columns={name: field or name for name, field in REMOVED.items()})
         both = pd.concat(
@@ -147,6 +146,8 @@ class VarianceView:
             cells = tuple(Cell(**{**row, "floor_from": row["floor_from"] or ""}) for row in rows)
         except (InputError, TypeError, KeyError, ValueError) as error:
             raise InputError("table", str(folder / "variance.csv"), f"contains a wrong value: {error}") from None
+        if any(cell.variance < 0.0 or cell.prints < 1 for cell in cells):
+            raise InputError("table", str(folder / "variance.csv"), "must have no negative variance and no 0 prints")
         collection = collection.viewed(settings.series)
         return cls(collection=collection, settings=settings, cells=cells, tables=tables)
 
