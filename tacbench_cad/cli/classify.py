@@ -154,8 +154,8 @@ def command(
     level. An edge filter (Sobel) is applied to all images. The classifier is tested on all copies, including copy 1.
     One more column shows the result without copy 1, which was in training.
 
-    If the protocol has a motion, --series classifies each press by all frames that were taken while the sensor slid,
-    rolled or tilted in contact. To see what the motion adds, classify once with and once without this option, each into
+    If the protocol has a motion, --series classifies each press by all frames that were taken while the sensor slid
+    in contact. To see what the motion adds, classify once with and once without this option, each into
     its own folder, and use "tacbench compare".
 
     The command writes classification.csv, confusion.csv, predictions.csv and figures (PNG, PDF) into the output folder,

@@ -84,7 +84,7 @@ def command(
     The noise is measured on the stationary frames in contact. If there are none, it is estimated from the repeats on
     one print and is only an upper bound.
 
-    If the protocol has a motion, --series analyses the frames that were taken while the sensor slid, rolled or tilted
+    If the protocol has a motion, --series analyses the frames that were taken while the sensor slid
     in contact. Each variance is then also averaged over these frames, and motion.csv has the variance of each of them.
 
     Two more tables follow: the variance components with ISO 5725 limits, and permutation tests between printers. If a
