@@ -2,7 +2,9 @@
 
 A frame has many more numbers than a study has frames, and a study has many training sets. The inner products of all
 frames are therefore computed once, and scikit-learn's ``KernelPCA`` finds the components of each training set from
-them. The result equals that of scikit-learn's ``PCA`` on the rows themselves, except for the signs of components.
+them. The result equals that of scikit-learn's ``PCA`` on the rows themselves, except for the signs of components, and
+for components without variance: they are exactly 0 here. In ``PCA`` they are rounding errors, which scaling would turn
+into noise as strong as the other components.
 
 Brighter and darker copies of a frame need no images either: their inner products follow from those with the constant
 frame 1. Noisy copies are made in coordinates: Gaussian noise has the same distribution along any orthonormal
