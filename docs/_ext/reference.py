@@ -13,9 +13,10 @@ from functools import cache, reduce
 from operator import or_
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
+from annotated_types import Ge, Interval, Len
 from docutils import nodes
 from numpy.typing import ArrayLike, NDArray
 from renew import MODULE, summary_of
@@ -43,9 +44,9 @@ PUBLIC = tuple(
 MAX_VALUE_LENGTH = 300
 #: Names of other projects. They are not links, because they have no pages here and the build uses no network.
 OTHERS = re.compile(
-    r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|importlib|pathlib|random|re|socket|subprocess|threading"
-    r"|typing|build123d|cadquery|cv2|dask|distributed|jinja2|joblib|lib3mf|manifold3d|matplotlib|numpy|OCP|pymeshlab|serial|sklearn"
-    r"|starlette|tomlkit)\."
+    r"(abc|argparse|collections|concurrent|contextlib|datetime|functools|importlib|multiprocessing|pathlib|random|re|socket"
+    r"|subprocess|threading|typing|annotated_types|build123d|cadquery|cv2|dask|distributed|jinja2|joblib|lib3mf|manifold3d"
+    r"|matplotlib|numpy|OCP|pandas|pymeshlab|serial|shapely|sklearn|starlette|tomlkit)\."
 )
 
 
@@ -84,8 +85,14 @@ def import_for_annotations(name: str) -> None:
     """Import a module together with the names that it imports only for type hints, so that these become links."""
     module = importlib.import_module(name)
     vars(module).update({key: short(value) for key, value in vars(module).items() if not key.startswith("_")})
+    # A dataclass repeats the annotations of the fields that it inherits, which are written with these names.
+    for bound in (Annotated, Ge, Interval, Len):
+        vars(module).setdefault(bound.__name__, bound)
     for node in ast.parse(inspect.getsource(module)).body:
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for statement in (child for child in node.body if isinstance(child, ast.Import)):
+                for alias in statement.names:
+                    vars(module).setdefault(alias.asname or alias.name, importlib.import_module(alias.name))
             for statement in (child for child in node.body if isinstance(child, ast.ImportFrom)):
                 source = importlib.import_module(statement.module or "")
                 for alias in statement.names:

@@ -44,6 +44,7 @@ class Capture(Protocol):
         """Close the camera."""
 
 
+#: A function that opens a camera by its name.
 Opener = Callable[[str], Capture]
 
 

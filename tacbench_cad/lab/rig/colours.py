@@ -17,6 +17,7 @@ from tacbench_cad.lab.rig.sensor import Frame, Sensor, is_image
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.util.errors import InputError, one_of
 
+#: The order of the colours of a pixel.
 Channels = Literal["rgb", "bgr"]
 #: The allowed orders.
 CHANNELS: tuple[Channels, ...] = ("rgb", "bgr")

@@ -305,6 +305,7 @@ def _open_load_cell(settings: GaugeSettings, context: Context) -> Gauge:
 GRBL = _serial(GrblStage, _GrblOptions, "GRBL 1.1 and grblHAL, on a serial port or over TCP")
 MARLIN = _serial(MarlinStage, _MarlinOptions, "Marlin 2, most printers")
 ARDUINO = _serial(ArduinoStage, _ArduinoOptions, "the Arduino firmware of the paper's authors")
+#: The driver of load cells whose board sends lines.
 SERIAL = Driver(
     open=_open_load_cell,
     summary="load cell whose board sends one line per sample (HX711, ADS1232)",

@@ -17,6 +17,7 @@ from tacbench_cad.util.packages import PACKAGES, has_module, install_command
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+#: The kind of a device.
 Kind = Literal["stage", "gauge", "sensor"]
 #: The connections of a device to the computer.
 Connection = Literal["serial port", "camera", "network", "other"]

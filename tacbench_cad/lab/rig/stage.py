@@ -11,6 +11,7 @@ from tacbench_cad.lab.rig.errors import OutOfRangeError
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
 
+#: The lowest and the highest position of each axis, in mm.
 Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 

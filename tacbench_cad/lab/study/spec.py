@@ -28,6 +28,7 @@ from tacbench_cad.util.types import Floats
 ContactMode = Literal["force", "depth"]
 TouchMethod = Literal["gauge", "sensor", "taught"]
 Order = Literal["paper", "random"]
+#: A point in a frame: x, y and z in mm.
 Point = tuple[float, float, float]
 QuarterTurns = Annotated[int, Interval(ge=0, le=3)]
 Baud = Annotated[int, Interval(ge=300, le=10_000_000)]

@@ -60,7 +60,9 @@ def calls(study: ClassifiedStudy, _: str, trials: Sequence[int]) -> list[Any]:
 
 @one_thread()
 def leak_free_trial(study: ClassifiedStudy, products: Products | None, trial: int) -> pd.DataFrame:
-    """Train and test every estimator in every fold of a trial, and return the predictions, see :data:`OUTCOMES`.
+    """Train and test every estimator in every fold of a trial, and return the predictions.
+
+    Their columns are :data:`.outcomes.OUTCOMES`.
 
     Args:
         study: The data and settings that all trials share.
