@@ -2,7 +2,6 @@
 
 from . import completing as completing
 from . import options as options
-from .application import CORE as CORE
 from .application import PANELS as PANELS
 from .application import main as main
 from .application import tacbench as tacbench

@@ -22,7 +22,7 @@ from tacbench_cad.geometry.meshing.top_volume import deviation_mm3, profiles_mm3
 from tacbench_cad.geometry.relief import upward
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM
-from tacbench_cad.spec.outlines import Corners, Polygons, without_key
+from tacbench_cad.spec.outlines import Corners, Polygons, key_wedge, without_key
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats, Indices
@@ -101,7 +101,7 @@ def chords_of(block: Block) -> Polygons:
 def _cut(block: Block, top: Top | NetTop) -> BlockMesh:
     """Close a top with walls and an underside, and cut it along the outline of a block."""
     chords, mesh = chords_of(block), close(top.sheet)
-    bounds, rounding = np.array([top.certificate.distance_mm, top.certificate.vertical_mm]), 0.0
+    bounds = np.array([top.certificate.distance_mm, top.certificate.vertical_mm])
     if block.region is not None or block.engraving is not None:
         body = _tools_applied(block, chords, mesh.as_manifold(), float(mesh.vertices[:, 2].max()))
         result = body.to_mesh()
@@ -115,12 +115,9 @@ def _cut(block: Block, top: Top | NetTop) -> BlockMesh:
         changed = upper[np.isin(upper, moved).any(axis=1)]
         if len(changed):
             bounds = np.maximum(bounds, _proved(block, mesh.vertices, changed))
-    steepest = block.surface.bound(1, 0) + block.surface.bound(0, 1)
-    certificate = Certificate(
-        distance_mm=float(bounds[0]) + rounding,
-        vertical_mm=float(bounds[1]) + rounding * (1.0 + steepest),
-        outline_mm=chords.distance_mm,
-    )
+        steepest = block.surface.bound(1, 0) + block.surface.bound(0, 1)
+        bounds = bounds + rounding * np.array([1.0, 1.0 + steepest])
+    certificate = Certificate(distance_mm=float(bounds[0]), vertical_mm=float(bounds[1]), outline_mm=chords.distance_mm)
     own = certificate.plus(block.surface.error, block.surface.evidence)
     return BlockMesh(mesh, own, *_volume(block, top, chords, mesh.vertices, upper))
 
@@ -137,10 +134,8 @@ def _tools_applied(block: Block, chords: Polygons, body: Any, high_mm: float) ->
         outline = CrossSection([single(loop.array) for loop in chords.loops], FillRule.EvenOdd)
         body ^= prism(outline, high_mm + _BEYOND_MM)
     elif block.key_mm is not None:
-        (x, _), key = single(np.array(block.size_mm)).tolist(), block.key_mm
-        wedge = np.array([[-key, 0.0], [0.0, key]]) + np.array([[-_BEYOND_MM], [_BEYOND_MM]])
-        corners = np.array([*wedge, [_BEYOND_MM, -_BEYOND_MM]]) + np.array([x, 0.0])
-        body -= prism(CrossSection([corners[[0, 2, 1]]]), high_mm + _BEYOND_MM)
+        wedge = key_wedge(float(single(np.array(block.size_mm[0]))), block.key_mm, _BEYOND_MM)
+        body -= prism(CrossSection([wedge.array]), high_mm + _BEYOND_MM)
     if block.engraving is not None:
         pockets = CrossSection(list(block.engraving.contours), FillRule.NonZero)
         body -= prism(pockets, float(np.float32(LABEL_DEPTH_MM)))

@@ -288,6 +288,12 @@ def without_key(size_mm: tuple[float, float], key_mm: float) -> Polygons:
     return Polygons((Corners(((0.0, 0.0), (x - key_mm, 0.0), (x, key_mm), (x, y), (0.0, y))),))
 
 
+def key_wedge(x_mm: float, key_mm: float, beyond_mm: float) -> Corners:
+    """Return the triangle that cuts a key off a rectangle: the corner at (x, 0), and a margin outside of the sides."""
+    left, right = x_mm - key_mm - beyond_mm, x_mm + beyond_mm
+    return Corners(((left, -beyond_mm), (right, -beyond_mm), (right, key_mm + beyond_mm)))
+
+
 class Outline(LoopRegion):
     """The outline of a block: an outer loop, and perhaps holes. Subclasses are frozen dataclasses."""
 

@@ -25,7 +25,7 @@ from tacbench_cad.geometry.splines.topology import Topology, turned
 from tacbench_cad.geometry.textured.frame import Frame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.label import LABEL_DEPTH_MM, Engraving
-from tacbench_cad.spec.outlines import Circle, Corners, Loop, LoopRegion, Polygons, area_mm2
+from tacbench_cad.spec.outlines import Circle, Corners, Loop, LoopRegion, Polygons, area_mm2, key_wedge
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.types import Floats
 
@@ -97,9 +97,8 @@ def _inside(shape: TopoDS_Shape, block: Block) -> TopoDS_Shape:
         return BRepAlgoAPI_Common(shape, _prism(block.outline, ends)).Shape()
     if (key := block.key_mm) is None:
         return shape
-    x = block.size_mm[0]
-    corners = ((x - key - _BEYOND_MM, -_BEYOND_MM), (x + _BEYOND_MM, -_BEYOND_MM), (x + _BEYOND_MM, key + _BEYOND_MM))
-    return BRepAlgoAPI_Cut(shape, _prism(Polygons((Corners(corners),)), ends)).Shape()
+    wedge = key_wedge(block.size_mm[0], key, _BEYOND_MM)
+    return BRepAlgoAPI_Cut(shape, _prism(Polygons((wedge,)), ends)).Shape()
 
 
 def _only(shape: TopoDS_Shape, block: Block, kind: str) -> TopoDS_Shape:
@@ -114,9 +113,7 @@ def _pockets(engraving: Engraving) -> Sequence[TopoDS_Shape]:
     sides: dict[bool, list[shapely.Polygon]] = {True: [], False: []}
     for contour in engraving.contours:
         sides[area_mm2(contour) > 0.0].append(shapely.Polygon(contour))
-    glyphs = shapely.orient_polygons(
-        shapely.difference(shapely.union_all(sides[True]), shapely.union_all(sides[False]))
-    )
+    glyphs = shapely.difference(shapely.union_all(sides[True]), shapely.union_all(sides[False]))
     return [
         _prism(
             Polygons(

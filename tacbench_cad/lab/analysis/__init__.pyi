@@ -12,7 +12,6 @@ from .report.parts import long_part as long_part
 from .report.parts import text_part as text_part
 from .report.results import Results as Results
 from .tables import Shown as Shown
-from .tables import records as records
 from .variance.cells import ALL_LEVELS as ALL_LEVELS
 from .variance.cells import parts_of as parts_of
 from .variance.view import VarianceView as VarianceView

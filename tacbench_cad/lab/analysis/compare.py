@@ -200,9 +200,7 @@ class Comparison:
                 if row.low is not None and row.high is not None:
                     recall.plot([100.0 * row.low, 100.0 * row.high], [y, y], color=colour, linewidth=1.0)
                 recall.plot(100.0 * row.difference, y, "o", color=colour, markersize=3.5)
-            recall.plot(
-                [], [], "o-", color=COLOURS[(i + 2) % (len(COLOURS) - 1)], markersize=3.5, label=shown[hold_out]
-            )
+            recall.plot([], [], "o-", color=colour, markersize=3.5, label=shown[hold_out])
         recall.axvline(0.0, color=INK, linewidth=0.8)
         recall.set_yticks(range(len(labels)), [label.removeprefix("texture-") for label in labels])
         recall.set(xlabel="recall, B minus A (percentage points)", ylabel="texture")

@@ -8,17 +8,15 @@ import numbers
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import pandas as pd
 
-from tacbench_cad.util.convert import from_plain, to_plain
+from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import replacing
 from tacbench_cad.util.text import interval
-from tacbench_cad.util.untrusted import read_document, read_text
-
-T = TypeVar("T")
+from tacbench_cad.util.untrusted import read_text
 
 #: The columns of texts, also if these look like numbers. All other columns have numbers.
 _TEXTS = (
@@ -157,15 +155,6 @@ def read_csv(path: Path, columns: Sequence[str] = ()) -> pd.DataFrame:
             [int(level) if str(level).isdecimal() else level for level in frame["force_level"]], dtype=object
         )
     return frame
-
-
-def read_settings(path: Path, kind: type[T]) -> T:
-    """Read the settings of an analysis from the file that it wrote beside its tables.
-
-    Raises:
-        InputError: The file is missing or damaged.
-    """
-    return from_plain(kind, read_document(path, "settings", "json"), f"{path}: ")
 
 
 def write_settings(path: Path, settings: object) -> Path:

@@ -29,7 +29,6 @@ from .importing.sources import Sample as Sample
 from .importing.sources import Source as Source
 from .importing.sources import columns_of_fields as columns_of_fields
 from .info import RunInfo as RunInfo
-from .info import printed_block_from as printed_block_from
 from .npyfile import mapped as mapped
 from .printrecord import form as form
 from .reading import Run as Run

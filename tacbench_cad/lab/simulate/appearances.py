@@ -14,6 +14,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Interval, Len
 
+from tacbench_cad.lab.study.spec import Seed
 from tacbench_cad.spec.skin import CAMERA_BELOW_MM, FOCAL_PX, TIP_RADIUS_MM
 from tacbench_cad.util.convert import Checked
 from tacbench_cad.util.errors import InputError
@@ -127,7 +128,7 @@ class Look(Checked):
     jpeg_quality: Annotated[int, Interval(ge=1, le=100)] | None = None
     approach_mm: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.0
     sway_px: tuple[Width, Width] = (0.0, 0.0)
-    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] = 0
+    seed: Seed = 0
 
     @property
     def misses(self) -> bool:

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
-
-from annotated_types import Interval
+from typing import Any
 
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
@@ -25,7 +23,7 @@ from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
 from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
 from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import PlannedBlock, Point, Study
+from tacbench_cad.lab.study.spec import PlannedBlock, Point, Seed, Study
 from tacbench_cad.util.convert import Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
@@ -48,7 +46,7 @@ class SimulationOptions(Checked):
     """
 
     colour: bool = False
-    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] = 0
+    seed: Seed = 0
     look: str = CLEAN.name
     printers: Printers = field(default_factory=dict)
 

@@ -23,6 +23,7 @@ from tacbench_cad.lab.study.spec import (
     HolderRim,
     Point,
     PrintedBlock,
+    Seed,
     SensorSettings,
     WorkFrame,
 )
@@ -96,7 +97,7 @@ class _SensorOptions:
     colour: bool = False
     look: str = CLEAN.name
     flicker: Annotated[float, Interval(ge=0.0, le=1.0)] | None = None
-    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] | None = None
+    seed: Seed | None = None
 
 
 class SimulatedSensor(_Follower):

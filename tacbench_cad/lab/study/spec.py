@@ -33,6 +33,7 @@ Point = tuple[float, float, float]
 QuarterTurns = Annotated[int, Interval(ge=0, le=3)]
 Baud = Annotated[int, Interval(ge=300, le=10_000_000)]
 Copy = Annotated[int, Interval(ge=1, le=999)]
+Seed = Annotated[int, Interval(ge=0, le=2**32 - 1)]
 #: Target forces or depths.
 Levels = Annotated[tuple[float, ...], Len(1, 1000)]
 
@@ -269,7 +270,7 @@ class Protocol:
     grid: PressGrid = field(default_factory=PressGrid.paper)
     order: Order = "paper"
     block_order: Order = "paper"
-    seed: Annotated[int, Interval(ge=0, le=2**32 - 1)] = 0
+    seed: Seed = 0
     reference_every_s: Annotated[float, Interval(ge=0.001, le=1e7)] = 600.0
     stationary_frames: Annotated[int, Interval(ge=0, le=10_000)] = 30
     clearance_mm: Annotated[float, Interval(ge=0.5, le=200.0)] = 5.0

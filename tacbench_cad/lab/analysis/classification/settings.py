@@ -20,9 +20,9 @@ from tacbench_cad.lab.analysis.classification.augment import PAPER_COPIES, Augme
 from tacbench_cad.lab.analysis.classification.splits import FOLDS, HOLD_OUT_LEVELS, UNITS
 from tacbench_cad.lab.analysis.feature import Feature, feature_of
 from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED
-from tacbench_cad.lab.analysis.tables import read_settings, write_settings
+from tacbench_cad.lab.analysis.tables import write_settings
 from tacbench_cad.lab.rig.plugin import is_plugin, load
-from tacbench_cad.util.convert import check_fields
+from tacbench_cad.util.convert import check_fields, read_json
 from tacbench_cad.util.errors import InputError, TacbenchError, nearest, one_of
 from tacbench_cad.util.untrusted import read_bytes
 
@@ -210,7 +210,7 @@ class ClassificationRecord(ClassificationSettings):
         Raises:
             InputError: The file is missing or damaged.
         """
-        return read_settings(folder / SETTINGS_FILE, cls)
+        return read_json(folder / SETTINGS_FILE, cls, "settings")
 
     def write(self, folder: Path) -> Path:
         """Write the record into a folder.

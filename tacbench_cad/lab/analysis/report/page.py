@@ -22,10 +22,10 @@ from tacbench_cad.lab.analysis.report.classification import Classification, clas
 from tacbench_cad.lab.analysis.report.document import DOCUMENT_FILE, write_document
 from tacbench_cad.lab.analysis.report.report_html import render_page
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.tables import read_settings
 from tacbench_cad.lab.analysis.variance.grade import grade
 from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE, Settings, VarianceView
 from tacbench_cad.lab.runs.checking import RunReport, check_run
+from tacbench_cad.util.convert import read_json
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing
 from tacbench_cad.util.packages import require
@@ -83,7 +83,7 @@ def write_report(
     collection = Collection.open(runs)
     # Folders that belong to other runs are refused before anything is computed.
     if chosen.variance is not None:
-        settings = read_settings(chosen.variance / SETTINGS_FILE, Settings)
+        settings = read_json(chosen.variance / SETTINGS_FILE, Settings, "settings")
         if settings.protocol != "paper":
             raise InputError("variance", str(chosen.variance), _OTHER_PROTOCOL)
         _require_same("variance", chosen.variance, settings, collection)

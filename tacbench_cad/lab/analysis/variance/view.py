@@ -20,7 +20,7 @@ from tacbench_cad.lab.analysis import conclusions
 from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.feature import Words
 from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.tables import Shown, read_csv, read_settings, records, write_csv, write_settings
+from tacbench_cad.lab.analysis.tables import Shown, read_csv, records, write_csv, write_settings
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
     FRAMES,
@@ -37,6 +37,7 @@ from tacbench_cad.lab.analysis.variance.notes import relation_to_paper, variance
 from tacbench_cad.lab.analysis.variance.registration import Seating
 from tacbench_cad.lab.analysis.variance.result import Protocol, VarianceResult
 from tacbench_cad.lab.analysis.variance.result_tables import AS_PUBLISHED_FILES, CELL, REMOVED, VARIANCE, tables_of
+from tacbench_cad.util.convert import read_json
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted, interval, short
@@ -130,7 +131,7 @@ class VarianceView:
         Raises:
             InputError: A file is missing or damaged.
         """
-        settings = read_settings(folder / SETTINGS_FILE, Settings)
+        settings = read_json(folder / SETTINGS_FILE, Settings, "settings")
         names = ["variance", "floor_removed"]
         if settings.protocol == "paper":
             names += ("printer_answers", "components", "permutation", "print_distances")
