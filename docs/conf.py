@@ -31,7 +31,7 @@ nitpicky = True
 # Bounds of numbers in annotations are no classes.
 nitpick_ignore_regex = [
     ("py:class", r"tacbench_cad\..*\.[A-Z]"),
-    ("py:class", r"types\.FrameType"),
+    ("py:class", r"types\.FrameType|pd\.DataFrame"),
     ("py:class", r"-?(inf|\d+(\.\d+)?(e-?\d+)?)"),
 ]
 
