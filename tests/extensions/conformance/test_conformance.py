@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import wrong_drivers
-from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, GoodGauge, GoodSensor, GoodStage, Number
+from helpers.wrong_drivers import GAUGES, SENSORS, STAGES, GoodGauge, GoodSensor, GoodStage
 
 from tacbench_cad.extensions.conformance import stage as conformance_stage
 from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge, check_sensor
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.extensions.virtual_rig import launch
-from tacbench_cad.extensions.virtual_rig.loadcell import FlatSpring
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_device
-from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.rig.marlin import MarlinStage
 from tacbench_cad.lab.rig.registry import Context
 from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError
 
-HERE = Path(wrong_drivers.__file__).parent
 LIMITS = ((0.0, 100.0), (0.0, 100.0), (0.0, 100.0))
 BEYOND = (0.0, 0.0, 500.0)
 SPEED = 50.0
@@ -80,11 +75,6 @@ def test_the_defect_of_a_sensor_is_named(kind: type[GoodSensor]) -> None:
     require_failed(checks, kind, SENSORS[kind])
 
 
-def test_a_number_is_no_force() -> None:
-    clock = Clock(speed=SPEED)
-    assert "instead of a Force" in detail(check_gauge(Number(clock), clock), "read")
-
-
 def test_checks_that_need_help_are_not_called_passed() -> None:
     clock = Clock(speed=SPEED)
     stage, gauge = check_stage(GoodStage(clock), LIMITS, clock), check_gauge(GoodGauge(clock), clock)
@@ -110,20 +100,6 @@ def test_marlin_passes() -> None:
     assert failed(checks) == set(), [check for check in checks if check.result == "failed"]
 
 
-def test_our_load_cell_passes() -> None:
-    clock = Clock(speed=25.0)
-    with launch("grbl", speed=clock.speed, start_mm=(100.0, 100.0, -50.0), gauge={"newtons": True}) as rig:
-
-        def load(mass_g: float) -> None:
-            rig.put(FlatSpring(flat_z_mm=-49.0, n_per_mm=9.80665e-3 * mass_g) if mass_g else None)
-            time.sleep(0.1)  # until nothing moves
-
-        load(0.0)
-        gauge = open_load_cell(rig.gauge_port, None, options=LoadCellOptions(unit="newtons"), clock=clock)
-        checks = check_gauge(gauge, clock, load=load)
-    assert failed(checks) == set(), [check for check in checks if check.result == "failed"]
-
-
 def test_our_simulated_devices_pass_although_they_have_nothing_to_close() -> None:
     clock = Clock(speed=SPEED)
     gauge = SimulatedGauge(lambda: (0.0, 0.0, 0.0), clock, seed=1)
@@ -142,11 +118,3 @@ def test_grblhal_over_tcp_passes_by_its_address() -> None:
         settings = StageSettings(driver="grbl", port=rig.port, limits_mm=limits, home=False)
         checks = check_stage(open_device("stage", settings, Context(clock=clock)), limits, clock, beyond_mm=BEYOND)
     assert failed(checks) == set(), [check for check in checks if check.result == "failed"]
-
-
-def test_a_stop_that_comes_too_late_on_a_slow_computer_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, waits = Clock(speed=SPEED), [10.0, 1.0]
-    in_time = conformance_stage._later
-    monkeypatch.setattr(conformance_stage, "_later", lambda seconds, call: in_time(waits.pop(0) * seconds, call))
-    checks = check_stage(GoodStage(clock), LIMITS, clock)
-    assert failed(checks) == set() and waits == []

@@ -266,25 +266,6 @@ def test_a_recorder_keeps_few_values_spread_over_the_time_and_the_last_one() -> 
     assert len(set(steps.tolist())) == 1
 
 
-def test_a_recorder_stops_the_stage_again_until_its_body_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tacbench_cad.extensions.motions.slide.STOP_AGAIN_S", 0.001)
-    stops = 0
-
-    def read() -> tuple[float, int]:
-        raise DeviceLostError("gone")
-
-    def stop() -> None:
-        nonlocal stops
-        stops += 1
-
-    recorder: Recorder[int] = Recorder(read, stop, 8)
-    with recorder:
-        while stops < 3:
-            pass
-    with pytest.raises(DeviceLostError, match="gone"):
-        recorder.check()
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows")
 @pytest.mark.parametrize(
     ("driver", "pose_from"),

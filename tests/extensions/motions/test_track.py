@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.fakes import SlidingStage
 
-from tacbench_cad.extensions.motions.track import StageTrack, tracked
+from tacbench_cad.extensions.motions.track import StageTrack
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.stage import LimitedStage
-from tacbench_cad.lab.study.spec import Point
 
 
 class SetClock(Clock):
@@ -84,23 +81,3 @@ def test_the_present_position_is_estimated_from_the_last_report_and_the_speed() 
     track.end()
     track.report((3.0, 0.0, 1.0))  # too late
     assert track.now_mm() == track.end_mm
-
-
-def test_devices_that_follow_a_stage_do_not_disturb_it_while_it_is_tracked() -> None:
-    stage = SlidingStage(parts=2, frames_each=0, at=(0.0, 0.0, 1.0))
-    limited = LimitedStage(stage, ((-99.0, 99.0),) * 3)
-    track = track_of()
-    seen: list[Point] = []
-    with tracked(limited, track):
-        assert limited.moving_mm is not None
-        calls = stage.calls
-        track.begin()
-        seen.append(limited.followed_mm())
-        assert stage.calls == calls
-        limited.move((10.0, 0.0, 1.0), 5.0)
-        track.end()
-        assert track.is_reported
-    assert seen == [track.start_mm]
-    calls = stage.calls
-    assert limited.moving_mm is None
-    assert limited.followed_mm() == stage.at and stage.calls == calls + 1

@@ -33,40 +33,8 @@ def test_buffers_64_bytes_during_a_motion() -> None:
     assert host.wait(20.0) == b"done\n" + b"40000,0,0\ndone\n" * 12
 
 
-def test_damaged_move_reaches_another_place_and_answers_done() -> None:
-    host = homed("arduino")
-    assert host.ask(b"MOVE,4000,\n", 5.0) == b"done\n"
-    assert near(host.true, (10.0, 0.0, 0.0), 0.01)
-
-
 def test_carriage_runs_into_the_frame() -> None:
     host = homed("arduino")
     assert host.ask(b"MOVE,-4000,0,0,10\n", 5.0) == b"done\n"
     assert host.ask(b"SHOW\n") == b"-4000,0,0\ndone\n"
     assert -3.0 < host.true[0] < -1.0
-
-
-def test_reset_restores_zero_after_running_into_the_frame() -> None:
-    host = homed("arduino")
-    host.ask(b"MOVE,-4000,-8000,0,10\n", 5.0)
-    assert host.true[1] < -1.0
-    assert host.ask(b"RESET\nSHOW\n", 60.0) == b"done\n0,0,0\ndone\n"
-    assert near(host.true, (0.0, 0.0, 0.0), 0.01)
-
-
-def test_zero_centre_and_calib_commands() -> None:
-    host = homed("arduino")
-    host.ask(b"MOVE,400,400,-400,10\n", 5.0)
-    assert host.ask(b"ZERO\nSHOW\n") == b"done\n0,0,0\ndone\n"
-    assert host.ask(b"CALIB\nSHOW\n", 60.0) == b"done\n40000,40000,0\ndone\n"
-    host.ask(b"MOVE,0,0,-400,10\nCENTRE\n", 60.0)
-    assert near(host.true, (100.0, 100.0, -1.0), 0.01)
-
-
-def test_hung_sketch_is_silent_until_reset() -> None:
-    host = homed("arduino")
-    host.inject("alarm")
-    assert host.ask(b"SHOW\n", 10.0) == b""
-    host.inject("reset")
-    host.wait(2.0)
-    assert host.ask(b"SHOW\n") == b"0,0,0\ndone\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import pytest
@@ -10,11 +9,8 @@ from helpers.firmware_host import Host, homed, near
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tacbench_cad.extensions.virtual_rig.base import OUTPUT_BYTES
-from tacbench_cad.extensions.virtual_rig.board import SEND_BYTES
-from tacbench_cad.extensions.virtual_rig.faults import KINDS as FAULTS
 from tacbench_cad.extensions.virtual_rig.faults import Fault
-from tacbench_cad.extensions.virtual_rig.setup import KINDS, Setup
+from tacbench_cad.extensions.virtual_rig.setup import KINDS
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 
@@ -34,15 +30,6 @@ def test_output_bytes_are_dropped_doubled_and_garbled(kind: str) -> None:
     garbled = host.ask(ASK[kind])
     assert garbled[1:] == answer[1:] and garbled[:1] != answer[:1]
     assert host.ask(ASK[kind]) == answer, "the fault is over"
-
-
-def test_input_bytes_are_dropped() -> None:
-    host = homed("grbl")
-    host.inject("drop", direction="in", count=1)
-    assert host.ask(b"$G\n") == b"error:1\r\n" or host.ask(b"$G\n")
-    host = homed("marlin")
-    host.inject("garble", direction="in", count=1)
-    assert host.ask(b"M114\n").startswith(b"echo:Unknown command")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -80,13 +67,6 @@ def test_reset_forgets_and_alarm_halts(kind: str) -> None:
     host.inject("reset")
     host.wait(3.0)
     assert host.reported == (0.0, 0.0, 0.0)
-
-
-def test_alarm_during_boot_changes_nothing() -> None:
-    host = Host("grbl", wake=False)
-    host.inject("alarm")
-    assert host.wait(2.0).startswith(b"\r\nGrbl 1.1h")
-    assert host.ask(b"?").startswith(b"<Alarm|")
 
 
 def test_slip_changes_only_the_true_position() -> None:
@@ -147,24 +127,6 @@ def test_faults_from_text_and_from_values() -> None:
             Fault.parse(text)
 
 
-@given(text=st.text(max_size=30), kind=st.sampled_from(["drop", "slip", ""]))
-def test_any_text_is_a_fault_or_an_input_error(text: str, kind: str) -> None:
-    with contextlib.suppress(InputError):
-        assert Fault.parse(f"{kind} {text}").kind in FAULTS
-
-
-def test_options_of_a_setup_that_are_not_allowed_are_refused() -> None:
-    setup = Setup(kind="grbl", firmware={"settings": {22: 0, 20: 0}})
-    assert setup.board().firmware.settings[22] == 0  # type: ignore[attr-defined]
-    for wrong in ({"kind": "reprap"}, {"kind": "grbl", "speed": 0.0}, {"kind": "grbl", "gauge": {"rate": 3}}):
-        with pytest.raises(InputError):
-            Setup(**wrong)
-    with pytest.raises(InputError, match="boot_s"):
-        Setup(kind="marlin", firmware={"boot_s": "long"}).board()
-    with pytest.raises(InputError, match="emergency"):
-        Setup(kind="marlin", firmware={"emergency": True}).board()
-
-
 # Arbitrary bytes
 
 
@@ -212,17 +174,3 @@ def test_arbitrary_bytes_break_no_firmware_and_memory_is_bounded(kind: str, data
 @given(data=st.data())
 def test_many_arbitrary_bytes_break_no_firmware(kind: str, data: st.DataObject) -> None:
     check_arbitrary_bytes(kind, data)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_flood_of_bytes_is_bounded(kind: str) -> None:
-    host = homed(kind)
-    for _ in range(20):
-        host.send(ASK[kind] * 2000)
-        assert host.board.room <= SEND_BYTES
-    assert len(host.wait(0.0)) == 0
-    for _ in range(40):
-        host.send(b"$$\n" * 100)
-        host.board.advance(host.now_s + 10.0)
-    host.now_s += 1000.0
-    assert len(host.wait(1000.0)) <= 2 * OUTPUT_BYTES

@@ -59,18 +59,6 @@ def becomes_true(condition: Callable[[], bool], timeout_s: float = 10.0) -> bool
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
-def test_grbl_from_banner_to_position(tcp: bool) -> None:
-    with launch("grbl", speed=SPEED, tcp=tcp) as rig:
-        port = Port(rig.port)
-        assert port.until(b"unlock]\r\n").startswith(b"\r\nGrbl 1.1h ['$' for help]\r\n")
-        port.ask(b"$H\n", b"ok\r\n")
-        port.ask(b"G1 X30 Y20 Z-5 F3000\n", b"ok\r\n")
-        assert becomes_true(lambda: b"<Idle|MPos:30.000,20.000,-5.000|" in port.ask(b"?", b">"))
-        assert all(abs(a - b) < 0.01 for a, b in zip(rig.true_position(), (30.0, 20.0, -5.0), strict=True))
-        assert rig.reported_position() == (30.0, 20.0, -5.0)
-
-
-@pytest.mark.parametrize("tcp", TRANSPORTS)
 def test_opening_resets_only_if_requested(tcp: bool) -> None:
     with launch("grbl", speed=SPEED, tcp=tcp, resets_on_open=False) as rig:
         time.sleep(2.0 / SPEED)
@@ -83,15 +71,6 @@ def test_opening_resets_only_if_requested(tcp: bool) -> None:
             port.until(b"unlock]\r\n")
             port.serial.close()
             time.sleep(0.05)
-
-
-@needs_pty
-def test_bytes_sent_during_boot_are_lost() -> None:
-    with launch("grbl", speed=4.0) as rig:
-        port = Port(rig.port)
-        port.serial.write(b"$I\n?")
-        assert port.until(b"unlock]\r\n").startswith(b"\r\nGrbl")
-        assert port.quiet(0.2) == b""
 
 
 @pytest.mark.parametrize("tcp", TRANSPORTS)
@@ -143,27 +122,6 @@ def test_load_cell_follows_the_true_position(tcp: bool) -> None:
         assert port.ask(b"?", b">").startswith(b"<Idle"), "the stage's port is a different one"
 
 
-def test_load_cell_fault_at_launch_does_not_affect_the_stage() -> None:
-    faults = ["unplug where=gauge", "garble where=gauge chance=1"]
-    with launch("grbl", speed=SPEED, faults=faults) as rig:
-        port = Port(rig.port)
-        port.until(b"unlock]\r\n")
-        assert b"<Alarm|MPos:0.000,0.000,0.000|" in port.ask(b"?", b">")
-        with pytest.raises(serial.SerialException):
-            Port(rig.gauge_port).quiet(5.0)
-
-
-@needs_pty
-def test_samples_are_sent_in_rig_time() -> None:
-    with launch("grbl", speed=10.0) as rig:
-        gauge = Port(rig.gauge_port)
-        gauge.until(b"\n")
-        start = rig.now_s()
-        lines = gauge.quiet(0.5).count(b"\n")
-        # A busy machine loses samples but never adds any.
-        assert 0 < lines <= 80 * (rig.now_s() - start) + 80
-
-
 def test_invalid_arguments_are_refused_at_once() -> None:
     with pytest.raises(InputError, match="kind"):
         launch("reprap")
@@ -194,15 +152,6 @@ def test_a_rig_that_nobody_closes_ends_with_its_program() -> None:
     code = "from tacbench_cad.extensions.virtual_rig import launch; rig = launch('grbl'); print(rig.port)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30.0)
     assert result.returncode == 0 and not Path(result.stdout.strip()).parent.exists()
-
-
-def test_idle_rig_uses_little_processor_time() -> None:
-    with launch("grbl", speed=SPEED) as rig:
-        port = Port(rig.port)
-        port.until(b"unlock]\r\n")
-        before = time.process_time()
-        time.sleep(1.0)
-        assert time.process_time() - before < 0.1
 
 
 @needs_pty

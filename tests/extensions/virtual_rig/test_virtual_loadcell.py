@@ -12,7 +12,6 @@ from tacbench_cad.extensions.virtual_rig.loadcell import (
     BlockUnderDome,
     CellSettings,
     EmulatedLoadCell,
-    FlatSpring,
 )
 from tacbench_cad.util.errors import InputError
 
@@ -23,32 +22,11 @@ def counts(data: bytes) -> list[int]:
     return [int(word) for word in data.split()]
 
 
-def test_one_line_for_each_sample_at_the_sample_rate() -> None:
-    cell = EmulatedLoadCell(QUIET)
-    assert cell.read(0.0, lambda: 0.0) == b"1000\n"
-    assert cell.read(0.005, lambda: 0.0) == b""
-    assert counts(cell.read(0.1005, lambda: 0.0)) == [1000] * 10
-    assert cell.next_s == pytest.approx(0.11)
-
-
 def test_force_becomes_counts_and_changes_linearly_within_a_batch() -> None:
     cell = EmulatedLoadCell(QUIET)
     cell.read(0.0, lambda: 0.0)
     assert counts(cell.read(0.0401, lambda: 2.0)) == [6000, 11000, 16000, 21000]
     assert counts(cell.read(0.0501, lambda: 2.0)) == [21000]
-
-
-def test_force_is_requested_only_when_a_sample_is_due() -> None:
-    requests = []
-    cell = EmulatedLoadCell(QUIET)
-
-    def force() -> float:
-        requests.append(1)
-        return 0.0
-
-    for i in range(100):
-        cell.read(i * 0.001, force)
-    assert len(requests) == 10
 
 
 def test_output_in_newtons_noise_and_drift() -> None:
@@ -77,17 +55,6 @@ def test_faults_of_the_gauge() -> None:
     cell.inject(Fault(kind="drop", where="gauge", chance=1.0), 0.5)
     assert cell.read(0.6, lambda: 3.0) == b""
     assert EmulatedLoadCell(QUIET).read(0.0, lambda: 1e9) == b"%d\n" % FULL_SCALE
-
-
-def test_unread_samples_do_not_accumulate() -> None:
-    cell = EmulatedLoadCell(QUIET)
-    assert len(counts(cell.read(1e6, lambda: 0.0))) == 1
-
-
-def test_flat_spring() -> None:
-    spring = FlatSpring(flat_z_mm=-50.0, n_per_mm=2.0)
-    assert spring.force_n((0.0, 0.0, -49.0)) == 0.0
-    assert spring.force_n((0.0, 0.0, -50.5)) == 1.0
 
 
 def test_block_as_stimulus() -> None:

@@ -50,24 +50,6 @@ def test_stroke_is_a_trapezoid(length: float, peak: float, acceleration: float) 
     assert stroke.travelled_mm(middle) == pytest.approx(length / 3.0, rel=1e-6)
 
 
-def test_strokes_are_queued() -> None:
-    body = carriage()
-    assert body.go((10.0, 0.0, 0.0), 10.0, 100.0, 0.0)
-    assert body.go((10.0, 5.0, 0.0), 10.0, 100.0, 0.0)
-    assert not body.go((10.001, 5.0, 0.0), 10.0, 100.0, 0.0), "less than half a step is no motion"
-    run(body, 100.0)
-    assert body.counted(100.0) == (10.0, 5.0, 0.0)
-    assert body.true(100.0) == (60.0, 55.0, 50.0)
-
-
-def test_counters_hold_whole_steps_during_a_motion() -> None:
-    body = carriage()
-    body.go((-1.0, 0.0, 0.0), 1.0, 10.0, 0.0)
-    for i in range(100):
-        steps = body.counted(i * 0.01)[0] * 100.0
-        assert steps == pytest.approx(round(steps))
-
-
 @given(when=st.floats(0.0, 3.0))
 def test_pausing_and_resuming_reaches_the_target(when: float) -> None:
     body = carriage()
@@ -95,48 +77,6 @@ def test_end_stop_closes_at_its_position_and_the_frame_stops_the_carriage() -> N
     body.go((-15.0, 0.0, 0.0), 5.0, 1e6, 100.0)
     run(body, 200.0)
     assert body.true(200.0)[0] == 2.0, "steps against the frame are lost"
-
-
-def test_end_stop_positions_scatter() -> None:
-    positions = set()
-    for seed in range(20):
-        body = VirtualCarriage((AXIS, AXIS, AXIS), (5.0, 5.0, 5.0), random.Random(seed), switch_scatter_mm=0.01)
-        body.go((-20.0, 0.0, 0.0), 5.0, 1e6, 0.0)
-        when = body.next_event_s()
-        assert when is not None
-        positions.add(round(body.true(when)[0], 4))
-    assert len(positions) > 10 and all(abs(position + 1.0) <= 0.0101 for position in positions)
-
-
-def test_slip_moves_the_carriage_and_not_the_counters() -> None:
-    body = carriage()
-    body.go((10.0, 0.0, 0.0), 10.0, 100.0, 0.0)
-    run(body, 0.5)
-    body.slip(0, -0.5, 0.5)
-    run(body, 10.0)
-    assert body.counted(10.0)[0] == 10.0 and body.true(10.0)[0] == pytest.approx(59.5)
-    body.slip(2, 1e9, 10.0)
-    assert body.true(10.0)[2] == 102.0
-
-
-def test_stalled_motor_counts_steps_without_moving() -> None:
-    body = carriage()
-    body.turn_only(2, 0.0, 0.0)
-    body.go((0.0, 0.0, -10.0), 10.0, 100.0, 0.0)
-    run(body, 10.0)
-    assert body.counted(10.0)[2] == -10.0 and body.true(10.0)[2] == 50.0
-    body.turn_only(2, 1.0, 10.0)
-    body.go((0.0, 0.0, -12.0), 10.0, 100.0, 10.0)
-    run(body, 20.0)
-    assert body.true(20.0)[2] == 48.0
-
-
-def test_clearing_the_counters_does_not_move_the_carriage() -> None:
-    body = carriage()
-    body.go((3.0, 0.0, 0.0), 10.0, 100.0, 0.0)
-    run(body, 10.0)
-    body.count_as((0.0, 0.0, 0.0))
-    assert body.true(10.0) == (53.0, 50.0, 50.0) and body.counted(10.0) == (0.0, 0.0, 0.0)
 
 
 def test_start_position_beyond_an_axis_is_refused() -> None:

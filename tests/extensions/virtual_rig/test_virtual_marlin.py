@@ -36,26 +36,6 @@ def test_ok_and_m114_are_sent_when_a_move_is_queued() -> None:
     assert near(host.true, (100.0, 50.0, 100.0), STEP)
 
 
-def test_auto_report_contains_planned_positions() -> None:
-    host = homed("marlin")
-    assert host.ask(b"M154 S1\nG1 X100 F600\n", 0.5) == b"ok\nok\n"
-    assert host.wait(1.0) == b"X:100.00 Y:0.00 Z:100.00 E:0.00 Count X:8000 Y:0 Z:40000\n"
-    host.ask(b"M154 S0\n")
-    assert host.wait(3.0) == b""
-
-
-def test_m114_r_reports_the_planned_position_as_well() -> None:
-    host = homed("marlin")
-    host.ask(b"G1 X100 F600\n", 1.0)
-    assert host.ask(b"M114 R\n", 0.05).startswith(b"X:100.00")
-
-
-def test_steps_and_speeds_are_reported_in_marlins_format() -> None:
-    host = Host("marlin")
-    assert host.ask(b"M92\n") == b"  M92 X80.00 Y80.00 Z400.00 E500.00\nok\n"
-    assert host.ask(b"M203\n") == b"  M203 X100.00 Y100.00 Z10.00 E25.00\nok\n"
-
-
 # 15: end stops
 
 
@@ -73,17 +53,6 @@ def test_soft_end_stops_clamp_without_a_message() -> None:
     host = homed("marlin")
     assert host.ask(b"G1 X-20 Y300 Z-5 F6000\n", 0.05) == b"ok\n"
     assert where(host).startswith(b"X:0.00 Y:200.00 Z:0.00 ")
-
-
-def test_unhomed_targets_are_not_clamped_and_the_carriage_runs_into_the_frame() -> None:
-    host = Host("marlin")
-    assert host.ask(b"G1 X-100 F6000\n", 0.05) == b"ok\n"
-    host.ask(b"M400\n", 5.0)
-    assert where(host).startswith(b"X:-100.00 ")
-    assert host.true[0] == -2.0, "a pressed end stop has no effect except in homing"
-    host.ask(b"G1 X0\nM400\n", 5.0)
-    assert host.true[0] == 98.0, "the steps against the frame are lost"
-    assert b"x_min: open\n" in host.ask(b"M119\n")
 
 
 # 16: line numbers
@@ -109,16 +78,6 @@ def test_repeated_line_gets_no_answer() -> None:
     assert host.ask(b"N3 G90\n") == b"Error:No Checksum with line number, Last Line: 2\nResend: 3\nok\n"
 
 
-def test_refused_line_discards_the_lines_after_it_in_the_buffer() -> None:
-    host = homed("marlin")
-    host.ask(numbered(0, "M110 N0"))
-    for _ in range(4):
-        host.ask(b"G4 P500\n", 0.001)
-    host.send(b"N9 G91*1\nM115\n")
-    answer = host.wait(20.0)
-    assert b"Resend: 1" in answer and b"FIRMWARE_NAME" not in answer
-
-
 # 17: the quick stop
 
 
@@ -132,33 +91,6 @@ def test_m410_stops_at_once_and_then_ignores_input_for_a_second() -> None:
     assert 10.0 < x < 30.0
     reported = float(where(host).split(b" ")[0][2:])
     assert abs(reported - x) < 0.02
-
-
-def test_m400_interrupted_by_m410_sends_ok_far_from_the_target() -> None:
-    host = homed("marlin")
-    host.ask(b"G1 X100 F600\nM400\n", 1.5)
-    assert host.ask(b"M410\n", 0.9) == b""
-    assert host.wait(0.5) == b"ok\nok\n"
-    assert host.true[0] < 30.0
-
-
-def test_command_after_m410_runs_twice_and_m410_gets_no_ok() -> None:
-    host = homed("marlin")
-    host.ask(b"G1 X100 F600\n", 2.0)
-    host.ask(b"M410\n", 0.2)
-    report = b"X:%.2f Y:0.00 Z:100.00 E:0.00 Count X:%d Y:0 Z:40000\nok\n"
-    x = host.reported[0]
-    assert host.ask(b"M114\n", 3.0) == 2 * (report % (x, round(x * 80)))
-    assert host.ask(b"M114\n", 3.0) == report % (x, round(x * 80))
-
-
-def test_m410_with_an_emergency_parser() -> None:
-    host = homed("marlin", firmware={"emergency_parser": True})
-    assert b"Cap:EMERGENCY_PARSER:1\n" in host.ask(b"M115\n")
-    host.ask(b"G1 X100 F600\nM400\n", 2.0)
-    assert host.ask(b"M410\n", 0.1) == b"ok\nok\n"
-    assert host.ask(b"G91\n", 0.1) == b"ok\n"
-    assert host.true[0] < 30.0
 
 
 # 18: unknown commands, M112, reset
@@ -222,25 +154,6 @@ def test_moves_under_six_motor_steps_are_withheld_and_add_up() -> None:
     assert host.true[2] == pytest.approx(89.9825 + home_error)
 
 
-def test_a_build_may_make_single_steps() -> None:
-    host = homed("marlin", firmware={"min_steps": 1, "z_steps_per_mm": 2560})
-    assert b" Z2560.00 " in host.ask(b"M92\n")
-    host.ask(b"G1 Z90 F600\nM400\n", 10.0)
-    assert b" Z:230399\n" in host.ask(b"G1 Z89.9996\nM400\nM114\n", 2.0)
-
-
-def test_a_single_move_begins_after_a_tenth_of_a_second_and_three_begin_at_once() -> None:
-    host = homed("marlin")
-    assert host.ask(b"G1 X30 F3000\n", 0.09) == b"ok\n"
-    assert host.true[0] < 0.1
-    host.ask(b"M400\n", 3.0)
-    begin = host.now_s
-    host.send(b"G1 X40\nG1 X50\nG1 X60\nM400\n")
-    host.until(b"ok\nok\nok\nok\n")
-    # 30 mm at 50 mm/s, with 0.1 s to accelerate and as long to stop; the moves continue each other without a stop.
-    assert host.now_s - begin == pytest.approx(0.7, abs=0.05)
-
-
 # 22: idle motors
 
 
@@ -253,44 +166,4 @@ def test_idle_motors_are_switched_off_after_two_minutes_and_z_drops() -> None:
     assert b" Z:90.00 " in where(host), "the firmware does not notice it"
 
 
-def test_m84_s0_keeps_the_motors_on() -> None:
-    host = homed("marlin")
-    assert host.ask(b"M84 S0\n") == b"ok\n"
-    host.ask(b"G1 Z90 F600\nM400\n", 600.0)
-    assert near(host.true, (0.0, 0.0, 90.0), STEP)
-    assert host.ask(b"M84\n") == b"ok\n"
-    assert host.true[2] == pytest.approx(89.7, abs=STEP)
-
-
 # Other commands
-
-
-def test_full_planner_delays_ok() -> None:
-    host = homed("marlin")
-    for i in range(40):
-        host.ask(b"G1 X%d F60\n" % (i % 2), 0.01)
-    assert host.wait(0.5) == b""
-    assert host.until(b"ok\n", step_s=0.5).endswith(b"ok\n")
-
-
-def test_set_positions_and_relative_moves() -> None:
-    host = homed("marlin")
-    host.ask(b"G1 X50 F6000\nM400\nG92 X10\nG91\nG1 X-5 Z-1\nM400\n", 10.0)
-    assert where(host).startswith(b"X:5.00 Y:0.00 Z:99.00 ")
-    assert near(host.true, (45.0, 0.0, 99.0), STEP)
-    host.ask(b"G90\nG28 X\n", 30.0)
-    assert where(host).startswith(b"X:0.00 ")
-
-
-def test_homing_with_a_dead_motor_halts() -> None:
-    host = Host("marlin")
-    host.inject("stall", axis="z")
-    host.send(b"G28\n")
-    assert host.until(b"kill() called!\n").endswith(b"echo:Homing Failed\nError:Printer halted. kill() called!\n")
-
-
-def test_dwell_waits_for_motion_and_the_temperature_is_room_temperature() -> None:
-    host = homed("marlin")
-    assert host.ask(b"G1 X10 F600\nG4 S1\n", 1.9) == b"ok\n"
-    assert host.wait(1.0) == b"echo:busy: processing\nok\n"
-    assert host.ask(b"M105\n") == b" T:20.00 /0.00 @:0\nok\n"

@@ -127,12 +127,6 @@ def test_a_bad_fit_is_refused_with_a_likely_reason(places: list[Point], message:
         fit.require_within(0.3)
 
 
-def test_turn_and_stretch_are_reported() -> None:
-    fit = fit_frame(MARKERS, touched(turn_deg=1.5, stretch=1.01))
-    assert fit.turn_deg == pytest.approx(1.5) and fit.stretch == pytest.approx(1.01)
-    fit.require_within(0.3)
-
-
 @pytest.mark.parametrize("texture", ["1", "2", "3", "4", "5", "6"])
 @pytest.mark.parametrize("key_mm", [None, 2.0])
 def test_the_highest_point_is_the_highest_and_on_the_block(texture: str, key_mm: float | None) -> None:
@@ -252,19 +246,6 @@ def test_a_person_teaches_the_frame(turns: int) -> None:
     assert sum("must be x, y or z" in line for line in person.messages) == 5, "invalid lines are answered"
 
 
-def test_a_wrong_marker_stores_nothing() -> None:
-    with pytest.raises(CheckFailedError, match="nothing is stored"):
-        taught(WorkFrame(origin_mm=(80.0, 80.0, -60.0)), off_mm=1.25)
-
-
-def test_the_person_may_stop() -> None:
-    stage = FakeStage()
-    person = Person(stage, WorkFrame(origin_mm=(80.0, 80.0, -60.0)), Block.of("1", "paper"))
-    person.lines = iter(["up", "quit"])
-    with pytest.raises(InputError, match="stopped; nothing is stored"):
-        teaching(stage, person).frame(Protocol(), Block.of("1", "paper"), 0.3)
-
-
 def test_the_stage_is_lifted_after_an_interruption() -> None:
     stage = FakeStage()
     stage.here = (60.0, 60.0, -30.0)
@@ -329,27 +310,6 @@ def test_a_step_that_presses_too_hard_is_undone() -> None:
     assert any("was undone" in line for line in messages)
 
 
-def test_a_prompt_shows_no_negative_zero() -> None:
-    stage, prompts = FakeStage(), list[str]()
-    stage.here = (-1e-5, 12.3456, -30.0)
-
-    def ask(prompt: str) -> str:
-        prompts.append(prompt)
-        return "quit"
-
-    with pytest.raises(InputError, match="stopped"):
-        Teaching(
-            stage=LimitedStage(stage, LIMITS),
-            limits_mm=LIMITS,
-            ask=ask,
-            say=lambda _: None,
-            travel_mm_s=20.0,
-            approach_mm_s=2.0,
-            force_n=lambda: -0.0004,
-        ).frame(Protocol(), Block.of("1", "paper"), 0.3)
-    assert prompts == ["[0.000 12.346 -30.000 mm, 0.000 N] "]
-
-
 # --- the file ---
 
 FRAME = WorkFrame(origin_mm=(80.5, -79.12345, 1.0), quarter_turns=3)
@@ -394,10 +354,6 @@ def test_missing_keys_are_added_to_the_table(tmp_path: Path, end: str) -> None:
     assert result.count("\n") == text.count("\n") + 2 and result.count("\r") == (
         result.count("\n") if end == "\r\n" else 0
     )
-
-
-def test_a_table_at_the_end_of_the_file_without_a_line_end(tmp_path: Path) -> None:
-    assert tomllib.loads(stored(tmp_path, "[stage]"))["stage"]["quarter_turns"] == 3
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacbench_cad.lab.rig.calibration import (
-    STANDARD_GRAVITY,
     Calibration,
     CalibrationPoint,
     fit,
@@ -60,11 +59,6 @@ def test_exact_counts_recover_the_masses(slope: float, zero: float, masses: list
     assert calibration.worst_n < 1e-5
 
 
-def test_the_weight_uses_standard_gravity() -> None:
-    assert fitted(points()).newtons_per_count == pytest.approx(1e-3 * 9.80665 / 4_000.0)
-    assert STANDARD_GRAVITY == 9.80665
-
-
 def test_the_residual_has_two_fewer_degrees_of_freedom() -> None:
     measured = points(noise=900.0)
     calibration = fitted(measured)
@@ -74,12 +68,6 @@ def test_the_residual_has_two_fewer_degrees_of_freedom() -> None:
     off = (counts - zero - slope * force) / slope
     assert calibration.residual_n == pytest.approx(float(np.sqrt(np.sum(off**2) / 2)))
     assert calibration.worst_n == pytest.approx(float(np.abs(off).max()))
-
-
-def test_noise_and_span_in_newtons() -> None:
-    calibration = fitted(points())
-    assert calibration.noise_n == pytest.approx(40.0 / 4_000.0 * 9.80665e-3)
-    assert calibration.span_n == pytest.approx(1.96133)
 
 
 @pytest.mark.parametrize("masses", [(), (0.0,), (0.0, 100.0), (100.0, 100.0, 0.0)])

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 from helpers.rig_here import clock
-from helpers.scripted_grbl import ScriptedGrbl
+from helpers.scripted_grbl import BANNER, SETTINGS, ScriptedGrbl
 
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
@@ -47,16 +47,10 @@ def moving(script: ScriptedGrbl, *then: bytes | float) -> None:
     script.on_move = on_move
 
 
-def test_identity_names_driver_version_and_port() -> None:
-    script = ScriptedGrbl()
-    with script.peer() as peer, GrblStage(peer.port) as stage:
-        assert stage.identity == f"grbl: GRBL 1.1h.20190825 at {peer.port}"
-        assert stage.simulated == ""
-
-
 def test_moves_use_machine_coordinates_and_report_their_end() -> None:
     script = ScriptedGrbl()
     with script.peer() as peer, GrblStage(peer.port) as stage:
+        assert stage.identity == f"grbl: GRBL 1.1h.20190825 at {peer.port}" and stage.simulated == ""
         stage.home()
         assert stage.move(THERE, 20.0) == THERE == stage.position()
         sent = next(line for line in peer.lines if b"X-10" in line)
@@ -64,15 +58,82 @@ def test_moves_use_machine_coordinates_and_report_their_end() -> None:
         assert not any(word in line for line in peer.lines for word in (b"G92", b"G54", b"G10"))
 
 
-@pytest.mark.parametrize("code", [2, 3])
-def test_trait_01_ok_after_an_alarm_is_not_an_arrival(code: int) -> None:
+@pytest.mark.parametrize(
+    ("state", "answer", "kind", "message", "lost"),
+    [
+        ("Run", [b"ALARM:2\r\nok\r\n"], AlarmError, "ALARM:2", True),  # trait 1
+        ("Run", [b"ALARM:3\r\nok\r\n"], AlarmError, "ALARM:3", True),
+        ("Run", [b"ok\r\n", BANNER], PositionLostError, "was reset", True),  # traits 4 and 13
+        ("Run", [b"ok\r\n", b"ALARM:3\r\n", 0.5, BANNER], AlarmError, "steps were lost", True),  # trait 5
+        ("Idle", [b"error:15\r\n"], OutOfRangeError, "error:15", False),  # trait 6
+        ("Idle", [b"error:9\r\n"], AlarmError, "error:9", True),
+        ("Idle", [b"error:10\r\n"], RigError, "error:10", False),
+        ("Idle", [b"ok\r\n"], RigError, "ended at x -1", False),  # trait 10
+        ("Run", [b"ok\r\n"], RigError, "stays at", False),
+    ],
+)
+def test_a_move_that_does_not_arrive_has_its_reason(
+    state: str, answer: list[bytes | float], kind: type[RigError], message: str, lost: bool
+) -> None:
     script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.state = state
+        yield from answer
+
     with opened(script) as stage:
-        moving(script, b"ALARM:%d\r\nok\r\n" % code)
-        with pytest.raises(AlarmError, match=f"ALARM:{code}"):
+        script.on_move = on_move
+        with pytest.raises(kind, match=message):
             stage.move(THERE, 20.0)
-        with pytest.raises(PositionLostError, match="home the stage first"):
-            stage.move(THERE, 20.0)
+        script.on_move = None
+        if lost:
+            with pytest.raises(PositionLostError, match="home the stage first"):
+                stage.move(THERE, 20.0)
+        else:
+            assert stage.position() == (-1.0, -1.0, -1.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "state", "off_mm"),
+    [
+        ([0.3, b"ok\r\n", 0.05], "Idle", None),  # it stands still before the acknowledgement
+        ([b"ok\r\n", 0.15], "Run", 0.01),  # trait 11: shortly before the end, its speed is 0
+        ([b"k\r\n"], "Idle", 0.0),  # the acknowledgement is damaged
+    ],
+)
+def test_a_move_ends_at_its_target(answer: list[bytes | float], state: str, off_mm: float | None) -> None:
+    script = ScriptedGrbl()
+
+    def on_move(target: Point) -> Iterator[bytes | float]:
+        script.state = state
+        if off_mm is not None:
+            script.at = (target[0], target[1], target[2] + off_mm)
+        yield from answer
+        script.state, script.at = "Idle", target
+
+    with opened(script) as stage:
+        script.on_move = on_move
+        assert stage.move(THERE, 20.0) == THERE
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("version", b"FIRMWARE_NAME:Marlin 2.1.2.7\nok\n", "is Marlin, not GRBL"),
+        ("settings", b"$1=25\r\n" + SETTINGS, r"\(\$1=25\).*send it \$1=255"),  # trait 22
+        ("settings", SETTINGS.replace(b"$13=0", b"$13=1"), r"\$13=0"),
+        (
+            "on_status",
+            lambda: [b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"],
+            r"reports work coordinates; send it \$10=1",
+        ),
+    ],
+)
+def test_a_firmware_that_cannot_be_used_is_refused(name: str, value: object, message: str) -> None:
+    script = ScriptedGrbl()
+    setattr(script, name, value)
+    with script.peer() as peer, pytest.raises(RigError, match=message):
+        GrblStage(peer.port, timeout_s=TIMEOUT_S)
 
 
 def test_trait_01_homing_after_an_alarm_restores_the_stage() -> None:
@@ -102,13 +163,6 @@ def test_trait_02_silence_after_a_garbled_alarm_is_an_alarm() -> None:
             stage.position()
 
 
-def test_trait_02_a_stage_that_is_silent_after_an_alarm_is_reset() -> None:
-    script = ScriptedGrbl()
-    script.deaf = True
-    with opened(script) as stage:
-        assert stage.position() == (-1.0, -1.0, -1.0)
-
-
 def test_trait_03_homing_waits_despite_silence_and_an_old_report() -> None:
     script = ScriptedGrbl()
     script.on_home = lambda: [0.7, b"<Home|MPos:-3.000,-9.000,-1.000|FS:0,0>\r\n", b"ok\r\n"]
@@ -130,22 +184,6 @@ def test_trait_03_endless_homing_causes_a_timeout() -> None:
             stage.home()
 
 
-def test_trait_04_a_banner_in_motion_means_a_lost_position() -> None:
-    script = ScriptedGrbl()
-
-    def on_move(target: Point) -> Iterator[bytes | float]:
-        yield b"ok\r\n"
-        script.at = (0.0, 0.0, 0.0)
-        yield script.banner
-
-    with opened(script) as stage:
-        script.on_move = on_move
-        with pytest.raises(PositionLostError, match="was reset"):
-            stage.move(THERE, 20.0)
-        with pytest.raises(PositionLostError, match="home the stage first"):
-            stage.position()
-
-
 def test_trait_04_a_reset_without_a_banner_is_detected_by_the_position() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
@@ -165,41 +203,6 @@ def test_trait_05_a_stop_holds_and_the_next_move_resumes_with_a_known_position()
         script.on_move = None
         assert stage.position() == (-1.0, -1.0, -1.0)
         assert stage.move(THERE, 20.0) == THERE
-
-
-def test_trait_05_a_reset_in_motion_is_reported_with_its_alarm() -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        moving(script, b"ALARM:3\r\n", 0.5, script.banner)
-        with pytest.raises(AlarmError, match="steps were lost"):
-            stage.move(THERE, 20.0)
-
-
-@pytest.mark.parametrize(("code", "kind"), [(15, OutOfRangeError), (9, AlarmError), (10, RigError)])
-def test_trait_06_errors_are_explained(code: int, kind: type[Exception]) -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        script.on_move = lambda target: [b"error:%d\r\n" % code]
-        with pytest.raises(kind, match=f"error:{code}"):
-            stage.move(THERE, 20.0)
-
-
-def test_a_garbled_move_is_sent_again() -> None:
-    script = ScriptedGrbl()
-    refused = 0
-
-    def once(target: Point) -> Iterator[bytes]:
-        nonlocal refused
-        refused += 1
-        if refused > 2:
-            script.at = target
-            return iter([b"ok\r\n"])
-        return iter([b"error:1\r\n"])
-
-    with opened(script) as stage:
-        script.on_move = once
-        assert stage.move(THERE, 20.0) == THERE
-        assert refused == 3
 
 
 def test_trait_21_an_empty_line_precedes_the_repetition_of_a_refused_move() -> None:
@@ -224,20 +227,6 @@ def test_trait_21_an_empty_line_precedes_the_repetition_of_a_refused_move() -> N
         assert moves == 2
 
 
-def test_a_standstill_before_the_ok_is_not_the_end_of_a_move() -> None:
-    script = ScriptedGrbl()
-
-    def on_move(target: Point) -> Iterator[bytes | float]:
-        yield 0.3
-        yield b"ok\r\n"
-        yield 0.05
-        script.at = target
-
-    with opened(script) as stage:
-        script.on_move = on_move
-        assert stage.move(THERE, 20.0) == THERE
-
-
 def test_a_hint_that_comes_late_after_our_own_reset_is_not_another_reset() -> None:
     script = ScriptedGrbl()
     script.on_reset = lambda: [script.banner, 0.15, b"[MSG:'$H'|'$X' to unlock]\r\n"]
@@ -251,16 +240,6 @@ def test_a_hold_is_left_when_the_stage_is_opened() -> None:
     with opened(script, home=False) as stage:
         assert stage.position() == (-1.0, -1.0, -1.0)
         assert stage.move(THERE, 20.0) == THERE
-
-
-def test_trait_22_motors_that_are_switched_off_at_rest_are_refused() -> None:
-    script = ScriptedGrbl()
-    script.settings = b"$1=25\r\n" + script.settings
-    with script.peer() as peer, pytest.raises(RigError, match=r"\(\$1=25\).*send it \$1=255"):
-        GrblStage(peer.port)
-    script.settings = script.settings.replace(b"$1=25\r", b"$1=255\r")
-    with script.peer() as peer, GrblStage(peer.port) as stage:
-        assert stage.settings[1] == 255
 
 
 def test_unplugging_while_homing_warns_that_the_carriage_may_still_move() -> None:
@@ -300,11 +279,6 @@ def test_a_position_that_changes_each_time_is_refused() -> None:
         with pytest.raises(RigError, match="each time"):
             stage.position()
         script.on_status = None
-        assert stage.position() == (-1.0, -1.0, -1.0)
-
-
-def test_trait_07_opening_does_not_wait_for_a_banner() -> None:
-    with opened(ScriptedGrbl(), home=False) as stage:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
@@ -356,14 +330,6 @@ def test_trait_09_real_time_bytes_are_raw() -> None:
         assert b"\x85!" in bytes(peer.received) and b"\xc2" not in bytes(peer.received)
 
 
-def test_trait_10_ok_without_motion_is_not_an_arrival() -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        script.on_move = lambda target: [b"ok\r\n"]
-        with pytest.raises(RigError, match="ended at x -1"):
-            stage.move(THERE, 20.0)
-
-
 def test_trait_10_ok_without_homing_is_not_trusted() -> None:
     script = ScriptedGrbl()
     script.at = (-50.0, -50.0, -50.0)
@@ -373,20 +339,6 @@ def test_trait_10_ok_without_homing_is_not_trusted() -> None:
             stage.home()
         with pytest.raises(PositionLostError):
             stage.move(THERE, 20.0)
-
-
-def test_trait_11_run_at_zero_speed_is_not_an_arrival() -> None:
-    script = ScriptedGrbl()
-
-    def on_move(target: Point) -> Iterator[bytes | float]:
-        script.state, script.at = "Run", (target[0], target[1], target[2] + 0.01)
-        yield b"ok\r\n"
-        yield 0.15
-        script.state, script.at = "Idle", target
-
-    with opened(script) as stage:
-        script.on_move = on_move
-        assert stage.move(THERE, 20.0) == THERE
 
 
 def test_trait_12_grblhal_and_its_fresh_memory_are_recognised() -> None:
@@ -422,28 +374,6 @@ def test_trait_13_grblhal_reports_its_alarm_in_the_status_and_may_skip_answers()
             stage.move((-11.0, -20.0, -5.0), 20.0)
 
 
-def test_trait_13_grblhal_reset_in_motion_sends_only_the_banner() -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        moving(script, b"\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n")
-        with pytest.raises(PositionLostError):
-            stage.move(THERE, 20.0)
-
-
-def test_work_coordinates_are_refused() -> None:
-    script = ScriptedGrbl()
-    script.on_status = lambda: iter([b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"])
-    with script.peer() as peer, pytest.raises(RigError, match=r"reports work coordinates; send it \$10=1"):
-        GrblStage(peer.port)
-
-
-def test_inches_are_refused() -> None:
-    script = ScriptedGrbl()
-    script.settings = script.settings.replace(b"$13=0", b"$13=1")
-    with script.peer() as peer, pytest.raises(RigError, match=r"\$13=0"):
-        GrblStage(peer.port)
-
-
 def test_a_carriage_that_leaves_its_line_is_stopped() -> None:
     script = ScriptedGrbl()
 
@@ -458,26 +388,6 @@ def test_a_carriage_that_leaves_its_line_is_stopped() -> None:
             stage.move((-1.0, -1.0, -2.0), 20.0)
         stage.position()
         assert b"!" in bytes(peer.received)
-
-
-def test_standing_still_in_state_run_causes_a_timeout() -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        moving(script)
-        with pytest.raises(RigError, match="stays at"):
-            stage.move(THERE, 20.0)
-
-
-def test_a_lost_ok_does_not_hide_an_arrival() -> None:
-    script = ScriptedGrbl()
-
-    def on_move(target: Point) -> Iterator[bytes | float]:
-        script.at = target
-        yield b"k\r\n"
-
-    with opened(script) as stage:
-        script.on_move = on_move
-        assert stage.move(THERE, 20.0) == THERE
 
 
 def test_unplugging_in_motion_is_detected() -> None:
@@ -507,17 +417,6 @@ def test_a_dead_device_is_not_an_alarm() -> None:
             stage.move(THERE, 20.0)
 
 
-def test_stop_works_from_a_signal_handler_in_the_middle_of_a_move() -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        moving(script)
-        clock().after(0.15, stage.stop)
-        with pytest.raises(RigError, match="stopped on request"):
-            stage.move(THERE, 20.0)
-        script.on_move = None
-        assert stage.move(THERE, 20.0) == THERE
-
-
 def test_an_interruption_in_a_move_stops_the_carriage() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
@@ -539,10 +438,3 @@ def test_stop_during_homing_resets_and_the_position_is_unknown() -> None:
             stage.home()
         with pytest.raises(PositionLostError):
             stage.move(THERE, 20.0)
-
-
-def test_another_device_is_reported() -> None:
-    script = ScriptedGrbl()
-    script.version = b"FIRMWARE_NAME:Marlin 2.1.2.7\nok\n"
-    with script.peer() as peer, pytest.raises(RigError, match="is Marlin, not GRBL"):
-        GrblStage(peer.port, timeout_s=TIMEOUT_S)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 
 import pytest
+from helpers.cases import mostly_long
 from helpers.driver_faults import SPEED, survive
 from helpers.rig_here import FakeTime, launch
 
@@ -54,17 +56,6 @@ def test_steps_of_a_micrometre_are_made() -> None:
         assert heights == pytest.approx([-30.0 - 0.001 * step for step in range(1, 9)], abs=0.001)
 
 
-@pytest.mark.long
-def test_a_taught_position_is_the_same_after_a_power_cycle() -> None:
-    places = []
-    for seed in (1, 2):
-        with launch("grbl", speed=SPEED, seed=seed) as rig, opener(rig.port) as stage:
-            stage.home()
-            stage.move(CENTER, 20.0)
-            places.append(rig.true_position())
-    assert places[0] == pytest.approx(places[1], abs=0.03)
-
-
 def test_a_stop_in_motion_keeps_the_position(rig_time: FakeTime) -> None:
     with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
         stage.home()
@@ -74,27 +65,6 @@ def test_a_stop_in_motion_keeps_the_position(rig_time: FakeTime) -> None:
         assert stage.position() == pytest.approx(rig.true_position(), abs=0.01)
         assert stage.position()[0] < 149.0
         assert stage.move(CENTER, 20.0) == pytest.approx(CENTER, abs=0.002)
-
-
-@pytest.mark.long
-def test_the_reset_button_between_moves_is_detected() -> None:
-    with launch("grbl", speed=SPEED, settings={20: 0, 22: 0}) as rig, opener(rig.port) as stage:
-        with pytest.raises(PositionLostError, match="opening the port"):
-            stage.position()
-        rig.inject(Fault(kind="reset"))
-        with pytest.raises(PositionLostError):
-            stage.move(CENTER, 20.0)
-
-
-def test_limits_that_a_killed_program_left_switched_off_are_refused() -> None:
-    """While the position is measured at the end stops, the firmware's own limits are off."""
-    message = r"has no soft limits \(\$20=0\); send it \$20=1, and \$21=1"
-    with (
-        launch("grbl", speed=SPEED, settings={20: 0, 21: 0}) as rig,
-        pytest.raises(RigError, match=message),
-        opener(rig.port),
-    ):
-        pass
 
 
 def test_an_interruption_stops_homing(rig_time: FakeTime) -> None:
@@ -137,16 +107,10 @@ def test_homing_does_not_press_deeper_when_the_switch_of_z_is_stuck() -> None:
         assert rig.true_position() == where
 
 
-@pytest.mark.parametrize("kind", ["drop", "garble"])
-def test_a_dead_or_disturbed_line_to_the_device_is_not_another_device(kind: str) -> None:
-    fault = Fault(kind=kind, chance=1.0, direction="in")
-    with launch("grbl", speed=SPEED, faults=[fault]) as rig, pytest.raises(NoAnswerError, match="disturbed or broken"):
-        opener(rig.port)
-
-
-def test_a_disturbed_line_from_the_device_is_not_another_device() -> None:
-    fault = Fault(kind="garble", chance=1.0)
-    with launch("grbl", speed=SPEED, faults=[fault]) as rig, pytest.raises(NoAnswerError, match="line is disturbed"):
+@pytest.mark.parametrize(("kind", "direction"), [("drop", "in"), ("garble", "in"), ("garble", "out")])
+def test_a_dead_or_disturbed_line_is_not_another_device(kind: str, direction: str) -> None:
+    fault = Fault(kind=kind, chance=1.0, direction=direction)
+    with launch("grbl", speed=SPEED, faults=[fault]) as rig, pytest.raises(NoAnswerError, match="disturbed"):
         opener(rig.port)
 
 
@@ -227,8 +191,15 @@ def resume_slowly(
             assert rig.true_position() == pytest.approx(CENTER, abs=0.01)
 
 
-@pytest.mark.parametrize("fault", STOPPING)
-@pytest.mark.parametrize("kind", ["grbl", "grblhal"])
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    mostly_long(
+        itertools.product(["grbl", "grblhal"], STOPPING),
+        ("grbl", "silence"),
+        ("grblhal", "reset"),
+        ("grbl", "unplugged"),
+    ),
+)
 def test_a_very_slow_stage_is_used_again(kind: str, fault: str, rig_time: FakeTime) -> None:
     resume_slowly(kind, STOPPING[fault], (0.3, 1.0), 10.0, rig_time)
 
@@ -269,12 +240,3 @@ def test_a_disturbed_line_is_named() -> None:
             (AlarmError, NoAnswerError), match=r"the line is disturbed: '.*' was received; check the cable"
         ):
             stage.move(CENTER, 20.0)
-
-
-def test_unplugging_before_homing_does_not_speak_of_homing() -> None:
-    with launch("grbl", speed=SPEED, resets_on_open=False) as rig, opener(rig.port) as stage:
-        stage.home()
-        rig.inject(Fault(kind="unplug"))
-        with pytest.raises((DeviceLostError, NoAnswerError)) as caught:
-            stage.home()
-        assert "homing may still go on" not in str(caught.value)

@@ -49,14 +49,6 @@ def test_lines_are_complete_and_without_their_ends(wire: tuple[Line, int]) -> No
     assert line.read_line(0.5) == "three�!"
 
 
-def test_a_wait_ends_in_time(wire: tuple[Line, int]) -> None:
-    line, far = wire
-    os.write(far, b"half a line")
-    before = time.monotonic()
-    assert line.read_line(0.2) is None
-    assert time.monotonic() - before >= 0.2
-
-
 def test_a_pause_of_this_program_is_not_a_silence_of_the_device(
     wire: tuple[Line, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -85,15 +77,6 @@ def test_noise_without_ends_is_cut(wire: tuple[Line, int]) -> None:
     threading.Thread(target=os.write, args=(far, b"x" * MAX_LINE + b"yz\n"), daemon=True).start()
     assert line.read_line(2.0) == "x" * MAX_LINE
     assert line.read_line(2.0) == "yz"
-
-
-def test_received_bytes_can_be_discarded(wire: tuple[Line, int]) -> None:
-    line, far = wire
-    os.write(far, b"old\nolder")
-    assert line.read_line(0.5) == "old"
-    line.forget()
-    os.write(far, b"new\n")
-    assert line.read_line(0.5) == "new"
 
 
 def test_writing_to_a_device_that_reads_nothing_ends() -> None:

@@ -19,7 +19,7 @@ from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit,
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.drivers import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
-from tacbench_cad.lab.rig.gauge import Force, Gauge
+from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
@@ -94,24 +94,6 @@ def load_cell(cell: Cell, scale: Calibration | None = None, name: str = "", **op
         calibration=scale,
         calibration_name=name,
     )
-
-
-class OwnGauge:
-    """A user's gauge."""
-
-    identity = "own"
-    simulated = ""
-    calibration: dict[str, object]
-
-    def __init__(self, port: str, gain: float = 1.0) -> None:
-        self.calibration = {"gain": gain, "port": port}
-
-    def read(self, window_s: float) -> Force:
-        return Force(mean_n=0.0, spread_n=0.0, samples=1)
-
-    def tare(self) -> None: ...
-
-    def close(self) -> None: ...
 
 
 def gauge(cell: Cell, **options: Any) -> LoadCell:
@@ -190,15 +172,6 @@ def test_a_tare_makes_the_current_force_zero() -> None:
     assert cell_gauge.read(0.5).mean_n == pytest.approx(0.0, abs=1e-3)
 
 
-def test_garbled_lines_are_skipped_and_counted() -> None:
-    cell = Cell(Time(), lambda t: 1.0)
-    cell_gauge = gauge(cell)
-    cell.alter = lambda i, line: ("", "8\ufffd1", line[:3] + "x", "nan")[i // 8 % 4] if i % 8 == 0 else line
-    force = cell_gauge.read(1.0)
-    assert force.mean_n == pytest.approx(1.0, abs=1e-3)
-    assert cell_gauge.garbled >= 8
-
-
 @pytest.mark.parametrize("damage", [lambda line: line[:-1], lambda line: line[1:], lambda line: line + line[-1]])
 def test_a_lost_or_doubled_digit_does_not_change_the_mean(damage: Callable[[str], str]) -> None:
     cell = Cell(Time(), lambda t: 1.0)
@@ -266,12 +239,6 @@ def test_silence_and_loss_cause_specific_errors() -> None:
     with pytest.raises(NoAnswerError):
         gauge(silent)
     assert silent.closed == 1
-
-
-def test_the_start_message_of_a_board_is_skipped() -> None:
-    cell = Cell(Time())
-    cell.alter = lambda i, line: ("HX711 ready", "tare...", "8100")[i - 1] if i <= 2 else line
-    assert gauge(cell).read(0.1).samples >= 8
 
 
 def test_a_column_can_be_chosen() -> None:
@@ -368,50 +335,6 @@ def test_a_cell_on_a_port(tmp_path: Path) -> None:
             unplug()
             with pytest.raises((DeviceLostError, NoAnswerError)):
                 cell_gauge.read(1.0)
-
-
-@pty_only
-def test_a_missing_calibration_is_reported(tmp_path: Path) -> None:
-    settings = GaugeSettings(driver="serial", port="/dev/null", calibration=str(tmp_path / "none.json"))
-    with pytest.raises(InputError, match="does not exist"):
-        open_gauge(settings, Clock())
-
-
-def test_a_users_gauge(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "own_gauge", sys.modules[__name__])
-    settings = GaugeSettings(driver="own_gauge:OwnGauge", port="P", options={"gain": 2.0})
-    assert open_gauge(settings, Clock()).calibration == {"gain": 2.0, "port": "P"}
-    with pytest.raises(InputError, match="driver = 'serail'"):
-        open_gauge(GaugeSettings(driver="serail"), Clock())
-
-
-@pty_only
-@pytest.mark.parametrize("newtons", [False, True])
-def test_the_virtual_load_cell(tmp_path: Path, newtons: bool) -> None:
-    """Read the stream of the virtual load cell without a fault and with each fault."""
-    from tacbench_cad.extensions.virtual_rig.faults import Fault
-    from tacbench_cad.extensions.virtual_rig.loadcell import CellSettings, EmulatedLoadCell
-
-    path = tmp_path / "gauge.json"
-    scale = CellSettings().counts_per_n
-    points = [
-        CalibrationPoint(mass_g=m, counts=84_213.0 + scale * m * 9.80665e-3, spread_counts=30.0, samples=80)
-        for m in (0.0, 100.0, 200.0)
-    ]
-    write_calibration(path, fit(points, date_utc="2026-01-02", device="cell"))
-    for fault, message in ((None, ""), ("stuck", "stuck"), ("saturated", "saturated")):
-        virtual = EmulatedLoadCell(CellSettings(newtons=newtons))
-        if fault is not None:
-            virtual.inject(Fault(kind=fault, at_s=0.0), 2.0)
-        with port(lambda i, v=virtual: v.read(i / 80.0, lambda: 1.0), 0.001) as (name, _):
-            settings = GaugeSettings(driver="serial", port=name, calibration=None if newtons else str(path))
-            with open_gauge(settings, Clock(speed=12.5)) as cell_gauge:
-                if fault is None:
-                    assert cell_gauge.read(1.0).mean_n == pytest.approx(1.0, abs=2e-3)
-                    continue
-                with pytest.raises(RigError, match=message):
-                    for _ in range(40):
-                        cell_gauge.read(1.0)
 
 
 def first_good_force(gauge: Gauge, error: type[Exception]) -> float:

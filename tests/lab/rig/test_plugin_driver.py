@@ -38,13 +38,6 @@ def test_the_example_is_a_stage_within_limits(monkeypatch: pytest.MonkeyPatch) -
             stage.move((1.0, 2.0, -3.0), 5.0)
 
 
-def test_options_become_keyword_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(HERE)
-    options = {"start_mm": [1.0, 2.0, 3.0]}
-    with open_stage(settings("example_stage:ExampleStage", options=options, home=False)) as stage:
-        assert stage.position() == (1.0, 2.0, 3.0)
-
-
 def test_a_driver_that_would_end_the_program_has_failed() -> None:
     device = plugin.OwnDevice(SimpleNamespace(read=sys.exit, stop=sys.exit, close=sys.exit), "[sensor] driver a:B", {})
     with pytest.raises(RigError, match=r"\[sensor\] driver a:B: read\(\) failed: SystemExit: 3"):
@@ -53,12 +46,6 @@ def test_a_driver_that_would_end_the_program_has_failed() -> None:
     device.close()
     with pytest.raises(InputError, match=r"cannot be opened: SystemExit: 1"):
         plugin.open_device(partial(sys.exit, 1), "a:B", ())
-
-
-def test_the_example_has_twenty_lines() -> None:
-    source = (HERE / "example_stage.py").read_text(encoding="utf-8")
-    code = [line for line in source.split("class ExampleStage")[1].splitlines()[1:] if line.strip()]
-    assert len(code) <= 20
 
 
 @pytest.mark.parametrize(
@@ -77,12 +64,6 @@ def test_wrong_names_are_explained(driver: str, message: str, monkeypatch: pytes
     monkeypatch.chdir(HERE)
     with pytest.raises(InputError, match=message):
         open_stage(settings(driver))
-
-
-def test_an_unknown_option_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(HERE)
-    with pytest.raises(InputError, match="cannot be opened: TypeError"):
-        open_stage(settings("example_stage:ExampleStage", options={"speed": 3}))
 
 
 def test_a_module_that_fails_on_import_is_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

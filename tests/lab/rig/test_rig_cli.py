@@ -23,7 +23,7 @@ from tacbench_cad.lab.rig import loadcell, ports, probing
 from tacbench_cad.lab.rig.aligning import highest_point_mm
 from tacbench_cad.lab.rig.calibration import read_calibration
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, OutOfRangeError
+from tacbench_cad.lab.rig.errors import NoAnswerError, OutOfRangeError
 from tacbench_cad.lab.rig.firmware_settings import grbl_settings
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
@@ -244,16 +244,6 @@ def test_probe_without_devices(monkeypatch: Patch, capsys: Capture) -> None:
     run("probe")
     out = capsys.readouterr().out
     assert "No serial device" in out and "No camera" in out
-
-
-def test_a_camera_that_does_not_open_is_listed(monkeypatch: Patch) -> None:
-    def gone(name: str) -> Any:
-        raise DeviceLostError(name)
-
-    monkeypatch.setattr(probing, "cameras", lambda folders: ("a",))
-    for opener in (gone, lambda name: Camera(opened=False)):
-        (camera,) = probing.plugged_cameras(opener)
-        assert (camera.name, camera.size_px) == ("a", None)
 
 
 # --- align ---
