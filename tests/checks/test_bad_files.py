@@ -12,10 +12,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.hostile_files import step_of, threemf, zip_of
-from helpers.shapes import box_mesh, mesh_part, write_soup
+from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.verify import verify
@@ -257,16 +256,6 @@ def test_temporary_files_of_other_machines_are_deleted_after_a_day(tmp_path: Pat
     os.utime(paths[1], (0.0, time.time() - 25 * 3600.0))
     with locked(tmp_path):
         assert [path.exists() for path in paths] == [True, False, True]
-
-
-def test_infinite_coordinates_are_refused_quickly(tmp_path: Path) -> None:
-    """manifold3d would hang on infinite coordinates, so they must be refused before it is used."""
-    corners = box_mesh().triangle_points.copy()
-    corners[0, 0, 0] = np.inf
-    start = time.monotonic()
-    report = examine(write_soup(tmp_path / "a.stl", corners))
-    assert not report.ok
-    assert time.monotonic() - start < 60.0  # this detects a hang and does not measure the speed
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")

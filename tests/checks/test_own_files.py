@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 
 from tacbench_cad.checks import meshcheck, solidcheck
 from tacbench_cad.checks.identify import examine
@@ -23,8 +23,8 @@ from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.errors import InputError
 
-#: The numbers of random requests in ``make test`` and in ``make test-long``.
-FEW, MANY = 4, 200
+#: The number of random requests of the long run.
+MANY = 200
 _WEAVE = """[texture]
 name = "weave"
 family = "plane-waves"
@@ -104,26 +104,17 @@ def _check_plate(seed: int, folder: Path) -> int:
     return len(files)
 
 
-@pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3, MANY))])
+@pytest.mark.parametrize("seed", mostly_long(range(1, MANY), 2))
 def test_random_blocks_pass_their_own_check(seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("lib3mf")
     pytest.importorskip("OCP")
     _check_request(seed, tmp_path, capsys)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(2, 30))])
+@pytest.mark.parametrize("seed", mostly_long(range(1, 30), 1))
 def test_random_plates_pass_their_own_check(seed: int, tmp_path: Path) -> None:
     pytest.importorskip("lib3mf")
     assert _check_plate(seed, tmp_path)
-
-
-def test_a_negative_domain_in_a_name_is_read() -> None:
-    from tacbench_cad.checks.claim import claimed_block
-
-    block = Block.of(2, copy=3, key_mm=2.5)
-    block = replace(block, origin_uv=(-3.25, -0.5))
-    assert "_from-3.25x-0.5_" in block.name
-    assert claimed_block(block.name) == block
 
 
 def test_a_name_that_the_header_of_an_stl_file_cuts_off_is_in_the_manifest(tmp_path: Path) -> None:
@@ -153,7 +144,7 @@ def test_a_long_name_in_a_step_file_is_read(tmp_path: Path) -> None:
     assert report.ok, _faults(report)
 
 
-@pytest.mark.parametrize("number", [3, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 4, 5, 6))])
+@pytest.mark.parametrize("number", mostly_long(range(1, 7), 2))
 def test_the_mesh_and_the_solid_of_a_released_block_have_the_same_height(number: int, tmp_path: Path) -> None:
     """With a tolerance, the highest point of the paper's formula lies at the height, in the mesh and in the solid."""
     pytest.importorskip("OCP")

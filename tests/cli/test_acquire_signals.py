@@ -155,7 +155,8 @@ def blocking_line() -> int:
     return 1 + next(index for index, line in enumerate(lines) if "WAYS[way]()" in line)
 
 
-@pytest.mark.parametrize("name", mostly_long(["SIGTERM", "SIGHUP", "SIGINT"], "SIGTERM"))
+@pytest.mark.long  # the quick run sends one signal when it closes the terminal
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
 def test_one_signal_ends_a_run_whose_sensor_blocks_after_a_time(
     name: str, start: Callable[..., Session], tmp_path: Path
 ) -> None:
@@ -193,6 +194,7 @@ def test_a_lost_terminal_ends_a_run_whose_sensor_blocks(
     assert last["outcome"] == "interrupted" and "the sensor is lifted; 4 of 6 presses are saved" in last["message"]
 
 
+@pytest.mark.long
 def test_a_lost_pipe_does_not_change_the_end_of_a_run(start: Callable[..., Session], tmp_path: Path) -> None:
     reader, writer = os.pipe()
     session = start("by_raising", home_every=50, output=writer)

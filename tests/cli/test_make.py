@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,18 +75,6 @@ def test_solids_deviate_by_1_and_meshes_by_10_micrometres_at_most(result: Run) -
         if row["kind"] == "block":
             limit = 0.001 if row["format"] == "step" else 0.01
             assert 0.0 < row["deviation_mm"] <= row["certificate"]["distance_mm"] <= limit * (1 + 1e-9)
-
-
-def test_the_manifest_contains_no_path_and_no_time(result: Run) -> None:
-    text = (result.folder / "manifest.json").read_text()
-    for word in (str(result.folder.parent), "/tmp", os.uname().nodename, time.strftime("%Y-%m")):
-        assert word not in text
-    assert "unfinished" not in text
-
-
-def test_progress_is_printed_on_the_standard_error(result: Run) -> None:
-    assert result.messages.count("[6/6]") == 1
-    assert "Traceback" not in result.messages
 
 
 def test_the_table_names_part_size_triangles_deviation_and_checks(tmp_path: Path, capsys: Capture) -> None:
@@ -166,14 +152,6 @@ def test_the_full_checks_are_additional_checks(tmp_path: Path, capsys: Capture) 
     assert counts[1] > counts[0]
 
 
-def test_a_coupon_is_made_if_requested_and_has_no_preset(tmp_path: Path, capsys: Capture) -> None:
-    pytest.importorskip("build123d")
-    assert main(["make", "--parts", "coupon", "--formats", "stl", "--out", str(tmp_path)]) == 0
-    assert "preset: " not in capsys.readouterr().out
-    (row,) = json.loads((tmp_path / "manifest.json").read_text())["files"]
-    assert row["kind"] == "coupon" and (tmp_path / row["file"]).is_file()
-
-
 @pytest.mark.usefixtures("two_processors")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interruption_ends_with_130_and_leaves_nothing_unfinished(tmp_path: Path) -> None:
@@ -199,9 +177,7 @@ def test_an_interruption_ends_with_130_and_leaves_nothing_unfinished(tmp_path: P
     ("options", "name"),
     [
         (["--grid=9x9", "--key"], "texture-1_paper_x1_key3_grid9x9"),
-        (["--grid", "--key", "--scale", "0.5"], "texture-1_paper_x0.5_key3_grid189x201"),
-        (["--key", "2", "--grid", "40x50"], "texture-1_paper_x1_key2_grid40x50"),
-        (["--size", "40,40", "--grid", "--label"], "texture-1_paper_x1_40x40x7_grid324x268_label"),
+        (["--size", "20,24", "--key", "2", "--grid", "--label"], "texture-1_paper_x1_20x24x7_key2_grid162x161_label"),
         (["--mm-per-unit", "2,2,1", "--tolerance", "0.05"], "texture-1_paper_x1_mm2x2x1_tol0.05"),
         (["--height", "6", "--copies", "1"], "texture-1_paper_x1_23.3x30x6_copy01"),
     ],

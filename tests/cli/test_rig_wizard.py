@@ -80,16 +80,6 @@ def test_an_interrupted_wizard_continues_where_it_stopped(
     assert tomllib.loads(path.read_text())["stage"]["driver"] == "simulated"
 
 
-def test_five_wrong_answers_end_it_with_exit_code_2(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    typed(monkeypatch, *BLOCK, *("7" for _ in range(5)))
-    assert main(["rig", "wizard", str(tmp_path / "rig.toml")]) == 2
-    message = capsys.readouterr().err
-    assert message.count("no device is listed; again, please") == 4
-    assert message.splitlines()[-1].startswith("error: answer: is missing: which is the stage?")
-
-
 @pytest.mark.usefixtures("rig_time")
 @pytest.mark.parametrize(
     ("machine", "firmware", "limits", "top_mm"),

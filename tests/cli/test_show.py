@@ -51,16 +51,3 @@ def test_press_gives_another_picture_with_another_name(tmp_path: Path, monkeypat
     assert main(["show", "1", "--press", "--preset", "paper"]) == 0
     plain, press = tmp_path / "texture-1_paper_x1.png", tmp_path / "texture-1_paper_x1_press.png"
     assert plain.read_bytes() != press.read_bytes()
-
-
-def test_each_texture_has_its_own_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["show", "2,3"]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {f"texture-{number}_paper_x1.png" for number in (2, 3)}
-
-
-def test_a_texture_file_can_be_shown(tmp_path: Path) -> None:
-    file = tmp_path / "hex.toml"
-    file.write_text('[texture]\nname = "hex"\nfamily = "series"\nlaw = "square"\nN = 5\naxes = "x"\n')
-    assert main(["show", str(file), "-o", str(tmp_path / "hex.png")]) == 0
-    assert (tmp_path / "hex.png").is_file()

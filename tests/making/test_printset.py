@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -211,17 +210,6 @@ def test_a_row_describes_its_file(tmp_path: Path) -> None:
     assert "grid_to_formula" not in row
 
 
-def test_the_same_request_gives_the_same_bytes(tmp_path: Path) -> None:
-    request = replace(LIGHT, textures=("1", "3"), label=True, key_mm=3.0)
-    for folder in ("a", "b"):
-        build(replace(request, out=tmp_path / folder))
-    files = sorted(path.name for path in (tmp_path / "a").iterdir())
-    assert "manifest.json" in files and len([name for name in files if name.endswith(".stl")]) == 2
-    for name in files:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
-    assert str(tmp_path) not in (tmp_path / "a" / "manifest.json").read_text()
-
-
 def test_a_second_call_replaces_only_its_own_files(tmp_path: Path) -> None:
     build(replace(LIGHT, textures=("1", "3", "5"), out=tmp_path))
     before = {row["file"]: row for row in read_rows(tmp_path)}
@@ -281,19 +269,6 @@ def test_an_interruption_leaves_complete_files_and_a_correct_manifest(tmp_path: 
     assert [row["file"] for row in rows] == ["texture-1_paper_x1.stl", "texture-3_paper_x1.stl"]
     assert all(sha256(tmp_path / row["file"]) == row["sha256"] for row in rows)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["manifest.json", *(row["file"] for row in rows)]
-
-
-@pytest.mark.usefixtures("two_processors")
-def test_an_interruption_ends_the_children_and_removes_unfinished_files(tmp_path: Path) -> None:
-    pytest.importorskip("OCP")
-    request = Request(textures=("1", "4"), formats=("stl", "step"), parts=("blocks",), out=tmp_path)
-    with pytest.raises(KeyboardInterrupt):
-        build(request, stop_after(2))
-    files = {path.name for path in tmp_path.iterdir()}
-    assert {"texture-1_paper_x1.stl", "texture-4_paper_x1.stl", "manifest.json"} <= files
-    assert not [name for name in files if name.startswith(".")]
-    listed = {row["file"]: row["sha256"] for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
-    assert all(sha256(tmp_path / name) == digest for name, digest in listed.items())
 
 
 def test_without_matplotlib_the_picture_is_left_out_with_the_reason(

@@ -9,7 +9,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from helpers.shapes import box_mesh, mesh_part
 
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import block_part
@@ -93,31 +92,6 @@ def test_a_jig_has_the_same_bytes_in_another_process(elsewhere: Path, tmp_path: 
     pytest.importorskip("build123d")
     FORMATS["stl"].write(_jig(), tmp_path / "jig.stl")
     assert sha256(tmp_path / "jig.stl") == sha256(elsewhere / "jig.stl")
-
-
-@pytest.mark.parametrize("form", ["stl", "3mf"])
-def test_a_different_spec_gives_different_bytes(form: str, tmp_path: Path) -> None:
-    _require_format(form)
-    hashes = set()
-    for i, part in enumerate(
-        [
-            mesh_part(box_mesh(), name="one"),
-            mesh_part(box_mesh(), name="two"),
-            mesh_part(box_mesh((2.0, 3.0, 4.5)), name="one"),
-        ]
-    ):
-        FORMATS[form].write(part, tmp_path / f"{i}.{form}")
-        hashes.add(sha256(tmp_path / f"{i}.{form}"))
-    assert len(hashes) == 3
-
-
-def test_metadata_is_part_of_the_3mf(tmp_path: Path) -> None:
-    _require_format("3mf")
-    hashes = set()
-    for i, spec in enumerate([{"scale": 1.0}, {"scale": 2.0}]):
-        FORMATS["3mf"].write(mesh_part(box_mesh(), spec=spec), tmp_path / f"{i}.3mf")
-        hashes.add(sha256(tmp_path / f"{i}.3mf"))
-    assert len(hashes) == 2
 
 
 def test_files_contain_no_path_and_no_date(tmp_path: Path) -> None:
