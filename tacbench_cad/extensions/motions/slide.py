@@ -21,7 +21,7 @@ from annotated_types import Interval
 
 from tacbench_cad.extensions.motions.track import StageTrack, tracked
 from tacbench_cad.lab.acquire import Carriage, ContactForce
-from tacbench_cad.lab.rig import Clock, Frame, RigError, Sensor
+from tacbench_cad.lab.rig import Clock, Frame, LimitedStage, RigError, Sensor
 from tacbench_cad.lab.runs import MovingFrame
 from tacbench_cad.util.convert import Checked
 
@@ -177,6 +177,8 @@ class SlideRecorder:
             RunInterruptedError: A signal came.
         """
         carriage, work, count = self.carriage, self.carriage.frame, self._frames
+        if not self.clock.waits:
+            return self._step_by_step()
         (x, y, _), (dx, dy), speed_mm_s = carriage.at, self.slide.shift_mm(1.0), self.slide.speed_mm_s
         end = (x + dx, y + dy, carriage.aim_mm)
         track = StageTrack(work.to_stage(carriage.at), work.to_stage(end), speed_mm_s, self.clock)
@@ -223,6 +225,30 @@ class SlideRecorder:
                 chosen, times.tolist(), track.at_mm(times).tolist(), net, strict=True
             )
         ]
+
+    def _step_by_step(self) -> list[MovingFrame]:
+        """Stop at the place of each frame. On a clock that never waits, nothing happens during a motion."""
+        carriage, stage, force = self.carriage, self.carriage.stage, self.force
+        (x, y, _), z = carriage.at, carriage.aim_mm
+        frames = []
+        assert isinstance(stage, LimitedStage)
+        stage.moving_mm = stage.position
+        try:
+            for fraction in np.linspace(0.0, 1.0, self._frames).tolist():
+                dx, dy = self.slide.shift_mm(fraction)
+                carriage.slide((x + dx, y + dy, z), self.slide.speed_mm_s, lambda: None)
+                frames.append(
+                    MovingFrame(
+                        frame=self._read(),
+                        time_s=fraction * self.slide.seconds,
+                        pose_mm=carriage.at,
+                        pose_from="time",
+                        force_n=None if force is None else force.moving_n(),
+                    )
+                )
+        finally:
+            stage.moving_mm = None
+        return frames
 
     def _frame(self) -> tuple[float, Callable[[], Frame]]:
         begun_s = self.clock.now_s()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -147,10 +146,17 @@ class _BlockSession:
     missed: int = 0
     _in_a_row: int = 0
     _previous: Frame | None = None
-    _reference_s: float = 0.0
+    #: The rig time of the last reference.
+    _reference_s: float = -math.inf
 
     def __post_init__(self) -> None:
-        self.protocol, gauge = self.run.info.plan.protocol, self.rig.gauge
+        self.protocol, gauge, known_mm = self.run.info.plan.protocol, self.rig.gauge, self.rig.known_mm
+        if known_mm is not None:
+            # An ideal stage does not slip, and nobody changes block or light between two sessions.
+            self.protocol = replace(self.protocol, home_every=0)
+            if self.run.reference_time is not None:
+                age = self.rig.clock.utc() - self.run.reference_time
+                self._reference_s = self.rig.clock.now_s() - age.total_seconds()
         self.force = None
         if gauge is not None:
             felt = self.progress.felt
@@ -162,10 +168,11 @@ class _BlockSession:
             self.force,
             self._touch(),
             nominal_mm=self.watch.first_touch_mm,
+            known_mm=known_mm,
             touched=self._check_height,
         )
         self.checks = PositionChecks(
-            self.run, self.carriage, self.presser, self.watch, self.rig.stage, self.progress, self._lift
+            self.run, self.protocol, self.carriage, self.presser, self.watch, self.rig, self.progress, self._lift
         )
         motion = motion_of(self.protocol.motion)
         self.record_motion = motion and motion.recorder(
@@ -185,14 +192,17 @@ class _BlockSession:
         self.carriage.over(middle.x_mm, middle.y_mm)
         if self.force is not None:
             self.force.tare()
-        self._reference()
+        if self._reference_is_due:
+            self._reference()
         self._stationary("start", middle)
         # This checks only the height. Presses at a wrong one are then missing again.
         self.checks.check("resumed", self.presses)
         try:
             for press in self.run.missing(self.run.info.presses):
                 self.progress.before(press, self.carriage.check)
-                self._reference_if_due(press)
+                if self._reference_is_due:
+                    self.carriage.over(press.x_mm, press.y_mm)
+                    self._reference()
                 self._press(press)
                 self.checks.if_due(press, self.presses)
         except (ContactError, ForceLimitError) as error:
@@ -206,7 +216,7 @@ class _BlockSession:
         attempt = 1
         while True:
             contact = self.presser.press(press)
-            time_utc, age_s, frame = datetime.now(UTC), self._reference_age_s, self._read()
+            time_utc, age_s, frame = self.rig.clock.utc(), self._reference_age_s, self._read()
             after = None if self.force is None else self.force.again()
             moving: list[MovingFrame] | str = self.record_motion() if self.record_motion else []
             # Nothing is written while the sensor presses, since a slow disk would let the dome creep.
@@ -259,22 +269,21 @@ class _BlockSession:
                 "increase search_steps, or check the gauge's noise and the stage's resolution"
             )
 
-    def _reference_if_due(self, press: Press) -> None:
-        if self._reference_age_s * self.rig.clock.speed >= self.protocol.reference_every_s:
-            self.carriage.over(press.x_mm, press.y_mm)
-            self._reference()
-
     def _reference(self) -> None:
         """Record a frame of the free sensor. Every session begins with one, since block and light may have changed."""
         self.rig.clock.sleep(self.protocol.settle_s)
-        time_utc = datetime.now(UTC)
-        self._reference_s = time.monotonic()
+        time_utc = self.rig.clock.utc()
+        self._reference_s = self.rig.clock.now_s()
         self.run.reference(self._read(), time_utc)
 
     @property
     def _reference_age_s(self) -> float:
-        """The age of the last reference in s of real time. The computer's clock may be set back meanwhile."""
-        return time.monotonic() - self._reference_s
+        """The age of the last reference in s of rig time. The computer's clock may be set back meanwhile."""
+        return self.rig.clock.now_s() - self._reference_s
+
+    @property
+    def _reference_is_due(self) -> bool:
+        return self._reference_age_s >= self.protocol.reference_every_s
 
     def _stationary(self, when: Literal["start", "end"], middle: Press) -> None:
         """Record the missing frames without motion, in contact at the middle force and free."""
@@ -308,7 +317,7 @@ class _BlockSession:
         return frame
 
     def _touch(self) -> Touch | None:
-        if self.protocol.contact == "force":
+        if self.protocol.contact == "force" or self.rig.known_mm is not None:
             return None
         if self.protocol.touch == "taught":
             return taught(self.taught_mm, len(self.protocol.grid.positions_mm))

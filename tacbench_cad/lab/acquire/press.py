@@ -72,6 +72,7 @@ class Presser:
         touch: Finds the height of first touch in depth mode; None in force mode.
         nominal_mm: Returns the height of first touch at a position that the formula of the texture gives, except for
             an unknown constant; None if every position is approached in steps from the travel height.
+        known_mm: Returns the height at which a press reaches its target, on a rig that knows it; None on all others.
         touched: Called once, at the first touch of the block, with the height of this touch minus the nominal one. It
             may lift the sensor, and raise an error to leave the block.
     """
@@ -83,10 +84,11 @@ class Presser:
         force: ContactForce | None,
         touch: Touch | None,
         nominal_mm: Callable[[float, float], float] | None = None,
+        known_mm: Callable[[Press], float] | None = None,
         touched: Callable[[float], None] = lambda above_mm: None,
     ) -> None:
         self.protocol = protocol
-        self.nominal_mm = nominal_mm
+        self.nominal_mm, self.known_mm = nominal_mm, known_mm
         self._touched, self._was_touched = touched, False
         self.carriage = carriage
         self.force = force
@@ -117,6 +119,9 @@ class Presser:
         self.carriage.over(press.x_mm, press.y_mm)
         if self.force is not None:
             self.force.follow_zero()
+        if self.known_mm is not None:
+            self.carriage.to_height(self.known_mm(press))
+            return self._settled(press)
         if press.depth_mm is None:
             return self._to_force(press)
         return self._to_depth(press, press.depth_mm)
@@ -244,9 +249,17 @@ class Presser:
         end = self._touch_mm[press.position] - depth_mm
         while self.carriage.aim_mm > end:
             self._down(min(step, self.carriage.aim_mm - end))
+        contact = self._settled(press)
+        self._learn_safe_depth(depth_mm, contact.measured)
+        return contact
+
+    def _settled(self, press: Press) -> SettledPress:
+        """Read the force at the present height."""
         read = None if self.force is None else self.force.settled()
-        self._learn_safe_depth(depth_mm, read)
-        return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=None)
+        in_band = None
+        if read is not None and press.target_n is not None and press.band_n is not None:
+            in_band = abs(press.target_n - read.mean_n) <= press.band_n
+        return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=in_band)
 
     def _first_touch(self, press: Press, touch_mm: float) -> bool:
         """Report the first touch of the block; return whether the sensor was lifted meanwhile."""

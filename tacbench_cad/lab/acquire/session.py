@@ -215,13 +215,7 @@ def _trays(blocks: Sequence[Place]) -> Iterator[tuple[Place, ...]]:
 
 
 def _finished(rig: RigSettings, place: Place) -> bool:
-    """Return whether a block's run is complete: all presses and frames are saved, and the position was checked after.
-
-    A stage that has never compared x and y with its end stops in this run may be unable to check anything.
-
-    Raises:
-        InputError: The run was begun with other settings. No device is open yet.
-    """
+    """Return whether a block's run is complete. Its sensor, which is not open yet, is not compared."""
     run = place.run
     if run is None:
         return False
@@ -230,10 +224,24 @@ def _finished(rig: RigSettings, place: Place) -> bool:
         gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
         sensor=run.info.sensor,
     )
+    return is_complete(place.folder, now)
+
+
+def is_complete(folder: Path, info: RunInfo) -> bool:
+    """Return whether a run is complete: all presses and frames are saved, and the position was checked after.
+
+    A stage that has never compared x and y with its end stops in this run may be unable to check anything.
+
+    Raises:
+        InputError: The run was begun with other settings.
+    """
+    if not (folder / RUN_FILE).exists():
+        return False
+    run = Run.open(folder)
     advice = "restore these settings, or choose another output folder"
     if not run.rows:
         advice = "the run contains no press yet, so delete its folder, or choose another output folder"
-    run.info.require_same(now, str(place.folder), advice)
+    run.info.require_same(info, str(folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
     count = run.info.plan.protocol.stationary_frames
     done = {row.number for row in run.rows}

@@ -17,7 +17,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,7 @@ from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
+from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, PositionLostError
 from tacbench_cad.lab.rig.stage import Stage, home_again, measures_offset
 from tacbench_cad.lab.rig.switches import offset_text
@@ -35,7 +36,7 @@ from tacbench_cad.lab.runs.schema import ASIDE_FOLDER, Reason, Row
 from tacbench_cad.lab.simulate.contact import DomeContact
 from tacbench_cad.lab.simulate.heights import HeightMap, cell_of, centres, held
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import HolderRim, Point
+from tacbench_cad.lab.study.spec import HolderRim, Point, Protocol
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError, TacbenchError
 from tacbench_cad.util.text import counted
@@ -231,19 +232,21 @@ class PositionChecks:
 
     Args:
         run: The open run.
+        protocol: The protocol.
         carriage: Moves the sensor.
         presser: Repeats presses.
         watch: Compares the heights of the presses.
-        stage: The stage.
+        rig: The devices.
         progress: Receives progress updates.
         lift: Lifts the sensor and checks that it is free.
     """
 
     run: RunWriter
+    protocol: Protocol
     carriage: Carriage
     presser: Presser
     watch: HeightWatch
-    stage: Stage
+    rig: Rig
     progress: PressProgress
     lift: Callable[[], None]
     _checked: bool = False
@@ -251,7 +254,7 @@ class PositionChecks:
     _checked_at: int = 0
 
     def __post_init__(self) -> None:
-        self.protocol, self._plan = self.run.info.plan.protocol, self.run.info.press_by_number
+        self._plan = self.run.info.press_by_number
 
     def if_due(self, press: Press, presses: int) -> None:
         """Check the position after a press, if that is due.
@@ -290,7 +293,7 @@ class PositionChecks:
         unchecked = self.run.unchecked
         if not unchecked or not self.protocol.home_every:
             return
-        time_utc = datetime.now(UTC)
+        time_utc = self.rig.clock.utc()
         error = position_error(self.carriage, self.presser, unchecked, self._plan)
         self.lift()
         self._checked, self._checked_at = reason != "resumed", presses
@@ -314,7 +317,7 @@ class PositionChecks:
         """
         if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
             return
-        time_utc = datetime.now(UTC)
+        time_utc = self.rig.clock.utc()
         if self.carriage.home_again() is not None:
             aside = self._store_check("resumed", None, None, False, time_utc)
             self.progress.say(
@@ -330,10 +333,10 @@ class PositionChecks:
         presses, carriage = len(self.run.unchecked), self.carriage
         if not (presses and self.protocol.home_every and carriage.may_home and carriage.lifted):
             return
-        if not (carriage.position_kept and measures_offset(self.stage)):
+        if not (carriage.position_kept and measures_offset(self.rig.stage)):
             return
         self.progress.say(f"checking the position of {counted(presses, 'press')}; Ctrl-C skips this")
-        time_utc = datetime.now(UTC)
+        time_utc = self.rig.clock.utc()
         try:
             with signals.sent_to(carriage, self.progress.say):
                 error = PositionError(offset_mm=carriage.home_again(), height_change_mm=None)
@@ -359,7 +362,7 @@ class PositionChecks:
         if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
             return
         self.carriage.lift()
-        time_utc = datetime.now(UTC)
+        time_utc = self.rig.clock.utc()
         error = PositionError(offset_mm=self.carriage.home_again(), height_change_mm=None)
         if error.offset_mm is None and isinstance(contact, ForceLimitError):
             return
@@ -388,7 +391,7 @@ class PositionChecks:
         rows = self.run.rows
         if not (self.protocol.home_every and presses and rows[0].in_band is not False):
             return
-        time_utc = datetime.now(UTC)
+        time_utc = self.rig.clock.utc()
         change = height_change(self.presser, self._plan[rows[0].number], rows[0])
         self.lift()
         if change is not None:

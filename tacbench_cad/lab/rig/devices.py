@@ -5,7 +5,7 @@ A simulated gauge or sensor follows the position and the angles that the stage r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +15,7 @@ from tacbench_cad.lab.rig.drivers import find_driver, open_gauge, open_sensor, o
 from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.rig.stage import Stage, inner
+from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import (
     NO_GAUGE,
     GaugeSettings,
@@ -36,6 +37,8 @@ class Rig:
         clock: The rig's time.
         settings: The settings from which the devices were opened.
         following: The simulated devices, which must know the block below the sensor.
+        known_mm: Returns the height at which a press reaches its target, in mm of the work frame, on an ideal
+            (simulated) rig that knows it. Such a rig needs no search and no checks of its position. None on all others.
     """
 
     stage: Stage
@@ -44,6 +47,7 @@ class Rig:
     clock: Clock
     settings: RigSettings
     following: tuple[Any, ...] = ()
+    known_mm: Callable[[Press], float] | None = None
 
     def put(self, printed: PrintedBlock, frame: WorkFrame) -> None:
         """Pass the next block to the simulated devices."""

@@ -1,37 +1,54 @@
-"""One block of a simulated study: its presses are computed by the contact model and written to a run folder."""
+"""One block of a simulated study, which the press loop presses on an ideal simulated rig.
+
+The rig knows the contact model, so it needs no search for a force. Its clock never waits.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from tacbench_cad.lab.acquire.block_presses import press_block
+from tacbench_cad.lab.acquire.progress import PressProgress
+from tacbench_cad.lab.acquire.session import is_complete
+from tacbench_cad.lab.acquire.signals import Signals
+from tacbench_cad.lab.rig.clock import Clock
+from tacbench_cad.lab.rig.devices import Rig
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.rig.stage import LimitedStage, Limits
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.printrecord import FIELDS
-from tacbench_cad.lab.runs.run_writer import RunWriter
-from tacbench_cad.lab.runs.series import MovingFrame
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
-from tacbench_cad.lab.simulate.contact import DomeContact, Drag, contact_for
+from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
-from tacbench_cad.lab.simulate.tactip import SIMULATED, Pins, TacTip
-from tacbench_cad.lab.study.motion import motion_of
+from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
+from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import PlannedBlock, Point, Seed, Study
+from tacbench_cad.lab.study.spec import (
+    NO_GAUGE,
+    ContactMode,
+    GaugeSettings,
+    PlannedBlock,
+    PrintedBlock,
+    RigSettings,
+    Seed,
+    SensorSettings,
+    StageSettings,
+    Study,
+)
 from tacbench_cad.util.convert import Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, write_text
 
-#: The date at which simulated runs begin. They need times for the age of a reference; the date is clearly not real.
-BEGIN = datetime(2000, 1, 1, tzinfo=UTC)
 #: The time from one simulated press to the next, in s.
 SECONDS_PER_PRESS = 4.0
+#: The limits of the stage of an ideal rig, in mm.
+EVERYWHERE: Limits = ((-1e5, 1e5), (-1e5, 1e5), (-1e5, 1e5))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,11 +71,6 @@ class SimulationOptions(Checked):
         super().__post_init__()
         look_named(self.look)
 
-    @property
-    def sensor(self) -> TacTip:
-        """The sensor with these options."""
-        return TacTip(colour=self.colour, look=look_named(self.look))
-
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedBlock:
@@ -79,126 +91,95 @@ class SimulatedBlock:
 
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
     """Return the contents of ``run.json`` for a block's simulated run."""
-    sensor = options.sensor
-    printer = printer_of(planned.printed, options.printers)
-    return RunInfo.of(
-        study,
-        planned,
-        stage={
-            "identity": "none",
-            "simulated": f"no stage: poses from the contact model; block from a virtual printer, {printer.name}",
-            "settings": {
-                "virtual_printer": to_plain(printer, without_none=True),
-                "seed": options.seed,
-                "seconds_a_press": SECONDS_PER_PRESS,
-            },
-        },
-        gauge={
-            "identity": "none",
-            "simulated": "no gauge: forces from the contact model",
-            "calibration": {},
-            "settings": {},
-        },
-        sensor={
-            "name": SIMULATED,
-            "simulated": SIMULATED,
-            "units": "counts",
-            "shape": list(sensor.shape),
-            "settings": {"requested": {"colour": options.colour, "look": options.look}, "actual": sensor.as_dict()},
-        },
-    )
+    rig = ideal_rig(planned.printed, study.protocol.contact, options)
+    return RunInfo.of(study, planned, None, 0, **rig.info)
 
 
-class FrameSource:
-    """Computes the frames of one run. The same press always gives the same bytes.
+def ideal_rig(printed: PrintedBlock, contact: ContactMode, options: SimulationOptions) -> Rig:
+    """Return a simulated rig without a block, whose clock never waits.
+
+    Its stage moves at once, so the time of a press does not depend on the way to it. Its gauge has no noise.
 
     Args:
-        info: The run.
+        printed: The block that the rig will press.
+        contact: ``force``, or ``depth`` for a rig without a gauge.
         options: The options of the simulation.
-
-    Attributes:
-        sensor: The sensor.
     """
+    clock, printer = Clock(speed=math.inf), printer_of(printed, options.printers)
+    simulated = SimulatedStage(Clock(speed=math.inf), reach_mm=EVERYWHERE)
+    simulated.simulated = f"simulated stage; block from a virtual printer, {printer.name}"
+    stage = LimitedStage(simulated, EVERYWHERE)
+    gauge = SimulatedGauge(stage.position, clock, noise_n=0.0) if contact == "force" else None
+    look = {"colour": options.colour, "look": options.look}
+    sensor = SimulatedSensor(stage.followed_mm, clock, look, in_motion=lambda: stage.moving_mm is not None)
+    known = {
+        "virtual_printer": to_plain(printer, without_none=True),
+        "seed": options.seed,
+        "seconds_a_press": SECONDS_PER_PRESS,
+    }
+    settings = RigSettings(
+        stage=StageSettings(driver="simulated", limits_mm=EVERYWHERE, home=False, options=known),
+        gauge=GaugeSettings(driver=NO_GAUGE if gauge is None else "simulated"),
+        sensor=SensorSettings(driver="simulated", options=look),
+    )
+    following = (sensor,) if gauge is None else (gauge, sensor)
+    return Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
 
-    def __init__(self, info: RunInfo, options: SimulationOptions) -> None:
-        self.info = info
-        self._seed, self._printers = options.seed, options.printers
-        self.sensor = options.sensor
-        # If repeats of a press have the same pose, the pins are kept, about 6 kB for each press.
-        self._kept: dict[tuple[int, int, int], tuple[Point, float, Pins]] = {}
 
-    @cached_property
-    def _contact(self) -> DomeContact:
-        """Print the block when the first press needs it, so that a complete run takes no time."""
-        printed, holder = self.info.plan.printed, self.info.plan.holder
-        return contact_for(printed, holder, printer_of(printed, self._printers), seed=self._seed)
+def lay_block(rig: Rig, info: RunInfo, options: SimulationOptions) -> Callable[[Press], float]:
+    """Print the block of a run and lay it on an ideal rig.
 
-    def pressed(self, press: Press) -> tuple[Point, float, Pins]:
-        """Return pose, contact force in N, and pins of a press at its target force or depth.
+    Returns:
+        A function that returns the height at which a press reaches its force or depth, in mm of the work frame. It
+        raises ``InputError`` if the force cannot be reached there, or the height is below the depth limit.
+    """
+    plan = info.plan
+    contact = contact_for(plan.printed, plan.holder, printer_of(plan.printed, options.printers), seed=options.seed)
+    for device in rig.following:
+        device.lay(contact, plan.frame)
+    limit_mm = plan.protocol.depth_limit_mm
 
-        The pose is that of the summit in the work frame, as a stage reports it. The pins are those after an individual
-        approach, see :meth:`~tacbench_cad.lab.simulate.tactip.TacTip.approach`.
-
-        Raises:
-            InputError: The force cannot be reached there, or its depth is below the depth limit.
-        """
-        key = (press.force_level, press.position, press.repeat if self.sensor.look.misses else 0)
-        if key not in self._kept:
-            contact = self._contact
-            pose = (press.x_mm, press.y_mm, self._depth_of(press, contact))
-            rng = seeded("approach", self._seed, self.info.printed.name, press.number)
-            self._kept[key] = (pose, contact.force_n(*pose), self.sensor.approach(contact, pose, rng))
-        return self._kept[key]
-
-    def moving(self, press: Press, pose: Point, when: datetime) -> list[MovingFrame]:
-        """Return the frames of the motion after a press, at constant speed; none without a motion.
-
-        Args:
-            press: The press.
-            pose: The pose of the press, where the motion begins.
-            when: The time at which the motion begins.
-        """
-        motion, count, drag = motion_of(self.info.plan.protocol.motion), self.info.series_frames, Drag()
-        frames: list[MovingFrame] = []
-        for index in range(count if motion else 0):
-            assert motion is not None
-            fraction = index / (count - 1)
-            (dx, dy), time_s = motion.shift_mm(fraction), fraction * motion.seconds
-            at, contact = (pose[0] + dx, pose[1] + dy, pose[2]), self._contact
-            force_n = contact.force_n(*at)
-            # The error of the approach stays the same during the motion.
-            rng = seeded("approach", self._seed, self.info.printed.name, press.number)
-            pins = self.sensor.approach(contact, at, rng, drag.move(at, force_n))
-            name = f"press {press.number} moving {index}"
-            moving = MovingFrame(
-                frame=self.frame(pins, name, when + timedelta(seconds=time_s)),
-                time_s=time_s,
-                pose_mm=at,
-                pose_from="time",
-                force_n=force_n,
-            )
-            frames.append(moving)
-        return frames
-
-    def _depth_of(self, press: Press, contact: DomeContact) -> float:
+    def height_mm(press: Press) -> float:
         if press.target_n is not None:
             z = contact.z_for_force(press.x_mm, press.y_mm, press.target_n)
         else:
             assert press.depth_mm is not None, "a press has a force or a depth"
             z = contact.first_touch(press.x_mm, press.y_mm) - press.depth_mm
-        limit = self.info.plan.protocol.depth_limit_mm
-        if z < -limit:
-            raise InputError(
-                "depth_limit_mm",
-                limit,
-                f"press {press.number} of {self.info.printed.name} would go {-z:.3f} mm below the block's top",
-            )
+        if z < -limit_mm:
+            below = f"press {press.number} of {plan.printed.name} would go {-z:.3f} mm below the block's top"
+            raise InputError("depth_limit_mm", limit_mm, below)
         return z
 
-    def frame(self, pins: Pins, name: str, when: datetime = BEGIN) -> Frame:
-        """Return a frame of pins. Its name is the seed of the noise."""
-        rng = seeded("image", self._seed, self.info.printed.name, name)
-        return self.sensor.frame(pins, rng, (when - BEGIN).total_seconds())
+    rig.known_mm = height_mm
+    return height_mm
+
+
+class _Pace(PressProgress):
+    """Gives each press a time and a noise of its own, so that a resumed run ends like an uninterrupted one."""
+
+    def __init__(self, clock: Clock, sensor: Any, seed: int) -> None:
+        self._clock, self._sensor, self._seed, self._name = clock, sensor, seed, ""
+        self._target_n: float | None = None
+        self.worst_n = 0.0
+
+    def begin(self, name: str, done: int, total: int) -> None:
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
+        self._name = name
+        self._start("session", done)
+
+    def before(self, press: Press, check: Callable[[], None]) -> None:
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
+        self._target_n = press.target_n
+        self._start("press", press.number)
+
+    def pressed(self, done: int, force: Force | None, in_band: bool | None, image: Path) -> None:
+        """See :class:`~tacbench_cad.lab.acquire.progress.PressProgress`."""
+        if force is not None and self._target_n is not None:
+            self.worst_n = max(self.worst_n, abs(force.mean_n - self._target_n))
+
+    def _start(self, what: str, number: int) -> None:
+        self._clock.sleep(SECONDS_PER_PRESS * number - self._clock.now_s())
+        self._sensor.reseed(seeded("image", self._seed, self._name, what, number))
 
 
 def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> SimulatedBlock:
@@ -216,32 +197,24 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
     import cv2
 
     cv2.setNumThreads(1)  # blocks run in parallel processes, so threads would only slow each other down
-    folder = out / info.printed.name
+    name = info.printed.name
+    folder, plan = out / name, info.plan
     _record_print(folder, info, options)
-    with RunWriter.open(folder, info, durable=False) as run:
-        source = FrameSource(info, options)
-        missing = run.missing(info.presses)
-        images, worst = len(missing) * (1 + info.series_frames), 0.0
-        if run.reference_time is None:
-            run.reference(source.frame(source.sensor.rest, "reference 0"), BEGIN)
-            images += 1
-        images += _stationary(run, source, "start")
-        for press in missing:
-            now = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * press.number)
-            since = run.reference_time
-            if since is None or (now - since).total_seconds() > info.plan.protocol.reference_every_s:
-                run.reference(source.frame(source.sensor.rest, f"reference before {press.number}", now), now)
-                images += 1
-            pose, force_n, pins = source.pressed(press)
-            force = in_band = None
-            if press.target_n is not None and press.band_n is not None:
-                force = Force(mean_n=force_n, spread_n=0.0, samples=1)
-                error = abs(force_n - press.target_n)
-                in_band, worst = error <= press.band_n, max(worst, error)
-            frame, moving = source.frame(pins, f"press {press.number}", now), source.moving(press, pose, now)
-            run.press(press, pose, frame, force, force, in_band, now, moving)
-        images += _stationary(run, source, "end")
-    return SimulatedBlock(name=info.printed.name, presses=len(missing), images=images, worst_n=worst)
+    if is_complete(folder, info):
+        return SimulatedBlock(name=name, presses=0, images=0, worst_n=0.0)
+    before = images_there(folder)
+    rig = ideal_rig(plan.printed, plan.protocol.contact, options)
+    lay_block(rig, info, options)
+    pace = _Pace(rig.clock, rig.sensor, options.seed)
+    result = press_block(rig, info, folder, signals=Signals(), progress=pace, durable=False)
+    images = images_there(folder) - before
+    return SimulatedBlock(name=name, presses=result.presses, images=images, worst_n=pace.worst_n)
+
+
+def images_there(folder: Path) -> int:
+    """Return the number of images in a run folder."""
+    frames = sum(1 for name in schema.FRAME_FOLDERS for _ in (folder / name).glob("*.png"))
+    return frames + sum(1 for _ in (folder / schema.SERIES_FOLDER).glob("*/*.png"))
 
 
 def other_images(info: RunInfo) -> int:
@@ -249,20 +222,6 @@ def other_images(info: RunInfo) -> int:
     presses_each = math.floor(info.plan.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
     moving = len(info.presses) * info.series_frames
     return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.stationary_frames + moving
-
-
-def _stationary(run: RunWriter, source: FrameSource, when: schema.When) -> int:
-    """Write the missing frames without motion, and return their number."""
-    count = 0
-    # The frames at the start are recorded after the light has settled, those at the end after the last press.
-    at = BEGIN + timedelta(seconds=SECONDS_PER_PRESS * (1 if when == "start" else len(run.info.presses)))
-    for in_contact, state in ((True, "pressed"), (False, "free")):
-        for index in run.stationary_missing(when, in_contact, run.info.plan.protocol.stationary_frames):
-            pins = source.pressed(run.info.middle_press)[2] if in_contact else source.sensor.rest
-            frame = source.frame(pins, f"stationary {when} {index} {state}", at)
-            run.stationary(when, in_contact, index, frame)
-            count += 1
-    return count
 
 
 def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:

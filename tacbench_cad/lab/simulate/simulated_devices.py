@@ -56,7 +56,11 @@ class _Follower(Closing):
             holder: The rim of the holder.
             frame: The work frame of the block on the stage.
         """
-        self._contact, self._frame = contact_for(printed, holder), frame
+        self.lay(contact_for(printed, holder), frame)
+
+    def lay(self, contact: DomeContact, frame: WorkFrame) -> None:
+        """Replace the surface under the sensor."""
+        self._contact, self._frame = contact, frame
 
     def _pose(self) -> Point:
         """Return the summit's reported position in the work frame."""
@@ -70,10 +74,19 @@ class SimulatedGauge(_Follower):
         position: Returns the stage's reported position in its own frame.
         clock: The rig's time.
         seed: The seed of the noise; None for a random one.
+        noise_n: The standard deviation of a sample.
     """
 
-    def __init__(self, position: Callable[[], Point], clock: Clock, *, seed: int | None = None) -> None:
+    def __init__(
+        self,
+        position: Callable[[], Point],
+        clock: Clock,
+        *,
+        seed: int | None = None,
+        noise_n: float = GAUGE_NOISE_N,
+    ) -> None:
         super().__init__(position, clock, seed)
+        self._noise_n = noise_n
         self.identity = "simulated load cell"
         self.simulated = "simulated load cell"
         self.calibration: dict[str, object] = {}
@@ -84,7 +97,7 @@ class SimulatedGauge(_Follower):
         samples = max(1, round(window_s * GAUGE_RATE_HZ))
         self._clock.sleep(samples / GAUGE_RATE_HZ)
         true_n = 0.0 if self._contact is None else self._contact.force_n(*self._pose())
-        values = true_n - self._zero_n + GAUGE_NOISE_N * self._rng.standard_normal(samples)
+        values = true_n - self._zero_n + self._noise_n * self._rng.standard_normal(samples)
         return Force(mean_n=float(np.mean(values)), spread_n=float(np.std(values)), samples=samples)
 
     def tare(self) -> None:
@@ -139,6 +152,10 @@ class SimulatedSensor(_Follower):
         self.shape = self._tactip.shape
         self.simulated = SIMULATED
         self.settings: dict[str, Any] = {"requested": dict(options or {}), "actual": self._tactip.as_dict()}
+
+    def reseed(self, rng: np.random.Generator) -> None:
+        """Draw all further noise from another random generator."""
+        self._rng, self._before_approach = rng, rng.bit_generator.state
 
     def read(self) -> Frame:
         """Return an image at the reported position, one frame later."""

@@ -15,7 +15,7 @@ from annotated_types import Interval
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.rig.registry import Driver
-from tacbench_cad.lab.rig.stage import Closing, no_report
+from tacbench_cad.lab.rig.stage import Closing, Limits, no_report
 from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.util.convert import from_plain
 
@@ -39,11 +39,12 @@ class SimulatedStage(Closing):
     Args:
         clock: The rig's time.
         summit_mm: The summit at the start.
+        reach_mm: The space in which the summit can move.
     """
 
-    def __init__(self, clock: Clock | None = None, summit_mm: Point = HOME_MM) -> None:
+    def __init__(self, clock: Clock | None = None, summit_mm: Point = HOME_MM, reach_mm: Limits = REACH_MM) -> None:
         self.identity, self.simulated = "simulated stage", "simulated stage"
-        self.clock = clock or Clock()
+        self.clock, self._reach_mm = clock or Clock(), reach_mm
         self._start_mm = self._end_mm = summit_mm
         self._began_s = self._ends_s = 0.0
         self._stopped = self._closed = False
@@ -124,7 +125,7 @@ class SimulatedStage(Closing):
         self._require_open()
         if self._stopped:
             raise PositionLostError("simulated stage: was stopped on request; home the stage first")
-        if not all(low <= value <= high for value, (low, high) in zip(target_mm, REACH_MM, strict=True)):
+        if not all(low <= value <= high for value, (low, high) in zip(target_mm, self._reach_mm, strict=True)):
             shown = "x {:.3f}, y {:.3f}, z {:.3f} mm".format(*target_mm)
             raise OutOfRangeError(f"simulated stage: {shown} is beyond its reach; nothing moved")
 

@@ -12,13 +12,14 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import encoded
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.simulate.blockrun import (
-    FrameSource,
     SimulatedBlock,
     SimulationOptions,
+    ideal_rig,
+    images_there,
+    lay_block,
     other_images,
     run_info,
     simulate_block,
@@ -239,21 +240,17 @@ def simulate_study(
         return [future.result() for future in futures]
 
 
-def images_there(folder: Path) -> int:
-    """Return the number of images in a run folder."""
-    frames = sum(1 for name in schema.FRAME_FOLDERS for _ in (folder / name).glob("*.png"))
-    return frames + sum(1 for _ in (folder / schema.SERIES_FOLDER).glob("*/*.png"))
-
-
 def _measured(info: RunInfo, options: SimulationOptions) -> tuple[float, float]:
     """Return mean bytes and processor seconds of a run's image, from presses spread over the run, each drawn twice.
 
     This is as in the run itself, where repeats and stationary frames share the computation of a pose.
     """
-    source = FrameSource(info, options)
+    rig = ideal_rig(info.plan.printed, info.plan.protocol.contact, options)
+    height_mm = lay_block(rig, info, options)
 
     def size(press: Press) -> int:
-        return len(encoded(source.frame(source.pressed(press)[2], f"press {press.number}"), info.simulated)[0])
+        rig.stage.move((press.x_mm, press.y_mm, height_mm(press)), 1.0)
+        return len(encoded(rig.sensor.read(), info.simulated)[0])
 
     size(info.presses[-1])  # does the imports and the print, which occur only once
     began = time.process_time()

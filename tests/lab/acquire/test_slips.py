@@ -51,7 +51,7 @@ def test_a_clock_that_is_set_back_an_hour_hides_no_slip_and_no_reference(
         def now(cls, tz: tzinfo | None = None) -> datetime:
             return datetime.now(tz) - timedelta(hours=len(trial.wrong_mm) > 1)
 
-    monkeypatch.setattr("tacbench_cad.lab.acquire.block_presses.datetime", SetBack)
+    monkeypatch.setattr("tacbench_cad.lab.rig.clock.datetime", SetBack)
     run = trial.run()
     second, third = sorted(run.rows, key=lambda row: row.number)[1:3]
     assert third.time_utc < second.time_utc, "the clock was set back in the run"

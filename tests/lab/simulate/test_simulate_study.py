@@ -148,7 +148,7 @@ def test_everything_is_marked_as_simulated(study_folder: Path) -> None:
         assert len(run.info.simulated) == 3
         assert "virtual printer, ender-3 with petg" in run.info.simulated[0]
         document = json.loads((folder / "run.json").read_text())
-        assert document["stage"]["settings"]["virtual_printer"]["layer_mm"] == 0.2
+        assert document["stage"]["settings"]["options"]["virtual_printer"]["layer_mm"] == 0.2
         for image in folder.rglob("*.png"):
             assert b"tEXtsimulated\0" in image.read_bytes()[:200]
         record = run.print_record
