@@ -89,7 +89,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         out = chosen.out or Path(temporary)
         study = virtual_study(texture=chosen.texture, driver=chosen.driver, speed=chosen.speed)
-        protocol = replace(study.study.protocol, stationary_frames=0)
+        protocol = study.study.protocol.changed(stationary_frames=0)
         run_start = time.perf_counter()
         (result,) = acquire_study(
             replace(study.study, protocol=protocol),

@@ -126,7 +126,7 @@ def measure(driver: str, texture: str) -> Parts:
 
     study = virtual_study(texture=texture, driver=driver, speed=1.0)
     grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0,))
-    protocol = replace(study.study.protocol, stationary_frames=0, home_every=0, grid=grid)
+    protocol = study.study.protocol.changed(stationary_frames=0, home_every=0, grid=grid)
     with tempfile.TemporaryDirectory() as out:
         acquire_study(
             replace(study.study, protocol=protocol),

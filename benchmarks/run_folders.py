@@ -67,7 +67,7 @@ def _write_and_check(folder: Path, runs: int) -> bool:
     info = RunInfo(
         printed=PrintedBlock(block=Block.of(4), printer="ender-3", filament="petg"),
         levels=(1, 2, 3),
-        protocol=Protocol(stationary_frames=0),
+        protocol=Protocol().changed(stationary_frames=0),
         grid_spacing="even",
         holder=HolderRim(),
         frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),

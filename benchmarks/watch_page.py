@@ -111,7 +111,7 @@ def main() -> int:
             yield replace(rig, **timed)
 
     study = virtual_study(texture=chosen.texture, speed=chosen.speed)
-    protocol = replace(study.study.protocol, stationary_frames=0)
+    protocol = study.study.protocol.changed(stationary_frames=0)
     person = Typing(lambda prompt: "", print)
     flags = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     said: list[str] = []

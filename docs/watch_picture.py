@@ -21,7 +21,7 @@ textures = [4, 1]
 prints = [{ printer = "bambu-p1p", filament = "pla-minus" }]
 [protocol]
 repeats = 1
-stationary_frames = 2
+checks.stationary_frames = 2
 [stage]
 driver = "virtual-grbl"
 options = { speed = 30 }

@@ -21,8 +21,8 @@ STUDY = """
 textures = [1, 4]
 prints = [{ printer = "resin", filament = "resin", copies = 2 }]
 [protocol]
-grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
-stationary_frames = 1
+positions.grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
+checks.stationary_frames = 1
 repeats = 1
 """
 PROGRAM = """

@@ -287,7 +287,7 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     settings = replace(study.required_rig, sensor=SensorSettings(driver="simulated"))
     stage, protocol = settings.stage, study.study.protocol
     printed = block_order(study.study)[0].printed
-    corner_markers(protocol.grid)  # a grid that shows no rotation is refused before a device is opened
+    corner_markers(protocol.positions.grid)  # a grid that shows no rotation is refused before a device is opened
 
     def give_up(error: RunInterruptedError) -> None:
         note(f"error: interrupted; gave up {error.gave_up}, which did not return; look whether the sensor is lifted")
@@ -308,7 +308,7 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
             say=click.echo,
             travel_mm_s=stage.travel_mm_s,
             approach_mm_s=stage.approach_mm_s,
-            force_n=None if gauge is None else lambda: gauge.read(protocol.force_window_s).mean_n,
+            force_n=None if gauge is None else lambda: gauge.read(protocol.steps.force_window_s).mean_n,
             may_home=stage.home,
             uninterrupted=signals.ignored,
         )

@@ -119,7 +119,7 @@ def _gauge(path: Path, calibrate: Callable[[str, Path], None]) -> None:
         port = _chosen("the load cell", ports, "none: press to a depth instead of a force")
         if port == "none":
             store_keys(path, "gauge", {"driver": "none"})
-            store_keys(path, "protocol", {"contact": "depth", "touch": "sensor"})
+            store_keys(path, "protocol.targets", {"contact": "depth", "touch": "sensor"})
             return
         note(f"asking {port}")
         note(identify(port).identity)
@@ -153,11 +153,11 @@ def _first_press(path: Path) -> None:
     chosen = read_study(path)
     study = first_press(chosen.study)
     protocol = study.protocol
-    force = protocol.contact == "force"
-    goal = f"{protocol.forces_n[0]:g} N" if force else f"{protocol.depths_mm[0]:g} mm below first touch"
-    note(f"One press in the middle of the grid, to {goal}, in steps of {protocol.approach_step_mm:g} mm.")
+    force = protocol.targets.contact == "force"
+    goal = f"{protocol.targets.forces_n[0]:g} N" if force else f"{protocol.targets.depths_mm[0]:g} mm below first touch"
+    note(f"One press in the middle of the grid, to {goal}, in steps of {protocol.steps.approach_step_mm:g} mm.")
     if force:
-        note(f"A force of {protocol.hard_limit_n:g} N stops it and lifts the sensor.")
+        note(f"A force of {protocol.limits.hard_limit_n:g} N stops it and lifts the sensor.")
     note("Keep a hand at the switch that cuts the power of the motors.")
     folder = path.with_name(FOLDER)
     ask_line("take the pointer and the jig away, mount the sensor, put the block in, and press Enter: ")
@@ -179,9 +179,8 @@ def first_press(study: Study) -> Study:
     Forces, depth and steps are small, whatever the study's protocol says. Its other settings stay.
     """
     protocol = study.protocol
-    x, y = protocol.grid.x_mm, protocol.grid.y_mm
-    careful = replace(
-        protocol,
+    x, y = protocol.positions.grid.x_mm, protocol.positions.grid.y_mm
+    careful = protocol.changed(
         grid=PressGrid(x_mm=(x[len(x) // 2],), y_mm=(y[len(y) // 2],)),
         repeats=1,
         stationary_frames=0,
@@ -189,8 +188,8 @@ def first_press(study: Study) -> Study:
         forces_n=(FIRST_FORCE_N,),
         bands_n=(FIRST_BAND_N,),
         depths_mm=(FIRST_DEPTH_MM,),
-        hard_limit_n=min(protocol.hard_limit_n, FIRST_LIMIT_N),
-        approach_step_mm=min(protocol.approach_step_mm, FIRST_STEP_MM),
+        hard_limit_n=min(protocol.limits.hard_limit_n, FIRST_LIMIT_N),
+        approach_step_mm=min(protocol.steps.approach_step_mm, FIRST_STEP_MM),
     )
     return replace(
         study, blocks=(replace(study.blocks[0], levels=careful.all_levels),), protocol=careful, grid_spacing="own"

@@ -141,17 +141,17 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
     cells: dict[tuple[int, ...], int] = {}
     for info in infos:
         cells[info.levels] = cells.get(info.levels, 0) + 1
-    places = f"{counted(len(protocol.grid.positions_mm), 'position')}, {counted(protocol.repeats, 'repeat')}"
+    places = f"{counted(len(protocol.positions.grid.positions_mm), 'position')}, {counted(protocol.repeats, 'repeat')}"
     images = f"{counted(needed.presses, 'image')} of presses ({places})"
     lines = [f"simulated study: {counted(needed.blocks, 'block')}, {images}:"]
     for levels, blocks in cells.items():
-        presses = blocks * len(levels) * protocol.repeats * len(protocol.grid.positions_mm)
+        presses = blocks * len(levels) * protocol.repeats * len(protocol.positions.grid.positions_mm)
         shown = ", ".join(str(level) for level in levels)
         forces = "force level" if len(levels) == 1 else "force levels"
         lines.append(f"  {counted(blocks, 'block')} at {forces} {shown}: {counted(presses, 'image')}")
     lines.append(
         f"  {needed.others:,} other images: for each block, frames without contact and 4 x "
-        f"{protocol.stationary_frames} frames without motion"
+        f"{protocol.checks.stationary_frames} frames without motion"
         + (f", and {protocol.series_frames} moving frames after each press" if protocol.series_frames else "")
     )
     kind = f"look {how.look}, {'colour' if how.colour else 'grey'}"

@@ -164,7 +164,9 @@ def _input_error(errors: Sequence[ErrorDetails], values: Any, keys: set[str], wh
         allowed = "has too few items"
     if kind.startswith("union_tag"):
         path.append(context["discriminator"].strip("'"))
-    if kind == "unexpected_keyword_argument" and not (hint := nearest(str(path[-1]), keys)).startswith("allowed"):
+    if kind == "unexpected_keyword_argument" and path[-1] in keys:
+        allowed = "is a key of another table"
+    elif kind == "unexpected_keyword_argument" and not (hint := nearest(str(path[-1]), keys)).startswith("allowed"):
         allowed = f"{allowed}; {hint}"
     is_table = isinstance(worst["input"], Mapping) or kind in ("unexpected_keyword_argument", "dataclass_type")
     place = _place(path, allowed == "must be a table")

@@ -31,12 +31,12 @@ texture = 2
 printer = "bambu"
 filament = "PLA-"
 [protocol]
-grid = { x_mm = [4.0, 9.0], y_mm = [18.0] }
-forces_n = [0.5]
-bands_n = [0.02]
+positions.grid = { x_mm = [4.0, 9.0], y_mm = [18.0] }
+targets.forces_n = [0.5]
+targets.bands_n = [0.02]
 repeats = REPEATS
-stationary_frames = 1
-clearance_mm = 1.0
+checks.stationary_frames = 1
+limits.clearance_mm = 1.0
 [stage]
 driver = "virtual-grbl"
 options = { speed = 100.0 }
@@ -50,7 +50,7 @@ driver = "simulated"
 def virtual_file(folder: Path, repeats: int = 1, **changes: str) -> Path:
     text = VIRTUAL.replace("REPEATS", str(repeats))
     for old, new in changes.items():
-        text = re.sub(rf"(?m)^{old} = .*$", f"{old} = {new}", text)
+        text = re.sub(rf"(?m)^((?:\w+\.)?{old}) = .*$", rf"\g<1> = {new}", text)
     path = folder / "study.toml"
     path.write_text(text)
     return path
@@ -94,7 +94,7 @@ def test_a_virtual_rig_records_a_run_and_resumes_it(tmp_path: Path, capsys: Capt
     assert main(["acquire", str(path)]) == 0
     assert "complete: 1 of 1 block\n" in capsys.readouterr().err
     assert main(["acquire", str(virtual_file(tmp_path, forces_n="[0.6]"))]) == 2
-    assert "protocol.forces_n was [0.5], is now [0.6]" in capsys.readouterr().err
+    assert "protocol.targets.forces_n was [0.5], is now [0.6]" in capsys.readouterr().err
 
 
 @needs_pty
@@ -154,7 +154,7 @@ def test_bad_input_ends_with_2(
         ({"forces_n": "[6.0]"}, "must be below 5 N, the hard limit"),
         ({"grid": "{ x_mm = [4.0, 90.0], y_mm = [18.0] }"}, "the block is too small for the press grid"),
         ({"clearance_mm": "150.0"}, "limits_mm z"),
-        ({"stationary_frames": "1\nsetle_s = 1.0"}, 'did you mean "settle_s"?'),
+        ({"stationary_frames": "1\nchecks.setle_s = 1.0"}, 'did you mean "settle_s"?'),
         ({"driver": '"none"'}, "driver"),
     ],
 )

@@ -32,15 +32,15 @@ printer = "bambu-p1p"
 filament = "pla-minus"
 
 [protocol]
-forces_n = [0.5]
-bands_n = [0.05]
-grid = {{ x_mm = [4, 9], y_mm = [14, 18, 23] }}
+targets.forces_n = [0.5]
+targets.bands_n = [0.05]
+positions.grid = {{ x_mm = [4, 9], y_mm = [14, 18, 23] }}
 repeats = 1
-stationary_frames = 0
-home_every = {home_every}
-settle_s = 0.005
-force_window_s = 0.02
-clearance_mm = 2
+checks.stationary_frames = 0
+checks.home_every = {home_every}
+steps.settle_s = 0.005
+steps.force_window_s = 0.02
+limits.clearance_mm = 2
 
 [stage]
 driver = "grbl"

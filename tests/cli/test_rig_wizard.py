@@ -164,9 +164,9 @@ def test_the_first_press_is_careful_whatever_the_study_says() -> None:
     study = virtual_study().study
     careful = first_press(study)
     assert careful.presses == 1
-    assert careful.protocol.forces_n == (0.1,) and careful.protocol.hard_limit_n == 1.0
-    assert careful.protocol.grid.positions_mm.tolist() == [[6.5, 20.5]]
-    assert careful.protocol.settle_s == study.protocol.settle_s
+    assert careful.protocol.targets.forces_n == (0.1,) and careful.protocol.limits.hard_limit_n == 1.0
+    assert careful.protocol.positions.grid.positions_mm.tolist() == [[6.5, 20.5]]
+    assert careful.protocol.steps.settle_s == study.protocol.steps.settle_s
 
 
 def test_keys_become_comments(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def on_doubles(folder: Path, seed: int) -> None:
     doubles.sensor = FakeSensor(doubles.stage, doubles.plate, size=(120, 160), seed=seed)
     rig = doubles.rig()
     rig.clock = Clock(speed=1e6)
-    info = info_of(rig, Protocol(reference_every_s=1e7))
+    info = info_of(rig, Protocol().changed(reference_every_s=1e7))
     print("ready", flush=True)
     with Signals() as signals:
         press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())

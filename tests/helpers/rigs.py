@@ -46,7 +46,7 @@ def small_protocol(**changes: Any) -> Protocol:
         "home_every": 0,
         **changes,
     }
-    return Protocol(**values)
+    return Protocol().changed(**values)
 
 
 def printed(texture: int = 1, copy: int = 1) -> PrintedBlock:

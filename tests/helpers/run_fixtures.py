@@ -27,7 +27,7 @@ def make_info() -> MakeInfo:
     """Return a function that makes the small run's info with the given changes."""
 
     def make(shape: tuple[int, ...] = (24, 32), sensor: dict[str, Any] | None = None, **changes: Any) -> RunInfo:
-        protocol = Protocol(
+        protocol = Protocol().changed(
             forces_n=(0.5, 1.0),
             bands_n=(0.1, 0.1),
             grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)),
@@ -78,7 +78,7 @@ def press_all(writer: RunWriter, count: int | None = None) -> None:
         writer.reference(frame(0), START)
     for when in ("start", "end"):
         for contact in (True, False):
-            for index in writer.stationary_missing(when, contact, writer.info.protocol.stationary_frames):
+            for index in writer.stationary_missing(when, contact, writer.info.protocol.checks.stationary_frames):
                 writer.stationary(when, contact, index, frame(1000 * (1 + 2 * (when == "end") + contact) + index))
     for press in writer.missing(writer.info.presses)[:count]:
         force = Force(mean_n=0.5 + press.number / 100, spread_n=0.01, samples=4)

@@ -7,11 +7,11 @@ texture = 4
 printer = "bambu-p1p"
 filament = "pla-minus"
 [protocol]
-forces_n = [1.0]
-bands_n = [0.05]
+targets.forces_n = [1.0]
+targets.bands_n = [0.05]
 repeats = 1
-stationary_frames = 2
-grid = { x_mm = [5, 8], y_mm = [19] }
+checks.stationary_frames = 2
+positions.grid = { x_mm = [5, 8], y_mm = [19] }
 [stage]
 driver = "virtual-grbl"
 options = { speed = 50 }

@@ -107,7 +107,7 @@ def write_run(folder: Path, printed: PrintedBlock, plan: Plan) -> Path:
     info = RunInfo(
         printed=printed,
         levels=plan.levels,
-        protocol=Protocol(
+        protocol=Protocol().changed(
             grid=plan.grid,
             stationary_frames=plan.still,
             motion=MotionSettings(name="slide", frames=plan.moving_frames) if plan.moving else None,

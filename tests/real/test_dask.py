@@ -253,7 +253,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
 
     monkeypatch.chdir(tmp_path)
     study = quick_study()
-    protocol = replace(study.protocol, grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)), stationary_frames=2)
+    protocol = study.protocol.changed(grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0)), stationary_frames=2)
     selected = [block for block in study.blocks if block.printed.texture in ("texture-1", "texture-4")]
     blocks = [replace(block, levels=(2,)) for block in selected]
     study = replace(study, blocks=tuple(blocks), protocol=protocol)

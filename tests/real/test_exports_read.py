@@ -31,7 +31,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write one run for each of two textures, with 8 colour images and without gauge values or times."""
     out = tmp_path_factory.mktemp("runs")
     for texture in TEXTURES:
-        protocol = Protocol(
+        protocol = Protocol().changed(
             forces_n=(0.5, 1.0), bands_n=(0.1, 0.1), grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0,)), stationary_frames=0
         )
         info = RunInfo(

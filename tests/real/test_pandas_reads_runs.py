@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     info = RunInfo(
         printed=PrintedBlock(block=Block.of(6), printer="form-3", filament="grey-v4"),
         levels=(1, 2, 3),
-        protocol=Protocol(stationary_frames=0),
+        protocol=Protocol().changed(stationary_frames=0),
         grid_spacing="even",
         holder=HolderRim(),
         frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),

@@ -36,11 +36,11 @@ out = "runs"
 textures = [1, 4]
 prints = [{ printer = "bambu-p1p", filament = "pla-minus" }]
 [protocol]
-grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
-forces_n = [0.5, 1.5]
-bands_n = [0.02, 0.02]
+positions.grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
+targets.forces_n = [0.5, 1.5]
+targets.bands_n = [0.02, 0.02]
 repeats = 1
-stationary_frames = 1
+checks.stationary_frames = 1
 [stage]
 driver = "virtual-grbl"
 options = { speed = SPEED, faults = FAULTS }

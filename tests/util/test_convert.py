@@ -153,6 +153,7 @@ def changed(**values: Any) -> dict[str, Any]:
         (changed(began="soon"), "f: began = 'soon': must be a valid date"),
         (changed(grid="odd"), "f: grid = 'odd'"),
         (changed(grid={"x": [1]}), "f: [grid] x: unknown key"),
+        (changed(side="left", x_mm=[1]), "f: x_mm: is a key of another table"),
         (changed(printer={"a1": {"f": 1}}), "f: [printer.a1] amplitude: is missing"),
         (changed(printer=1), "f: [printer] = 1: must be a table"),
         (changed(note=["x"]), "f: note = ['x']: must be a string"),

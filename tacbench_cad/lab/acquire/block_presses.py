@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -153,7 +153,7 @@ class _BlockSession:
         self.protocol, gauge, known_mm = self.run.info.plan.protocol, self.rig.gauge, self.rig.known_mm
         if known_mm is not None:
             # An ideal stage does not slip, and nobody changes block or light between two sessions.
-            self.protocol = replace(self.protocol, home_every=0)
+            self.protocol = self.protocol.changed(home_every=0)
             if self.run.reference_time is not None:
                 age = self.rig.clock.utc() - self.run.reference_time
                 self._reference_s = self.rig.clock.now_s() - age.total_seconds()
@@ -187,7 +187,7 @@ class _BlockSession:
     def all(self) -> None:
         """Do everything that is missing. The sensor may end in contact; the caller lifts it."""
         self.checks.set_unchecked_aside()
-        self.watch.add(self.run.rows if self.protocol.home_every else ())
+        self.watch.add(self.run.rows if self.protocol.checks.home_every else ())
         middle = self.run.info.middle_press
         self.carriage.over(middle.x_mm, middle.y_mm)
         if self.force is not None:
@@ -261,7 +261,7 @@ class _BlockSession:
     def _count_misses(self, press: Press, contact: SettledPress) -> None:
         self._in_a_row = self._in_a_row + 1 if contact.in_band is False else 0
         self.missed += contact.in_band is False
-        if self._in_a_row >= self.protocol.misses_allowed:
+        if self._in_a_row >= self.protocol.checks.misses_allowed:
             assert contact.measured is not None
             raise RigError(
                 f"{self._in_a_row} presses in a row were outside the force band, the last with "
@@ -271,7 +271,7 @@ class _BlockSession:
 
     def _reference(self) -> None:
         """Record a frame of the free sensor. Every session begins with one, since block and light may have changed."""
-        self.rig.clock.sleep(self.protocol.settle_s)
+        self.rig.clock.sleep(self.protocol.steps.settle_s)
         time_utc = self.rig.clock.utc()
         self._reference_s = self.rig.clock.now_s()
         self.run.reference(self._read(), time_utc)
@@ -283,11 +283,11 @@ class _BlockSession:
 
     @property
     def _reference_is_due(self) -> bool:
-        return self._reference_age_s >= self.protocol.reference_every_s
+        return self._reference_age_s >= self.protocol.checks.reference_every_s
 
     def _stationary(self, when: Literal["start", "end"], middle: Press) -> None:
         """Record the missing frames without motion, in contact at the middle force and free."""
-        count = self.protocol.stationary_frames
+        count = self.protocol.checks.stationary_frames
         pressed = self.run.stationary_missing(when, True, count)
         if pressed:
             self.presser.press(middle)
@@ -299,7 +299,7 @@ class _BlockSession:
         free = self.run.stationary_missing(when, False, count)
         if free:
             self.carriage.over(middle.x_mm, middle.y_mm)
-            self.rig.clock.sleep(self.protocol.settle_s)
+            self.rig.clock.sleep(self.protocol.steps.settle_s)
             for index in free:
                 self.run.stationary(when, False, index, self._read())
 
@@ -317,11 +317,11 @@ class _BlockSession:
         return frame
 
     def _touch(self) -> Touch | None:
-        if self.protocol.contact == "force" or self.rig.known_mm is not None:
+        if self.protocol.targets.contact == "force" or self.rig.known_mm is not None:
             return None
-        if self.protocol.touch == "taught":
-            return taught(self.taught_mm, len(self.protocol.grid.positions_mm))
-        if self.protocol.touch == "sensor":
+        if self.protocol.targets.touch == "taught":
+            return taught(self.taught_mm, len(self.protocol.positions.grid.positions_mm))
+        if self.protocol.targets.touch == "sensor":
             return by_sensor(self.carriage, self.protocol, self.rig.sensor, self.rig.clock)
         assert self.force is not None, "touch by gauge without a gauge is refused before any device is opened"
         return by_gauge(self.carriage, self.protocol, self.force)

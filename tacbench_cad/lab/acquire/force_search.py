@@ -87,13 +87,13 @@ class ContactForce:
             ContactError: The force has changed too much for drift since the last press.
             RigError: The value is too large for a free sensor.
         """
-        free = self._raw(self.protocol.force_window_s)
+        free = self._raw(self.protocol.steps.force_window_s)
         if TOUCH_DEVIATIONS * free.spread_n > self.touch_n or self._has_drifted(free):
-            self.clock.sleep(self.protocol.settle_s)
-            free = self._raw(self.protocol.force_window_s)
+            self.clock.sleep(self.protocol.steps.settle_s)
+            free = self._raw(self.protocol.steps.force_window_s)
         self.touch_n = max(MIN_TOUCH_N, TOUCH_DEVIATIONS * free.spread_n)
         self._require_free(free.mean_n - self.zero_n)
-        max_free_n = FREE_FRACTION * self.protocol.hard_limit_n
+        max_free_n = FREE_FRACTION * self.protocol.limits.hard_limit_n
         if abs(free.mean_n) > max_free_n:
             raise RigError(
                 f"the gauge reads {free.mean_n:z.3f} N at the travel height, where the sensor is free (at most "
@@ -154,8 +154,8 @@ class ContactForce:
             ForceLimitError: The force is above the hard limit.
             RigError: The force is not a number.
         """
-        self.clock.sleep(self.protocol.settle_s)
-        return self._net(self.protocol.force_window_s)
+        self.clock.sleep(self.protocol.steps.settle_s)
+        return self._net(self.protocol.steps.force_window_s)
 
     def again(self) -> Force:
         """Read the force again without waiting, after the sensor was read.
@@ -164,10 +164,10 @@ class ContactForce:
             ForceLimitError: The force is above the hard limit.
             RigError: The force is not a number.
         """
-        return self._net(self.protocol.force_window_s)
+        return self._net(self.protocol.steps.force_window_s)
 
     def _has_drifted(self, free: Force) -> bool:
-        return abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.bands_n)
+        return abs(free.mean_n - self.zero_n) > DRIFT_FRACTION * min(self.protocol.targets.bands_n)
 
     def _require_free(self, net_n: float) -> None:
         if abs(net_n) > FREE_TOUCHES * self.touch_n:
@@ -190,10 +190,10 @@ class ContactForce:
             raise RigError(f"the gauge reads {read.mean_n} N")
         # Pulling is as harmful as pushing. The larger of the raw force and the force minus its zero counts.
         worst = max(abs(read.mean_n), abs(read.mean_n - self.zero_n))
-        if worst > self.protocol.hard_limit_n:
+        if worst > self.protocol.limits.hard_limit_n:
             raise ForceLimitError(
                 f"the force is {read.mean_n - self.zero_n:.3f} N at z = {self.carriage.at[2]:.3f} mm, above the hard "
-                f"limit of {self.protocol.hard_limit_n:g} N; the run was stopped"
+                f"limit of {self.protocol.limits.hard_limit_n:g} N; the run was stopped"
             )
         return read
 

@@ -93,9 +93,9 @@ class Presser:
         self.carriage = carriage
         self.force = force
         self.touch = touch
-        self._growth = KnownGrowth(step_mm=protocol.approach_step_mm)
+        self._growth = KnownGrowth(step_mm=protocol.steps.approach_step_mm)
         #: The longest move after which the force is still safe, if the sensor was free at its start.
-        self._blind_mm = protocol.approach_step_mm
+        self._blind_mm = protocol.steps.approach_step_mm
         self._free_mm: dict[int, float] = {}
         #: The largest difference between the heights at which the sensor was free and the formula's heights.
         self._above_nominal_mm = -math.inf
@@ -136,7 +136,7 @@ class Presser:
             RigError: A limit was exceeded or a device failed. The caller lifts the sensor.
         """
         known_mm = self._touch_mm.get(press.position)
-        if self.touch is None or self.protocol.touch == "taught" or known_mm is None:
+        if self.touch is None or self.protocol.targets.touch == "taught" or known_mm is None:
             return None
         self.carriage.over(press.x_mm, press.y_mm)
         if self.force is not None:
@@ -149,15 +149,15 @@ class Presser:
 
         The height is known in approach steps only.
         """
-        allowed_mm = max(self.protocol.slip_mm, FREE_STEPS * self.protocol.approach_step_mm)
+        allowed_mm = max(self.protocol.checks.slip_mm, FREE_STEPS * self.protocol.steps.approach_step_mm)
         return self.free_change_mm is not None and abs(self.free_change_mm) > allowed_mm
 
     def _to_force(self, press: Press) -> SettledPress:
-        force, step = self._gauge, self.protocol.approach_step_mm
+        force, step = self._gauge, self.protocol.steps.approach_step_mm
         assert press.target_n is not None
         assert press.band_n is not None
         low_n = press.target_n - press.band_n
-        slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.fine_step_mm)
+        slope = Slope(reach_mm=step, min_mm=2.0 * self.protocol.steps.fine_step_mm)
         known_mm = self._free_mm.get(press.position)
         self._start(press)
         free_mm = self.carriage.at[2]
@@ -202,11 +202,11 @@ class Presser:
         """
         protocol, carriage, force = self.protocol, self.carriage, self._gauge
         stiffness: float | None = None
-        min_step_mm = protocol.fine_step_mm
+        min_step_mm = protocol.steps.fine_step_mm
         best: tuple[float, float] | None = None
         # Far from the band, the force is read without waiting. Only a force that was read after a wait counts.
         is_near = now_n >= target_n - band_n
-        for _ in range(protocol.search_steps):
+        for _ in range(protocol.steps.search_steps):
             z = carriage.at[2]
             if is_near:
                 read = force.settled()
@@ -218,16 +218,16 @@ class Presser:
                 best = (abs(miss), z)
             slope.add(z, now_n)
             stiffness = slope.at(z) or stiffness
-            needed_mm = abs(miss) / stiffness if stiffness else protocol.approach_step_mm
+            needed_mm = abs(miss) / stiffness if stiffness else protocol.steps.approach_step_mm
             is_far = miss > FAR_BANDS * band_n
             if miss > 0.0:
                 fraction = FAR_FRACTION if is_far else 1.0
-                self._lower(min(max(fraction * needed_mm, min_step_mm), protocol.approach_step_mm))
+                self._lower(min(max(fraction * needed_mm, min_step_mm), protocol.steps.approach_step_mm))
                 # A stage whose own steps are coarser does not move at all. The next step is then longer.
-                stands = abs(carriage.at[2] - z) < protocol.fine_step_mm / 2.0
-                min_step_mm = 2.0 * min_step_mm if stands else protocol.fine_step_mm
+                stands = abs(carriage.at[2] - z) < protocol.steps.fine_step_mm / 2.0
+                min_step_mm = 2.0 * min_step_mm if stands else protocol.steps.fine_step_mm
             else:
-                self._from_above(z + min(max(needed_mm, min_step_mm), MAX_UP_STEPS * protocol.approach_step_mm))
+                self._from_above(z + min(max(needed_mm, min_step_mm), MAX_UP_STEPS * protocol.steps.approach_step_mm))
             if is_far:
                 now_n = force.glance().mean_n
             is_near = not is_far or now_n >= target_n - band_n
@@ -238,11 +238,11 @@ class Presser:
 
     def _to_depth(self, press: Press, depth_mm: float) -> SettledPress:
         assert self.touch is not None
-        step = self.protocol.approach_step_mm
+        step = self.protocol.steps.approach_step_mm
         if press.position not in self._touch_mm:
             self._touch_mm[press.position] = self.touch(press.position, self._down)
             self._free_mm[press.position] = self._touch_mm[press.position]
-            if self.protocol.touch != "taught":
+            if self.protocol.targets.touch != "taught":
                 self._first_touch(press, self._touch_mm[press.position])
             self.carriage.lift()
         self._start(press)
@@ -279,7 +279,7 @@ class Presser:
         """
         known = self._free_mm.get(press.position)
         if known is not None:
-            touched = self._descend(known + MARGIN_STEPS * self.protocol.approach_step_mm)
+            touched = self._descend(known + MARGIN_STEPS * self.protocol.steps.approach_step_mm)
         elif self.force is not None and self.nominal_mm is not None and self._above_nominal_mm > -math.inf:
             touched = self._descend(self.nominal_mm(press.x_mm, press.y_mm) + self._above_nominal_mm + NEW_MARGIN_MM)
         else:
@@ -312,13 +312,13 @@ class Presser:
     def _learn_safe_depth(self, depth_mm: float, measured: Force | None) -> None:
         """Learn from a press how far the sensor may move blindly from a free height."""
         if measured is not None and depth_mm > 0.0 and measured.mean_n > 0.0:
-            limit_n = BLIND_FRACTION * self.protocol.hard_limit_n
+            limit_n = BLIND_FRACTION * self.protocol.limits.hard_limit_n
             further = max(1.0, (limit_n / measured.mean_n) ** (1.0 / BLIND_POWER))
             self._blind_mm = max(self._blind_mm, depth_mm * further)
 
     def _down(self, by_mm: float) -> float:
         """Move down by at most an approach step, and read the gauge if there is one."""
-        z = self.carriage.to_height(self.carriage.aim_mm - min(by_mm, self.protocol.approach_step_mm))
+        z = self.carriage.to_height(self.carriage.aim_mm - min(by_mm, self.protocol.steps.approach_step_mm))
         if self.force is not None:
             self.force.glance()
         return z
@@ -328,10 +328,10 @@ class Presser:
 
     def _from_above(self, z_mm: float) -> None:
         """Lift half an approach step above a height and move down to it."""
-        extra = self.protocol.approach_step_mm / 2.0
+        extra = self.protocol.steps.approach_step_mm / 2.0
         self.carriage.to_height(max(z_mm, self.carriage.at[2]) + extra)
-        while self.carriage.aim_mm - z_mm > self.protocol.approach_step_mm:
-            self._down(self.protocol.approach_step_mm)
+        while self.carriage.aim_mm - z_mm > self.protocol.steps.approach_step_mm:
+            self._down(self.protocol.steps.approach_step_mm)
         self.carriage.to_height(z_mm)
 
     @property

@@ -29,7 +29,7 @@ DEVICE_S = 10.0
 
 def travel_height_mm(protocol: Protocol, holder: HolderRim) -> float:
     """Return the height of travel in the work frame: the clearance above the block and the rim, in mm."""
-    return protocol.clearance_mm + max(0.0, -holder.rim_mm)
+    return protocol.limits.clearance_mm + max(0.0, -holder.rim_mm)
 
 
 class RunInterruptedError(KeyboardInterrupt):
@@ -104,7 +104,7 @@ class Carriage:
 
     def __post_init__(self) -> None:
         self.travel_mm = travel_height_mm(self.protocol, self.holder)
-        self.lowest_mm = -self.protocol.depth_limit_mm
+        self.lowest_mm = -self.protocol.limits.depth_limit_mm
         #: The position that the stage reports, and the height that was last requested. They differ for a stage with
         #: coarse steps; steps smaller than its own add up only in the requested height.
         self.at: Point = self.frame.to_work(self.stage.position())
@@ -323,7 +323,7 @@ class Carriage:
     def _lift_more(self) -> None:
         """Lift by a clearance above the travel height."""
         x, y, z = self.at = self.frame.to_work(self.stage.position())
-        self._go((x, y, max(z, self.travel_mm) + self.protocol.clearance_mm), self.travel_mm_s)
+        self._go((x, y, max(z, self.travel_mm) + self.protocol.limits.clearance_mm), self.travel_mm_s)
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:

@@ -100,7 +100,7 @@ def require_reach(protocol: Protocol, holder: HolderRim, frames: Sequence[WorkFr
     Raises:
         InputError: A position is beyond a limit. The message has slot, axis and numbers.
     """
-    heights = (-protocol.depth_limit_mm, travel_height_mm(protocol, holder))
+    heights = (-protocol.limits.depth_limit_mm, travel_height_mm(protocol, holder))
     for slot, frame in enumerate(frames, start=1):
         points = protocol.path_mm().reshape(-1, 2)
         places = [frame.to_stage((float(x), float(y), z)) for x, y in points for z in heights]
@@ -172,8 +172,8 @@ def acquire_study(
             for place in tray:
                 if opened is None:
                     opened = devices.enter_context(opener(rig, place.printed, place.frame))
-                    if rig.stage.home and study.protocol.home_every:
-                        require_repeatable_homing(opened.stage, study.protocol.slip_mm)
+                    if rig.stage.home and study.protocol.checks.home_every:
+                        require_repeatable_homing(opened.stage, study.protocol.checks.slip_mm)
                 else:
                     opened.put(place.printed, place.frame)
                 info, heights = place.info(**opened.info), taught[place.slot]
@@ -243,7 +243,7 @@ def is_complete(folder: Path, info: RunInfo) -> bool:
         advice = "the run contains no press yet, so delete its folder, or choose another output folder"
     run.info.require_same(info, str(folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
-    count = run.info.plan.protocol.stationary_frames
+    count = run.info.plan.protocol.checks.stationary_frames
     done = {row.number for row in run.rows}
     checks = run.position_checks
     is_checked = not (any(check.covers_all_axes for check in checks) and since_good_check(run.rows, checks))
@@ -262,13 +262,13 @@ def _prepare(
         person.put_in(*question)
         progress.answered()
     protocol = place.study.protocol
-    if protocol.contact == "force" or protocol.touch != "taught":
+    if protocol.targets.contact == "force" or protocol.targets.touch != "taught":
         return ()
     path = place.folder / TAUGHT_FILE
     if path.exists():
         return read_toml(path, _Taught, "first touch", within=place.folder).z_mm
     progress.say(f"type the height of first touch on {place.printed.name} in the terminal")
-    heights = person.first_touch(place.printed, len(protocol.grid.positions_mm))
+    heights = person.first_touch(place.printed, len(protocol.positions.grid.positions_mm))
     place.folder.mkdir(parents=True, exist_ok=True)
     head = "# Heights of first touch, taught by hand, in mm of the work frame."
     write_text(path, f"{head}\nz_mm = [{', '.join(f'{height:.4f}' for height in heights)}]\n")

@@ -82,7 +82,7 @@ class HeightWatch:
         earlier = self._differences_mm.get(press.force_level)
         if not earlier or press.target_n is None:
             return False
-        allowed = self._plan.protocol.slip_mm
+        allowed = self._plan.protocol.checks.slip_mm
         if len(earlier) >= MIN_HEIGHTS:
             allowed = max(allowed, DEVIATIONS * float(np.std(earlier)))
         return abs(z_mm - self._expected(press) - statistics.median(earlier)) > allowed
@@ -199,7 +199,7 @@ def position_error(
         carriage.lift()
     offset = carriage.home_again() if carriage.may_home else None
     error = PositionError(offset_mm=offset, height_change_mm=touch_change)
-    if error.exceeds(presser.protocol.slip_mm):
+    if error.exceeds(presser.protocol.checks.slip_mm):
         # Nothing else may fail before this is stored.
         return error
     row = next((row for row in (reversed(unchecked) if carriage.may_home else unchecked) if row.in_band), None)
@@ -266,7 +266,7 @@ class PositionChecks:
         Raises:
             PositionLostError: The position was wrong.
         """
-        if not self.protocol.home_every:
+        if not self.protocol.checks.home_every:
             return
         row = self.run.rows[-1]
         unexpected = row.pose_z is not None and row.in_band and self.watch.is_suspicious(press, row.pose_z)
@@ -276,7 +276,7 @@ class PositionChecks:
             self.watch.forget()
         elif not self._checked:
             self.check("start", presses)
-        elif min(len(self.run.unchecked), presses - self._checked_at) >= self.protocol.home_every:
+        elif min(len(self.run.unchecked), presses - self._checked_at) >= self.protocol.checks.home_every:
             self.check("interval", presses)
         self.watch.add([row])
 
@@ -291,7 +291,7 @@ class PositionChecks:
             PositionLostError: The position was wrong. These presses were set aside.
         """
         unchecked = self.run.unchecked
-        if not unchecked or not self.protocol.home_every:
+        if not unchecked or not self.protocol.checks.home_every:
             return
         time_utc = self.rig.clock.utc()
         error = position_error(self.carriage, self.presser, unchecked, self._plan)
@@ -299,7 +299,7 @@ class PositionChecks:
         self._checked, self._checked_at = reason != "resumed", presses
         if not error.is_known:
             return
-        wrong = error.exceeds(self.protocol.slip_mm)
+        wrong = error.exceeds(self.protocol.checks.slip_mm)
         aside = self._store_check(reason, error.offset_mm, error.height_change_mm, not wrong, time_utc)
         if wrong and reason == "resumed":
             self.progress.say(self._aside_text(error, aside))
@@ -315,7 +315,7 @@ class PositionChecks:
         The stage was homed since, which has removed an error that these presses may have. A stage that measures only
         the height repeats one of them instead.
         """
-        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
+        if not (self.run.unchecked and self.protocol.checks.home_every and self.carriage.may_home):
             return
         time_utc = self.rig.clock.utc()
         if self.carriage.home_again() is not None:
@@ -331,7 +331,7 @@ class PositionChecks:
         at its end stops. A signal skips the check.
         """
         presses, carriage = len(self.run.unchecked), self.carriage
-        if not (presses and self.protocol.home_every and carriage.may_home and carriage.lifted):
+        if not (presses and self.protocol.checks.home_every and carriage.may_home and carriage.lifted):
             return
         if not (carriage.position_kept and measures_offset(self.rig.stage)):
             return
@@ -341,7 +341,7 @@ class PositionChecks:
             with signals.sent_to(carriage, self.progress.say):
                 error = PositionError(offset_mm=carriage.home_again(), height_change_mm=None)
             if error.is_known:
-                wrong = error.exceeds(self.protocol.slip_mm)
+                wrong = error.exceeds(self.protocol.checks.slip_mm)
                 aside = self._store_check("stopped", error.offset_mm, None, not wrong, time_utc)
                 if wrong:
                     self.progress.say(f"a motor has slipped: {self._aside_text(error, aside)}")
@@ -359,14 +359,14 @@ class PositionChecks:
         Raises:
             PositionLostError: The position was wrong.
         """
-        if not (self.run.unchecked and self.protocol.home_every and self.carriage.may_home):
+        if not (self.run.unchecked and self.protocol.checks.home_every and self.carriage.may_home):
             return
         self.carriage.lift()
         time_utc = self.rig.clock.utc()
         error = PositionError(offset_mm=self.carriage.home_again(), height_change_mm=None)
         if error.offset_mm is None and isinstance(contact, ForceLimitError):
             return
-        wrong = error.offset_mm is None or error.exceeds(self.protocol.slip_mm)
+        wrong = error.offset_mm is None or error.exceeds(self.protocol.checks.slip_mm)
         aside = self._store_check("contact", error.offset_mm, None, not wrong, time_utc)
         if wrong:
             raise PositionLostError(f"{contact}; {self._aside_text(error, aside)}") from contact
@@ -389,10 +389,10 @@ class PositionChecks:
     def repeat_first_press(self, presses: int) -> None:
         """Repeat the first press of the run at its end, since a sensor, a block or a gauge may change slowly."""
         rows = self.run.rows
-        if not (self.protocol.home_every and presses and rows[0].in_band is not False):
+        if not (self.protocol.checks.home_every and presses and rows[0].in_band is not False):
             return
         time_utc = self.rig.clock.utc()
         change = height_change(self.presser, self._plan[rows[0].number], rows[0])
         self.lift()
         if change is not None:
-            self.run.position_check("first", None, change, abs(change) <= self.protocol.slip_mm, time_utc)
+            self.run.position_check("first", None, change, abs(change) <= self.protocol.checks.slip_mm, time_utc)

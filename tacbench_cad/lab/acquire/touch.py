@@ -48,7 +48,7 @@ def _by_steps(carriage: Carriage, protocol: Protocol, begin: Callable[[], None],
     Returns:
         A function that returns the last free height of the fine steps.
     """
-    step = protocol.approach_step_mm
+    step = protocol.steps.approach_step_mm
 
     def find(position: int, down: Down) -> float:
         begin()
@@ -75,7 +75,7 @@ def by_sensor(carriage: Carriage, protocol: Protocol, sensor: Sensor, clock: Clo
 
     def read() -> Floats32:
         carriage.check()
-        clock.sleep(protocol.settle_s)
+        clock.sleep(protocol.steps.settle_s)
         return np.asarray(sensor.read(), dtype=np.float32)
 
     def begin() -> None:

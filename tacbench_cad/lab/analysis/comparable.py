@@ -53,9 +53,10 @@ def _common(info: RunInfo) -> dict[str, object]:
     """Return the facts that must be equal in all runs, so that their presses are comparable."""
     block, protocol, common = info.printed.block, info.protocol, dict[str, object]()
     if protocol is not None:
-        levels = "forces_n" if protocol.contact == "force" else "depths_mm"
-        common = {"contact": protocol.contact, levels: list(getattr(protocol, levels))}
-        common["grid"] = [[round(place, 9) for place in line] for line in (protocol.grid.x_mm, protocol.grid.y_mm)]
+        levels = "forces_n" if protocol.targets.contact == "force" else "depths_mm"
+        common = {"contact": protocol.targets.contact, levels: list(getattr(protocol.targets, levels))}
+        grid = protocol.positions.grid
+        common["grid"] = [[round(place, 9) for place in line] for line in (grid.x_mm, grid.y_mm)]
     if block is not None:
         common |= {"block size": [round(side, 9) for side in block.size_mm]}
         common |= {"preset": block.preset, "scale": block.scale}

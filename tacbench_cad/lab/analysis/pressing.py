@@ -45,13 +45,13 @@ class Pressing:
         """
         protocol = runs[0].info.protocol
         if protocol is not None:
-            of_levels = protocol.forces_n if protocol.contact == "force" else protocol.depths_mm
+            of_levels = protocol.targets.forces_n if protocol.targets.contact == "force" else protocol.targets.depths_mm
             return cls(
                 protocol=protocol,
-                contact=protocol.contact,
+                contact=protocol.targets.contact,
                 levels=dict(enumerate(of_levels, start=1)),
-                positions_mm=protocol.grid.positions_mm,
-                grid=protocol.grid,
+                positions_mm=protocol.positions.grid.positions_mm,
+                grid=protocol.positions.grid,
                 repeats=protocol.repeats,
             )
         levels: dict[int, float | None] = {}

@@ -107,7 +107,7 @@ def corner_markers(grid: PressGrid) -> tuple[tuple[int, float, float], ...]:
     """
     if len(grid.positions_mm) < 2:
         allowed = "has only one position, which does not show how the block is turned; align with a larger grid"
-        raise InputError("[protocol] grid", None, allowed)
+        raise InputError("[protocol.positions] grid", None, allowed)
     across = len(grid.x_mm)
     numbers = (1, across, across * (len(grid.y_mm) - 1) + 1, across * len(grid.y_mm))
     places = grid.positions_mm
@@ -212,7 +212,7 @@ class Teaching:
 
     def _teach(self, protocol: Protocol, block: Block, tolerance_mm: float) -> FittedFrame:
         self.say("Put the jig on. Replace the sensor by a pointer on the same axis. Commands:\n" + HELP)
-        markers = corner_markers(protocol.grid)
+        markers = corner_markers(protocol.positions.grid)
         taught: list[Point] = []
         for number, x, y in markers:
             if len(taught) >= 2:

@@ -203,7 +203,7 @@ class _Check:
             self.add("gap", "protocol", f"{text} ({ranges(missing)})")
 
     def _stationary_gaps(self, present: set[tuple[str, bool, int]]) -> None:
-        count = self.run.info.protocol.stationary_frames if self.run.info.protocol else 0
+        count = self.run.info.protocol.checks.stationary_frames if self.run.info.protocol else 0
         for when, in_contact in schema.STATIONARY:
             missing = sum((when, in_contact, index) not in present for index in range(1, count + 1))
             if missing:

@@ -187,8 +187,6 @@ class RunInfo:
         """Return plain values for ``run.json``."""
         values: dict[str, Any] = to_plain(self)
         values["block"] = self.printed.as_dict()
-        if self.protocol:
-            values["protocol"]["grid"] = values["protocol"].pop("grid")
         if self.frame:
             values["frame"]["meaning"] = FRAME_TEXT
         return values

@@ -91,7 +91,7 @@ class SimulatedBlock:
 
 def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) -> RunInfo:
     """Return the contents of ``run.json`` for a block's simulated run."""
-    rig = ideal_rig(planned.printed, study.protocol.contact, options)
+    rig = ideal_rig(planned.printed, study.protocol.targets.contact, options)
     return RunInfo.of(study, planned, None, 0, **rig.info)
 
 
@@ -137,7 +137,7 @@ def lay_block(rig: Rig, info: RunInfo, options: SimulationOptions) -> Callable[[
     contact = contact_for(plan.printed, plan.holder, printer_of(plan.printed, options.printers), seed=options.seed)
     for device in rig.following:
         device.lay(contact, plan.frame)
-    limit_mm = plan.protocol.depth_limit_mm
+    limit_mm = plan.protocol.limits.depth_limit_mm
 
     def height_mm(press: Press) -> float:
         if press.target_n is not None:
@@ -203,7 +203,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Simu
     if is_complete(folder, info):
         return SimulatedBlock(name=name, presses=0, images=0, worst_n=0.0)
     before = images_there(folder)
-    rig = ideal_rig(plan.printed, plan.protocol.contact, options)
+    rig = ideal_rig(plan.printed, plan.protocol.targets.contact, options)
     lay_block(rig, info, options)
     pace = _Pace(rig.clock, rig.sensor, options.seed)
     result = press_block(rig, info, folder, signals=Signals(), progress=pace, durable=False)
@@ -219,9 +219,9 @@ def images_there(folder: Path) -> int:
 
 def other_images(info: RunInfo) -> int:
     """Return the number of reference, stationary and moving images of a run."""
-    presses_each = math.floor(info.plan.protocol.reference_every_s / SECONDS_PER_PRESS) + 1
+    presses_each = math.floor(info.plan.protocol.checks.reference_every_s / SECONDS_PER_PRESS) + 1
     moving = len(info.presses) * info.series_frames
-    return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.stationary_frames + moving
+    return 1 + len(info.presses) // presses_each + 4 * info.plan.protocol.checks.stationary_frames + moving
 
 
 def _record_print(folder: Path, info: RunInfo, options: SimulationOptions) -> None:

@@ -63,7 +63,7 @@ def paper_study() -> Study:
     Nine combinations with one print of each texture at three forces give 8,100 images. Five more prints of the three
     selected combinations at the middle force give 4,500.
     """
-    protocol = Protocol(stationary_frames=PAPER_STATIONARY)
+    protocol = Protocol().changed(stationary_frames=PAPER_STATIONARY)
     first = _prints(names.COMBINATIONS, (1,), protocol.all_levels)
     more = _prints(names.SELECTED, range(2, PAPER_COPIES + 1), (COPIES_LEVEL,))
     return Study(blocks=(*first, *more), protocol=protocol)
@@ -76,7 +76,7 @@ def quick_study() -> Study:
     """
     whole = PressGrid.paper()
     grid = PressGrid(x_mm=whole.x_mm[::2], y_mm=whole.y_mm[::2])
-    protocol = Protocol(grid=grid, stationary_frames=QUICK_STATIONARY)
+    protocol = Protocol().changed(grid=grid, stationary_frames=QUICK_STATIONARY)
     blocks = _prints(QUICK_COMBINATIONS, range(1, QUICK_COPIES + 1), protocol.all_levels)
     return Study(blocks=tuple(blocks), protocol=protocol, grid_spacing="own")
 
@@ -245,7 +245,7 @@ def _measured(info: RunInfo, options: SimulationOptions) -> tuple[float, float]:
 
     This is as in the run itself, where repeats and stationary frames share the computation of a pose.
     """
-    rig = ideal_rig(info.plan.printed, info.plan.protocol.contact, options)
+    rig = ideal_rig(info.plan.printed, info.plan.protocol.targets.contact, options)
     height_mm = lay_block(rig, info, options)
 
     def size(press: Press) -> int:

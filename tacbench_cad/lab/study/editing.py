@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
 from tacbench_cad.util.text import toml_item
-
-if TYPE_CHECKING:
-    from tomlkit import TOMLDocument
-
 
 #: The file that ``tacbench acquire --init`` writes: every key with its meaning and default.
 TEMPLATE_FILE = Path(__file__).with_name("template.toml")
@@ -38,7 +34,7 @@ def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
 
     Args:
         path: The file.
-        table: The name of the table.
+        table: The name of the table: ``stage``, ``protocol.targets``.
         values: The new values: texts, numbers, lists, and tables of them. None turns the key into a comment.
 
     Raises:
@@ -51,10 +47,12 @@ def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
     try:
         text = untrusted.read_bytes(target, "study", "toml").decode("utf-8")
         expected = untrusted.parse_toml(text, "study", str(path))
-        expected[table] = {key: value for key, value in (expected[table] | values).items() if value is not None}
         document = tomlkit.parse(text.replace("\r\n", "\n"))
         for key, value in values.items():
-            _store_key(document, table, key, value)
+            _store_key(_table(document, table), key, value)
+            _table(expected, table)[key] = value
+            if value is None:
+                del _table(expected, table)[key]
         text = document.as_string().replace("\n", "\r\n" if "\r\n" in text else "\n")
         same = untrusted.parse_toml(text, "study", str(path)) == expected
     except (InputError, ValueError, KeyError, TypeError, TOMLKitError):
@@ -66,11 +64,17 @@ def store_keys(path: Path, table: str, values: Mapping[str, Any]) -> None:
     write_text(target, text)
 
 
-def _store_key(document: TOMLDocument, table: str, key: str, value: Any) -> None:
+def _table(document: Any, name: str) -> Any:
+    """Return a table of a document."""
+    for part in name.split("."):
+        document = document[part]
+    return document
+
+
+def _store_key(section: Any, key: str, value: Any) -> None:
     """Set a key of a table, or turn it into a comment if the value is None."""
     import tomlkit
 
-    section: Any = document[table]
     if value is not None:
         section[key] = toml_item(value)
     elif key in section:

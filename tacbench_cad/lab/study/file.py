@@ -284,21 +284,27 @@ def _planned(table: _BlockTable | _StudyTable, levels: tuple[int, ...], folder: 
 
 def _protocol(plain: Mapping[str, Any], scale: float) -> tuple[Protocol, str]:
     """Return the protocol and the name of its press grid, which is scaled with the block."""
-    values: dict[str, Any] = {"grid": "even", **plain}
-    grid = values["grid"]
+    values = dict(plain)
+    positions = dict(_table(plain, "positions"))
+    grid = positions.get("grid", "even")
     if isinstance(grid, str):
-        spacing = one_of("[protocol] grid", grid, ("even", "1mm"))
-        values["grid"] = PressGrid.paper(scale, spacing)  # type: ignore[arg-type]
+        spacing = one_of("[protocol.positions] grid", grid, ("even", "1mm"))
+        positions["grid"] = PressGrid.paper(scale, spacing)  # type: ignore[arg-type]
     else:
         spacing = "own"
-        values["grid"] = from_plain(_Grid, grid, "[protocol] grid ").scaled(scale)
+        positions["grid"] = from_plain(_Grid, grid, "[protocol.positions] grid ").scaled(scale)
+    if isinstance(values.get("positions", {}), Mapping):
+        values["positions"] = positions
     if isinstance(motion := values.get("motion"), Mapping):
         # All other keys are settings of the motion.
         own = {key: value for key, value in motion.items() if key in ("name", "frames")}
         values["motion"] = {**own, "options": {key: value for key, value in motion.items() if key not in own}}
-    if "forces_n" in values and "bands_n" not in values:
-        raise InputError("[protocol] bands_n", None, "is missing; with forces_n, also give a band for each force")
-    return from_plain(Protocol, values, "[protocol] "), spacing
+    targets = _table(plain, "targets")
+    if "forces_n" in targets and "bands_n" not in targets:
+        raise InputError(
+            "[protocol.targets] bands_n", None, "is missing; with forces_n, also give a band for each force"
+        )
+    return from_plain(dict[str, Protocol], {"protocol": values})["protocol"], spacing
 
 
 def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, teaching: bool) -> RigSettings:

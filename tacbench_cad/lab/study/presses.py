@@ -51,15 +51,17 @@ def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> 
     Returns:
         ``len(levels) * repeats * positions`` presses, numbered from 1.
     """
-    places = [(number, float(x), float(y)) for number, (x, y) in enumerate(protocol.grid.positions_mm, start=1)]
+    places = [
+        (number, float(x), float(y)) for number, (x, y) in enumerate(protocol.positions.grid.positions_mm, start=1)
+    ]
     presses: list[Press] = []
     for level in levels:
         for repeat in range(1, protocol.repeats + 1):
             order = places
-            if protocol.order == "random":
-                order = shuffled(places, protocol.seed, f"{block_name} {level} {repeat}")
+            if protocol.positions.order == "random":
+                order = shuffled(places, protocol.positions.seed, f"{block_name} {level} {repeat}")
             for position, x, y in order:
-                force = protocol.contact == "force"
+                force = protocol.targets.contact == "force"
                 presses.append(
                     Press(
                         number=len(presses) + 1,
@@ -68,9 +70,9 @@ def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> 
                         position=position,
                         x_mm=x,
                         y_mm=y,
-                        target_n=protocol.forces_n[level - 1] if force else None,
-                        band_n=protocol.bands_n[level - 1] if force else None,
-                        depth_mm=None if force else protocol.depths_mm[level - 1],
+                        target_n=protocol.targets.forces_n[level - 1] if force else None,
+                        band_n=protocol.targets.bands_n[level - 1] if force else None,
+                        depth_mm=None if force else protocol.targets.depths_mm[level - 1],
                     )
                 )
     return tuple(presses)
@@ -78,9 +80,9 @@ def plan_presses(protocol: Protocol, levels: Sequence[int], block_name: str) -> 
 
 def block_order(study: Study) -> tuple[PlannedBlock, ...]:
     """Return the study's blocks in the order in which they are put into the rig."""
-    if study.protocol.block_order == "paper":
+    if study.protocol.positions.block_order == "paper":
         return study.blocks
-    return tuple(shuffled(study.blocks, study.protocol.seed, "blocks"))
+    return tuple(shuffled(study.blocks, study.protocol.positions.seed, "blocks"))
 
 
 def shuffled(items: Sequence[T], seed: int, what: str) -> list[T]:

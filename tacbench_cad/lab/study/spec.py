@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import surface_values
-from tacbench_cad.util.convert import Checked, check_fields, to_plain
+from tacbench_cad.util.convert import Checked, to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import file_name
 from tacbench_cad.util.types import Floats
@@ -226,8 +226,25 @@ def block_values(block: Block) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Protocol:
-    """The protocol of the presses. The defaults are the paper's values, or ours if the paper gives none.
+class PressPositions(Checked):
+    """Where the presses are and in which order, in the table ``[protocol.positions]``.
+
+    Args:
+        grid: The positions in the block frame, already scaled with the block.
+        order: The order of the positions: as in the paper, or random for each force and repeat.
+        block_order: The order of the study's blocks: as in the file, or random.
+        seed: The seed of both random orders.
+    """
+
+    grid: PressGrid = field(default_factory=PressGrid.paper)
+    order: Order = "paper"
+    block_order: Order = "paper"
+    seed: Seed = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressTargets(Checked):
+    """How hard or how deep the presses are, in the table ``[protocol.targets]``.
 
     Args:
         contact: ``force`` to press to a target force, or ``depth`` to press to a depth below the first contact (on a
@@ -237,28 +254,6 @@ class Protocol:
         depths_mm: The depths below the first contact, in increasing order; only used in depth mode.
         touch: How the first contact is found in depth mode: with the gauge, by a change of the sensor's frames, or
             taught by hand.
-        repeats: The number of frames at each position and force.
-        grid: The positions in the block frame, already scaled with the block.
-        order: The order of the positions: as in the paper, or random for each force and repeat.
-        block_order: The order of the study's blocks: as in the file, or random.
-        seed: The seed of both random orders.
-        reference_every_s: The time after which a new frame without contact is taken, to show drift.
-        stationary_frames: The number of frames in contact, and also of frames without contact, that are taken at the
-            start and at the end of a block.
-        clearance_mm: The travel height above the block and the rim.
-        depth_limit_mm: The largest depth of the sensor's summit below the block's highest point.
-        hard_limit_n: The force that stops the run.
-        approach_step_mm: The step of the approach.
-        fine_step_mm: The smallest step of the search.
-        search_steps: The largest number of search steps for a press.
-        settle_s: The waiting time after a step, before a force or a frame is read.
-        force_window_s: The time over which a force is averaged.
-        misses_allowed: The number of consecutive presses outside the band that ends the run.
-        home_every: The number of presses after which the position is checked: the stage is homed and a press is
-            repeated; 0 for no checks.
-        slip_mm: The largest error of the position that such a check accepts.
-        motion: The motion in contact after the frame of each press, during which a series of frames is recorded; None
-            for a press that is lifted at once.
     """
 
     contact: ContactMode = "force"
@@ -266,46 +261,127 @@ class Protocol:
     bands_n: Levels = FORCE_SPREADS_N
     depths_mm: Levels = DEPTHS_MM
     touch: TouchMethod = "gauge"
-    repeats: Annotated[int, Interval(ge=1, le=1000)] = REPEATS
-    grid: PressGrid = field(default_factory=PressGrid.paper)
-    order: Order = "paper"
-    block_order: Order = "paper"
-    seed: Seed = 0
-    reference_every_s: Annotated[float, Interval(ge=0.001, le=1e7)] = 600.0
-    stationary_frames: Annotated[int, Interval(ge=0, le=10_000)] = 30
-    clearance_mm: Annotated[float, Interval(ge=0.5, le=200.0)] = 5.0
-    depth_limit_mm: Annotated[float, Interval(ge=0.01, le=100.0)] = 7.0
-    hard_limit_n: Annotated[float, Interval(ge=0.0, le=50.0)] = HARD_LIMIT_N
-    approach_step_mm: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.1
-    fine_step_mm: Annotated[float, Interval(ge=1e-5, le=0.1)] = 0.001
-    search_steps: Annotated[int, Interval(ge=1, le=10_000)] = 40
-    settle_s: Annotated[float, Interval(ge=0.0, le=60.0)] = 0.2
-    force_window_s: Annotated[float, Interval(ge=0.0, le=60.0)] = 0.1
-    misses_allowed: Annotated[int, Interval(ge=1, le=10_000)] = 5
-    home_every: Annotated[int, Interval(ge=0, le=MAX_PRESSES)] = 50
-    slip_mm: Annotated[float, Interval(ge=0.001, le=10.0)] = 0.1
-    motion: MotionSettings | None = None
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        self._rising("forces_n", self.forces_n, self.hard_limit_n, "N, the hard limit")
-        self._rising("depths_mm", self.depths_mm, self.depth_limit_mm, "mm, the depth limit")
+        super().__post_init__()
+        for name, values in (("forces_n", self.forces_n), ("depths_mm", self.depths_mm)):
+            if values[0] <= 0.0 or list(values) != sorted(set(values)):
+                raise InputError(name, list(values), "must be positive numbers in increasing order")
         if len(self.bands_n) != len(self.forces_n):
             raise InputError("bands_n", list(self.bands_n), f"must be {len(self.forces_n)} numbers, one for each force")
         for band, force in zip(self.bands_n, self.forces_n, strict=True):
             if not 0.0 < band < force:
                 raise InputError("bands_n", band, f"must be above 0 and below its force, {force:g} N")
-        presses = self.levels * self.repeats * len(self.grid.x_mm) * len(self.grid.y_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressChecks(Checked):
+    """How the quality of a run is checked, in the table ``[protocol.checks]``.
+
+    Args:
+        reference_every_s: The time after which a new frame without contact is taken, to show drift.
+        stationary_frames: The number of frames in contact, and also of frames without contact, that are taken at the
+            start and at the end of a block.
+        misses_allowed: The number of consecutive presses outside the band that ends the run.
+        home_every: The number of presses after which the position is checked: the stage is homed and a press is
+            repeated; 0 for no checks.
+        slip_mm: The largest error of the position that such a check accepts.
+    """
+
+    reference_every_s: Annotated[float, Interval(ge=0.001, le=1e7)] = 600.0
+    stationary_frames: Annotated[int, Interval(ge=0, le=10_000)] = 30
+    misses_allowed: Annotated[int, Interval(ge=1, le=10_000)] = 5
+    home_every: Annotated[int, Interval(ge=0, le=MAX_PRESSES)] = 50
+    slip_mm: Annotated[float, Interval(ge=0.001, le=10.0)] = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressLimits(Checked):
+    """What keeps the sensor and the block safe, in the table ``[protocol.limits]``.
+
+    Args:
+        clearance_mm: The travel height above the block and the rim.
+        depth_limit_mm: The largest depth of the sensor's summit below the block's highest point.
+        hard_limit_n: The force that stops the run.
+    """
+
+    clearance_mm: Annotated[float, Interval(ge=0.5, le=200.0)] = 5.0
+    depth_limit_mm: Annotated[float, Interval(ge=0.01, le=100.0)] = 7.0
+    hard_limit_n: Annotated[float, Interval(ge=0.0, le=50.0)] = HARD_LIMIT_N
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressSteps(Checked):
+    """How a target is approached, in the table ``[protocol.steps]``.
+
+    Args:
+        approach_step_mm: The step of the approach.
+        fine_step_mm: The smallest step of the search.
+        search_steps: The largest number of search steps for a press.
+        settle_s: The waiting time after a step, before a force or a frame is read.
+        force_window_s: The time over which a force is averaged.
+    """
+
+    approach_step_mm: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.1
+    fine_step_mm: Annotated[float, Interval(ge=1e-5, le=0.1)] = 0.001
+    search_steps: Annotated[int, Interval(ge=1, le=10_000)] = 40
+    settle_s: Annotated[float, Interval(ge=0.0, le=60.0)] = 0.2
+    force_window_s: Annotated[float, Interval(ge=0.0, le=60.0)] = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol(Checked):
+    """The protocol of the presses. The defaults are the paper's values, or ours if the paper gives none.
+
+    Args:
+        repeats: The number of frames at each position and force.
+        positions: Where the presses are and in which order.
+        targets: How hard or how deep they are.
+        checks: How the quality of the run is checked.
+        limits: What keeps the sensor and the block safe.
+        steps: How a target is approached.
+        motion: The motion in contact after the frame of each press, during which a series of frames is recorded; None
+            for a press that is lifted at once.
+    """
+
+    repeats: Annotated[int, Interval(ge=1, le=1000)] = REPEATS
+    positions: PressPositions = field(default_factory=PressPositions)
+    targets: PressTargets = field(default_factory=PressTargets)
+    checks: PressChecks = field(default_factory=PressChecks)
+    limits: PressLimits = field(default_factory=PressLimits)
+    steps: PressSteps = field(default_factory=PressSteps)
+    motion: MotionSettings | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, values, limit, what in (
+            ("forces_n", self.targets.forces_n, self.limits.hard_limit_n, "N, the hard limit"),
+            ("depths_mm", self.targets.depths_mm, self.limits.depth_limit_mm, "mm, the depth limit"),
+        ):
+            if values[-1] >= limit:
+                raise InputError(f"targets.{name}", values[-1], f"must be below {limit:g} {what}")
+        presses = self.levels * self.repeats * len(self.positions.grid.positions_mm)
         if presses > MAX_PRESSES:
             allowed = f"gives {presses:,} presses of a block; at most {MAX_PRESSES:,} are allowed"
             raise InputError("repeats", self.repeats, allowed)
 
-    @staticmethod
-    def _rising(name: str, values: tuple[float, ...], limit: float, what: str) -> None:
-        if values[0] <= 0.0 or list(values) != sorted(set(values)):
-            raise InputError(name, list(values), "must be positive numbers in increasing order")
-        if values[-1] >= limit:
-            raise InputError(name, values[-1], f"must be below {limit:g} {what}")
+    def changed(self, **values: Any) -> Protocol:
+        """Return this protocol with other values: ``Protocol().changed(repeats=1, settle_s=0.5)``.
+
+        Args:
+            **values: The values by their names, also those of the tables.
+
+        Raises:
+            InputError: A name is unknown, or a value is not allowed.
+        """
+        own: dict[str, Any] = {name: values.pop(name) for name in ("repeats", "motion") if name in values}
+        for name in ("positions", "targets", "checks", "limits", "steps"):
+            table = getattr(self, name)
+            inside = {each.name: values.pop(each.name) for each in fields(table) if each.name in values}
+            own[name] = replace(table, **inside)
+        if values:
+            raise InputError("protocol", next(iter(values)), "is not the name of a setting")
+        return replace(self, **own)
 
     def path_mm(self, parts: int = 1) -> Floats:
         """Return the points of contact in all presses and motions, shape (parts + 1, positions, 2), in order of time.
@@ -316,7 +392,7 @@ class Protocol:
         motion = motion_of(self.motion)
         fractions = np.linspace(0.0, 1.0, parts + 1).tolist() if motion else []
         shifts = np.array([motion.shift_mm(fraction) for fraction in fractions] if motion else [(0.0, 0.0)])
-        return np.asarray(self.grid.positions_mm + shifts[:, None])
+        return np.asarray(self.positions.grid.positions_mm + shifts[:, None])
 
     def require_motions_on(self, block: Block) -> None:
         """Check that the contact stays on the top of a block in every motion.
@@ -346,7 +422,7 @@ class Protocol:
     @property
     def levels(self) -> int:
         """The number of force levels (or depth levels)."""
-        return len(self.forces_n) if self.contact == "force" else len(self.depths_mm)
+        return len(self.targets.forces_n if self.targets.contact == "force" else self.targets.depths_mm)
 
     @property
     def all_levels(self) -> tuple[int, ...]:
@@ -518,11 +594,11 @@ class RigSettings:
         """
         if self.gauge.driver != NO_GAUGE:
             return
-        if protocol.contact == "force":
+        if protocol.targets.contact == "force":
             allowed = 'contact = "force" needs a gauge; without one use contact = "depth"'
             raise InputError("[gauge] driver", NO_GAUGE, allowed)
-        if protocol.touch == "gauge":
-            raise InputError("[protocol] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
+        if protocol.targets.touch == "gauge":
+            raise InputError("[protocol.targets] touch", "gauge", 'needs a gauge; without one use "sensor" or "taught"')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -562,7 +638,7 @@ class Study:
         if twice is not None:
             raise InputError("study", twice, "occurs twice; give the copies different numbers")
         for planned in self.blocks:
-            self.protocol.grid.require_on(planned.printed.block)
+            self.protocol.positions.grid.require_on(planned.printed.block)
             self.protocol.require_motions_on(planned.printed.block)
             wrong = [level for level in planned.levels if not 1 <= level <= self.protocol.levels]
             if wrong:
@@ -571,5 +647,5 @@ class Study:
     @property
     def presses(self) -> int:
         """The number of presses in the whole study."""
-        presses = self.protocol.repeats * len(self.protocol.grid.positions_mm)
+        presses = self.protocol.repeats * len(self.protocol.positions.grid.positions_mm)
         return sum(len(planned.levels) * presses for planned in self.blocks)

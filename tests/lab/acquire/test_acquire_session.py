@@ -115,7 +115,7 @@ def test_a_study_is_resumed_at_the_first_missing_press_of_any_block(tmp_path: Pa
 def test_other_settings_are_refused_before_a_device_is_opened(tmp_path: Path) -> None:
     run(FakeRig(), study_of(short(), 1), tmp_path, Script())
     rig = FakeRig()
-    with pytest.raises(InputError, match=r"protocol\.settle_s was 0\.2, is now 0\.3"):
+    with pytest.raises(InputError, match=r"protocol\.steps\.settle_s was 0\.2, is now 0\.3"):
         run(rig, study_of(short(settle_s=0.3), 1), tmp_path, Script())
     with pytest.raises(InputError, match=r"frame\.origin_mm"):
         run(rig, study_of(short(), 1), tmp_path, Script(), rig_settings(origin_mm=(0.0, 0.0, 1.0)))

@@ -12,7 +12,18 @@ import pytest
 from tacbench_cad.lab.study.editing import TEMPLATE_FILE, write_template
 from tacbench_cad.lab.study.file import StudyFile, read_study
 from tacbench_cad.lab.study.motion import MotionSettings, motion_of
-from tacbench_cad.lab.study.spec import GaugeSettings, HolderRim, Protocol, SensorSettings, StageSettings
+from tacbench_cad.lab.study.spec import (
+    GaugeSettings,
+    HolderRim,
+    PressChecks,
+    PressLimits,
+    PressPositions,
+    PressSteps,
+    PressTargets,
+    Protocol,
+    SensorSettings,
+    StageSettings,
+)
 from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
 
@@ -117,10 +128,23 @@ def test_the_example_study_is_valid(tmp_path: Path) -> None:
     assert file.study.blocks[-1].printed.block.key_mm == 3.0
 
 
-@pytest.mark.parametrize("kind", [Protocol, StageSettings, GaugeSettings, SensorSettings, HolderRim])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        PressChecks,
+        PressLimits,
+        PressPositions,
+        PressSteps,
+        PressTargets,
+        StageSettings,
+        GaugeSettings,
+        SensorSettings,
+        HolderRim,
+    ],
+)
 def test_every_key_is_explained(kind: type) -> None:
     for field in fields(kind):  # type: ignore[arg-type]
-        if (kind, field.name) not in ((SensorSettings, "options"), (Protocol, "motion")):
+        if (kind, field.name) != (SensorSettings, "options"):
             assert re.search(rf"(?m)^(?:# )?{field.name} = ", TEMPLATE), field.name
 
 

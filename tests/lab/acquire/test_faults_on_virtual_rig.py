@@ -131,7 +131,7 @@ def try_fault(
     for row in run.rows:
         run.frame(row, verify=True)
         assert row.measured_force_n is not None
-        assert row.measured_force_n < file.study.protocol.hard_limit_n
+        assert row.measured_force_n < file.study.protocol.limits.hard_limit_n
     return caught, trial
 
 
@@ -157,7 +157,7 @@ def test_both_builds_of_grbl_are_pressed_with_and_checked(
             options={**stage.options, "origin": origin},
         )
     grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0,))
-    protocol = replace(file.study.protocol, home_every=50, grid=grid)
+    protocol = file.study.protocol.changed(home_every=50, grid=grid)
     study = replace(file.study, protocol=protocol)
     file = StudyFile(study=study, rig=replace(file.required_rig, stage=stage))
     trial = Trial(file, None, 0.0)
@@ -178,7 +178,7 @@ def test_a_slip_on_grbl_is_found_and_its_presses_are_made_again(
     axis: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = short_file("virtual-grbl")
-    file = replace(file, study=replace(file.study, protocol=replace(file.study.protocol, home_every=4)))
+    file = replace(file, study=replace(file.study, protocol=file.study.protocol.changed(home_every=4)))
     with pytest.raises((PositionLostError, ContactError)):
         Trial(file, Fault(kind="slip", axis=axis, mm=-0.3), 0.0).run(tmp_path, monkeypatch)
     folder = tmp_path / file.study.blocks[0].printed.name

@@ -20,12 +20,12 @@ texture = 2
 printer = "bambu-p1p"
 filament = "pla-minus"
 [protocol]
-contact = "{contact}"
-grid = {{ x_mm = {x}, y_mm = {y} }}
+targets.contact = "{contact}"
+positions.grid = {{ x_mm = {x}, y_mm = {y} }}
 {targets}
 repeats = 1
-stationary_frames = 0
-clearance_mm = 1.0
+checks.stationary_frames = 0
+limits.clearance_mm = 1.0
 [stage]
 driver = "virtual-marlin"
 origin_mm = [16.0, 2.0, 97.0]
@@ -36,12 +36,12 @@ driver = "virtual-serial"
 driver = "simulated"
 """
 #: The band of the paper's lightest force, which the search reaches with moves of a few motor steps.
-FORCES = "forces_n = [0.08045]\nbands_n = [0.00195]"
+FORCES = "targets.forces_n = [0.08045]\ntargets.bands_n = [0.00195]"
 
 
 def study(folder: Path, contact: str, steps: int, x: str = "[4.0]", y: str = "[18.0]") -> Path:
     path = folder / "study.toml"
-    targets = FORCES if contact == "force" else "depths_mm = [0.353]"
+    targets = FORCES if contact == "force" else "targets.depths_mm = [0.353]"
     path.write_text(STUDY.format(contact=contact, targets=targets, steps=steps, x=x, y=y))
     return path
 

@@ -130,9 +130,9 @@ texture = 1
 printer = "bambu-p1p"
 filament = "pla-minus"
 [protocol]
-clearance_mm = 5.0
-settle_s = 0.0
-stationary_frames = 0
+limits.clearance_mm = 5.0
+steps.settle_s = 0.0
+checks.stationary_frames = 0
 [stage]
 driver = "own_rig:Stage"
 origin_mm = [0, 0, 0]

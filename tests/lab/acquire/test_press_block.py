@@ -86,14 +86,14 @@ def pressed(rig: FakeRig, folder: Path, protocol: Protocol, notes: Notes | None 
 def check_complete(folder: Path, protocol: Protocol) -> Run:
     """Check that every press exists once, that frames match their checksums, and that all stationary frames exist."""
     run = Run.open(folder)
-    count = protocol.levels * protocol.repeats * len(protocol.grid.positions_mm)
+    count = protocol.levels * protocol.repeats * len(protocol.positions.grid.positions_mm)
     assert sorted(row.number for row in run.rows) == list(range(1, count + 1))
     assert len(run.by_key) == count
     for row in run.rows:
         run.frame(row, verify=True)
     for when in ("start", "end"):
         for contact in (True, False):
-            assert len(run.stationary(when, contact)) == protocol.stationary_frames
+            assert len(run.stationary(when, contact)) == protocol.checks.stationary_frames
     return run
 
 
@@ -234,7 +234,7 @@ def test_the_force_limit_stops_the_run(tmp_path: Path) -> None:
         pressed(rig, tmp_path / "run", protocol)
     assert rig.stage.at[2] == pytest.approx(TRAVEL_MM)
     assert rig.gauge is not None
-    assert max(rig.gauge.readings) <= protocol.hard_limit_n + protocol.approach_step_mm * 90.0
+    assert max(rig.gauge.readings) <= protocol.limits.hard_limit_n + protocol.steps.approach_step_mm * 90.0
 
 
 def test_a_lift_with_a_stalled_motor_is_noticed_before_the_sensor_moves_sideways(tmp_path: Path) -> None:
@@ -386,11 +386,11 @@ def run_with_random_faults(seed: int, folder: Path) -> Counter[str]:
             faults[type(error).__name__] += 1
             finished = False
         rig.stage.faults, rig.gauge.faults, rig.sensor.faults = {}, {}, {}
-        assert min(z for _, _, z in rig.stage.path) >= -protocol.depth_limit_mm
+        assert min(z for _, _, z in rig.stage.path) >= -protocol.limits.depth_limit_mm
         assert rig.stage.at[2] >= TRAVEL_MM - 0.01, "not lifted"
-        stiffest = plate.stiffness_n_per_mm(protocol.hard_limit_n)
+        stiffest = plate.stiffness_n_per_mm(protocol.limits.hard_limit_n)
         true_n = max(plate.force_n(position) for position in rig.stage.path)
-        assert true_n <= protocol.hard_limit_n + protocol.approach_step_mm * stiffest
+        assert true_n <= protocol.limits.hard_limit_n + protocol.steps.approach_step_mm * stiffest
         now = [row.number for row in Run.open(folder).rows]
         assert now[: len(rows)] == rows
         assert len(set(now)) == len(now)

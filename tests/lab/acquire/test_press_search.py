@@ -62,9 +62,9 @@ def test_a_step_in_contact_is_longer_only_far_from_the_target() -> None:
     pressed(rig, protocol)
     long_steps = 0
     for (x, y, before), (_, _, after) in zip(rig.stage.path, rig.stage.path[1:], strict=False):
-        if after < 0.0 and before - after > protocol.approach_step_mm + 1e-9:
+        if after < 0.0 and before - after > protocol.steps.approach_step_mm + 1e-9:
             long_steps += 1
-            low_n = max(protocol.forces_n) - max(protocol.bands_n)
+            low_n = max(protocol.targets.forces_n) - max(protocol.targets.bands_n)
             start_n, end_n = (rig.plate.force_n((x, y, z)) for z in (before, after))
             assert start_n > 0.0, "the sensor was in contact"
             assert start_n + 2.0 * (end_n - start_n) < low_n
@@ -84,7 +84,7 @@ def test_a_contact_that_has_become_stiffer_stays_below_the_hard_limit(times: flo
     rig.gauge.plate = Plate(stiffness=times * rig.plate.stiffness)
     rig.gauge.readings.clear()
     assert presser.press(press).in_band
-    assert max(rig.gauge.readings) < protocol.hard_limit_n
+    assert max(rig.gauge.readings) < protocol.limits.hard_limit_n
 
 
 def test_a_gauge_that_gets_stuck_in_contact_allows_one_longer_step() -> None:
@@ -107,7 +107,7 @@ def test_a_gauge_that_gets_stuck_in_contact_allows_one_longer_step() -> None:
         presser.press(press)
     heights = [z for _, _, z in rig.stage.path[before:]]
     lengths = [a - b for a, b in itertools.pairwise(heights) if b < -0.01]
-    assert sum(length > protocol.approach_step_mm + 1e-9 for length in lengths) == 1
+    assert sum(length > protocol.steps.approach_step_mm + 1e-9 for length in lengths) == 1
 
 
 def test_the_known_growth_is_the_largest_at_each_depth() -> None:
@@ -140,7 +140,7 @@ def test_a_known_press_waits_only_near_the_target(monkeypatch: pytest.MonkeyPatc
         assert contact.in_band
         presser.carriage.lift()
     assert 1 <= len(waits) <= 3
-    assert max(waits) - contact.pose_mm[2] < protocol.approach_step_mm, "the steady zero is read without a wait"
+    assert max(waits) - contact.pose_mm[2] < protocol.steps.approach_step_mm, "the steady zero is read without a wait"
 
 
 def test_a_zero_that_is_not_steady_is_read_again_after_a_wait(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,7 +192,7 @@ def test_a_target_out_of_reach_ends_at_the_depth_limit() -> None:
     presser = rig.presser(protocol)
     with pytest.raises(OutOfRangeError, match=r"below the depth limit, -7 mm"):
         presser.press(plan_presses(protocol, (1,), "block")[0])
-    assert min(z for _, _, z in rig.stage.path) >= -protocol.depth_limit_mm
+    assert min(z for _, _, z in rig.stage.path) >= -protocol.limits.depth_limit_mm
 
 
 def test_a_drifting_gauge_is_zeroed_before_each_press() -> None:

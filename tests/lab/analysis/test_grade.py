@@ -56,7 +56,7 @@ def study_of(*, sensor: dict[str, Any] | None = None, block: Block | None = None
     info = RunInfo(
         printed=PrintedBlock(block=block or Block.of(1, preset="released"), printer="mine", filament="petg", copy=1),
         levels=(1,),
-        protocol=Protocol(**{"grid": PressGrid.paper(1.0, "even"), **protocol}),
+        protocol=Protocol().changed(**{"grid": PressGrid.paper(1.0, "even"), **protocol}),
         grid_spacing="even",
         holder=HolderRim(),
         frame=WorkFrame(origin_mm=(0.0, 0.0, 0.0)),

@@ -386,6 +386,6 @@ def test_depth_mode_is_not_comparable_with_forces(runs: Path) -> None:
     design = macro("methods.j2", "design")
     assert "Target forces were 0.08045 ± 0.00195 N" in design(collection)
     first = collection.runs[0]
-    info = replace(first.info, protocol=replace(first.info.protocol, contact="depth", touch="sensor"))
+    info = replace(first.info, protocol=first.info.protocol.changed(contact="depth", touch="sensor"))
     changed = replace(collection, runs=(replace(first, info=info), *collection.runs[1:]))
     assert "0.35 mm below first contact (detected by a change of the sensor's frames)" in design(changed)

@@ -419,9 +419,9 @@ preset = "released"
 textures = [1, 5]
 prints = [{ printer = "bambu-p1p", filament = "pla-minus", copies = 2, force_levels = [2] }]
 [protocol]
-grid = { x_mm = [5.0, 8.0], y_mm = [15.0] }
+positions.grid = { x_mm = [5.0, 8.0], y_mm = [15.0] }
 repeats = 1
-stationary_frames = 1
+checks.stationary_frames = 1
 [protocol.motion]
 name = "slide"
 frames = 5

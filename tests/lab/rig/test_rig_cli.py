@@ -412,7 +412,7 @@ def wait_for(stream: IO[str], text: str) -> None:
     ("line", "message"),
     [
         ("[holder]\nrim_mm = -60\n", r"needs -68\.000 to 4\.000 mm .*; nothing is stored"),
-        ("[protocol]\ndepth_limit_mm = 50.0\n", r"limits_mm z .*needs -111\.000"),
+        ("[protocol]\nlimits.depth_limit_mm = 50.0\n", r"limits_mm z .*needs -111\.000"),
     ],
 )
 def test_align_refuses_unreachable_positions(

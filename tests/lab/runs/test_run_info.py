@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,7 +51,7 @@ def test_the_block_is_rebuilt_from_run_json(name: str, make_info: Any) -> None:
 
 
 def test_a_shuffled_order_round_trips(make_info: Any) -> None:
-    info = make_info(protocol=replace(make_info().protocol, order="random", seed=7))
+    info = make_info(protocol=make_info().protocol.changed(order="random", seed=7))
     again = RunInfo.from_dict(json.loads(json.dumps(info.as_dict())))
     assert again.presses == info.presses
     assert [press.position for press in info.presses] != [press.position for press in make_info().presses]
@@ -61,9 +60,9 @@ def test_a_shuffled_order_round_trips(make_info: Any) -> None:
 def test_differences_are_reported_with_both_values(make_info: Any) -> None:
     info = make_info()
     settings = {"settings": {"requested": {"exposure": 7}, "actual": {"exposure": 5}}}
-    other = make_info(sensor=settings, protocol=replace(info.protocol, settle_s=0.5), slot=1)
+    other = make_info(sensor=settings, protocol=info.protocol.changed(settle_s=0.5), slot=1)
     assert info.differences(other) == [
-        "protocol.settle_s was 0.2, is now 0.5",
+        "protocol.steps.settle_s was 0.2, is now 0.5",
         "slot was 0, is now 1",
         "sensor.settings.requested.exposure was 5, is now 7",
     ]
@@ -104,7 +103,7 @@ def test_levels_outside_the_protocol_are_refused(levels: tuple[int, ...], make_i
         (("block", "waves"), "sin x"),
         (("block", "waves"), [[1, 2]]),
         (("block", "preset"), "own"),
-        (("protocol", "forces_n"), [3.0, 1.0]),
+        (("protocol", "targets", "forces_n"), [3.0, 1.0]),
         (("protocol", "haste"), 1),
         (("frame", "origin_mm"), [1.0]),
         (("levels",), 5),

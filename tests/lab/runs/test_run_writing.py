@@ -58,7 +58,7 @@ def test_run_json_describes_the_run(run_folder: Path) -> None:
     document = json.loads((run_folder / "run.json").read_text())
     assert (document["schema"], document["version"]) == ("tacbench-run", 1)
     assert document["simulated"] == ["stage: stage model"]
-    assert document["protocol"]["grid"] == {"x_mm": [4.0, 9.0], "y_mm": [18.0, 23.0]}
+    assert document["protocol"]["positions"]["grid"] == {"x_mm": [4.0, 9.0], "y_mm": [18.0, 23.0]}
     assert document["holder"]["rim_mm"] == 1.18
     assert document["gauge"]["calibration"] == {"scale_n_per_count": 0.001}
     assert document["sensor"]["settings"]["requested"] == {"exposure": 5}

@@ -33,7 +33,7 @@ def slide_info(info: RunInfo, **changes: Any) -> RunInfo:
     assert info.protocol is not None
     slide = MotionSettings(name="slide", frames=FRAMES, options={"length_mm": 2.0})
     changes = {"motion": slide, "stationary_frames": 0, **changes}
-    return replace(info, protocol=replace(info.protocol, **changes))
+    return replace(info, protocol=info.protocol.changed(**changes))
 
 
 def moving(press: Press, count: int = FRAMES, forces: bool = True) -> list[MovingFrame]:

@@ -244,7 +244,7 @@ def test_the_simulated_sensor_keeps_an_approach_until_the_stage_moves() -> None:
 
 def _study() -> Study:
     """Return a study of two textures from one printer with two copies each: 16 presses and 32 stationary frames."""
-    protocol = Protocol(
+    protocol = Protocol().changed(
         grid=PressGrid(x_mm=(4.0, 9.0), y_mm=(20.0,)),
         forces_n=(FORCES_N[1],),
         bands_n=(0.00985,),

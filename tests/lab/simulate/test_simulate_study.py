@@ -50,14 +50,14 @@ out = "runs"
 textures = [1, 4]
 prints = [{ printer = "resin", filament = "resin", copies = 2 }]
 [protocol]
-grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
-stationary_frames = 1
+positions.grid = { x_mm = [4.0, 9.0], y_mm = [18.0, 23.0] }
+checks.stationary_frames = 1
 repeats = 1
 """
 
 
 def _study(**changes: object) -> Study:
-    protocol = Protocol(grid=GRID, stationary_frames=2, **changes)  # type: ignore[arg-type]
+    protocol = Protocol().changed(grid=GRID, stationary_frames=2, **changes)  # type: ignore[arg-type]
     blocks = [
         PlannedBlock(
             printed=PrintedBlock(block=Block.of(texture), printer="ender-3", filament="petg", copy=1),
@@ -97,7 +97,7 @@ def test_the_papers_study_has_the_papers_number_of_images() -> None:
     study = paper_study()
     firsts = [block for block in study.blocks if block.printed.copy == 1]
     more = [block for block in study.blocks if block.printed.copy > 1]
-    places = len(study.protocol.grid.positions_mm)
+    places = len(study.protocol.positions.grid.positions_mm)
     assert sum(len(block.levels) * 2 * places for block in firsts) == 8100
     assert sum(len(block.levels) * 2 * places for block in more) == 4500
     assert study.presses == 12_600
@@ -105,7 +105,7 @@ def test_the_papers_study_has_the_papers_number_of_images() -> None:
     assert {block.levels for block in more} == {(2,)}
     prints = Counter((block.printed.printer, block.printed.filament) for block in study.blocks)
     assert {combination for combination, count in prints.items() if count == 36} == set(names.SELECTED)
-    assert study.protocol.forces_n == FORCES_N and study.protocol.repeats == 2
+    assert study.protocol.targets.forces_n == FORCES_N and study.protocol.repeats == 2
 
 
 def test_the_quick_study_has_two_of_everything() -> None:
@@ -115,8 +115,8 @@ def test_the_quick_study_has_two_of_everything() -> None:
     assert {block.printed.copy for block in study.blocks} == {1, 2}
     assert {block.levels for block in study.blocks} == {(1, 2, 3)}
     paper = {tuple(place) for place in PressGrid.paper().positions_mm}
-    assert {tuple(place) for place in study.protocol.grid.positions_mm} < paper
-    assert study.protocol.stationary_frames >= 2
+    assert {tuple(place) for place in study.protocol.positions.grid.positions_mm} < paper
+    assert study.protocol.checks.stationary_frames >= 2
 
 
 def test_the_quick_study_stays_below_its_bound(tmp_path: Path) -> None:

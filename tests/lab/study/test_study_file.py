@@ -54,7 +54,7 @@ def test_a_study_lists_every_print_and_scales_its_grid(tmp_path: Path) -> None:
         ("texture-1", "own-1_abs", 4, (2,)),
         ("texture-6", "own-1_abs", 4, (2,)),
     ]
-    assert file.study.protocol.grid == PressGrid.paper(2.0) and file.out == tmp_path / "runs"
+    assert file.study.protocol.positions.grid == PressGrid.paper(2.0) and file.out == tmp_path / "runs"
     assert file.study.presses == 4 * 150 + 2 * 50 and file.rig is None
 
 
@@ -71,23 +71,33 @@ def test_a_users_texture_is_found_next_to_the_file(tmp_path: Path) -> None:
     [
         (BLOCK + "[protocl]\n", ["protocl", "protocol"]),
         (BLOCK + "[protocol]\nrepeat = 2\n", ["[protocol] repeat", "repeats"]),
+        (BLOCK + "[protocol]\nforces_n = [1.0]\n", ["[protocol] forces_n", "is a key of another table"]),
         (BLOCK.replace("printer", "priter"), ["[block] priter", "printer"]),
         (BLOCK + "[study]\n", ["exactly one"]),
         (BLOCK.replace("4", "7"), ["texture", "7", "1 to 6"]),
         (BLOCK.replace("4", "true"), ["[block] texture", "text"]),
         (BLOCK + "copy = 0\n", ["[block] copy", "0", "at least 1"]),
-        (BLOCK + "[protocol]\nforces_n = [1.0, 6.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "6.0", "below 5 N"]),
-        (BLOCK + "[protocol]\nforces_n = [1.0]\n", ["bands_n", "missing"]),
-        (BLOCK + "[protocol]\nforces_n = [2.0, 1.0]\nbands_n = [0.1, 0.1]\n", ["forces_n", "in increasing order"]),
-        (BLOCK + "[protocol]\nbands_n = [0.1]\n", ["bands_n", "3 numbers"]),
-        (BLOCK + '[protocol]\ngrid = "2mm"\n', ["[protocol] grid", "2mm"]),
-        (BLOCK + "[protocol]\ngrid = {x_mm = [1, 30], y_mm = [1, 2]}\n", ["30 x 2 mm", "too small for the press grid"]),
-        (BLOCK + "[protocol]\ngrid = {x_mm = [2, 1], y_mm = [1, 2]}\n", ["grid x_mm", "in increasing order"]),
-        (BLOCK + "[protocol]\nsettle_s = nan\n", ["settle_s", "finite"]),
-        (BLOCK + "[protocol]\nrepeats = 1000\ndepths_mm = 5\n", ["[protocol] depths_mm", "list"]),
         (
-            BLOCK + f"[protocol]\nrepeats = 1000\nforces_n = {[i / 300 for i in range(1, 901)]}\n"
-            f"bands_n = {[1e-4] * 900}\n",
+            BLOCK + "[protocol]\ntargets.forces_n = [1.0, 6.0]\ntargets.bands_n = [0.1, 0.1]\n",
+            ["forces_n", "6.0", "below 5 N"],
+        ),
+        (BLOCK + "[protocol]\ntargets.forces_n = [1.0]\n", ["bands_n", "missing"]),
+        (
+            BLOCK + "[protocol]\ntargets.forces_n = [2.0, 1.0]\ntargets.bands_n = [0.1, 0.1]\n",
+            ["forces_n", "in increasing order"],
+        ),
+        (BLOCK + "[protocol]\ntargets.bands_n = [0.1]\n", ["bands_n", "3 numbers"]),
+        (BLOCK + '[protocol]\npositions.grid = "2mm"\n', ["[protocol.positions] grid", "2mm"]),
+        (
+            BLOCK + "[protocol]\npositions.grid = {x_mm = [1, 30], y_mm = [1, 2]}\n",
+            ["30 x 2 mm", "too small for the press grid"],
+        ),
+        (BLOCK + "[protocol]\npositions.grid = {x_mm = [2, 1], y_mm = [1, 2]}\n", ["grid x_mm", "in increasing order"]),
+        (BLOCK + "[protocol.steps]\nsettle_s = nan\n", ["settle_s", "finite"]),
+        (BLOCK + "[protocol]\nrepeats = 1000\ntargets.depths_mm = 5\n", ["[protocol.targets] depths_mm", "list"]),
+        (
+            BLOCK + f"[protocol]\nrepeats = 1000\ntargets.forces_n = {[i / 300 for i in range(1, 901)]}\n"
+            f"targets.bands_n = {[1e-4] * 900}\n",
             ["[protocol] repeats", "22,500,000 presses", "at most 1,000,000"],
         ),
         (BLOCK + RIG.replace("grbl", "gbrl"), ["[stage] driver", "gbrl", "grbl"]),
@@ -95,8 +105,8 @@ def test_a_users_texture_is_found_next_to_the_file(tmp_path: Path) -> None:
         (BLOCK + RIG.replace("[-9, 0]", "[0, -9]"), ["limits_mm z", "lower"]),
         (BLOCK + STAGE + '[sensor]\ndriver = "opencv"\n', ["[gauge] driver", 'contact = "depth"']),
         (
-            BLOCK + STAGE + '[sensor]\ndriver = "opencv"\n[protocol]\ncontact = "depth"\n',
-            ["[protocol] touch", "needs a gauge"],
+            BLOCK + STAGE + '[sensor]\ndriver = "opencv"\n[protocol]\ntargets.contact = "depth"\n',
+            ["[protocol.targets] touch", "needs a gauge"],
         ),
         ("out = 3\n" + BLOCK, ["out", "3", "string"]),
         ('[study]\ntextures = [1, 1]\nprints = [{printer = "a", filament = "b"}]\n', ["study", "twice"]),
@@ -132,25 +142,25 @@ def test_the_plan_presses_every_position_at_every_force_twice() -> None:
 
 
 def test_a_shuffled_plan_is_seeded_and_depends_on_block_and_repeat() -> None:
-    protocol = Protocol(order="random", seed=7)
+    protocol = Protocol().changed(order="random", seed=7)
     first, again, other = (plan_presses(protocol, (2,), name) for name in ("a", "a", "b"))
     assert first == again and [p.position for p in first] != [p.position for p in other]
     assert sorted(p.position for p in first[:25]) == list(range(1, 26))
     assert [p.position for p in first[:25]] != [p.position for p in first[25:]]
     assert [p.position for p in plan_presses(protocol, (2,), "a")] != [
-        p.position for p in plan_presses(Protocol(order="random", seed=8), (2,), "a")
+        p.position for p in plan_presses(Protocol().changed(order="random", seed=8), (2,), "a")
     ]
 
 
 def test_depth_mode_has_depths_and_no_forces() -> None:
-    presses = plan_presses(Protocol(contact="depth", depths_mm=(0.5, 1.0)), (1, 2), "any")
+    presses = plan_presses(Protocol().changed(contact="depth", depths_mm=(0.5, 1.0)), (1, 2), "any")
     assert len(presses) == 100 and presses[-1].depth_mm == 1.0
     assert all(p.target_n is None and p.band_n is None for p in presses)
 
 
 def test_the_blocks_of_a_study_may_be_shuffled() -> None:
     blocks = tuple(block for texture in "123456" for block in virtual_study(texture=texture).study.blocks)
-    study = Study(blocks=blocks, protocol=Protocol(block_order="random", seed=1))
+    study = Study(blocks=blocks, protocol=Protocol().changed(block_order="random", seed=1))
     assert block_order(study) != blocks and set(block_order(study)) == set(blocks)
     assert block_order(Study(blocks=blocks, protocol=Protocol())) == blocks
 
@@ -187,7 +197,7 @@ SLIDE = BLOCK + '[protocol.motion]\nname = "slide"\n'
 def test_a_slide_has_a_direction_in_the_frame_of_the_block(tmp_path: Path) -> None:
     protocol = _read(tmp_path, SLIDE + "length_mm = 4\ndirection_deg = 150\n").study.protocol
     assert protocol.series_frames == 10
-    assert protocol.path_mm(2)[1] == pytest.approx(protocol.grid.positions_mm + np.array([-(3.0**0.5), 1.0]))
+    assert protocol.path_mm(2)[1] == pytest.approx(protocol.positions.grid.positions_mm + np.array([-(3.0**0.5), 1.0]))
     slide = motion_of(protocol.motion)
     assert slide is not None and slide.seconds == pytest.approx(0.8)
     assert slide.shift_mm(1.0) == pytest.approx((-(12.0**0.5), 2.0))
@@ -216,7 +226,9 @@ def test_the_example_of_slides_is_a_valid_study() -> None:
 
 def test_a_slide_must_not_cross_the_key(tmp_path: Path) -> None:
     keyed = SLIDE.replace("texture = 4", "texture = 4\nkey_mm = 3")
-    keyed = keyed.replace("[protocol.motion]", "[protocol]\ngrid = { x_mm = [19], y_mm = [5] }\n[protocol.motion]")
+    keyed = keyed.replace(
+        "[protocol.motion]", "[protocol]\npositions.grid = { x_mm = [19], y_mm = [5] }\n[protocol.motion]"
+    )
     assert _read(tmp_path, keyed + "direction_deg = 0\nlength_mm = 4\n").study.presses
     with pytest.raises(InputError, match="from x 19, y 5 mm leaves the top"):
         _read(tmp_path, keyed + "direction_deg = -45\n")

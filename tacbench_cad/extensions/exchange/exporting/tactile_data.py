@@ -163,8 +163,11 @@ def _collect_params(info: RunInfo) -> dict[str, Any]:
     protocol, label = info.protocol, info.printed.object_label
     lowest = highest = shear = pose = None
     if protocol is not None:
-        x, y = protocol.grid.x_mm, protocol.grid.y_mm
-        lowest, highest = [x[0], y[0], -protocol.depth_limit_mm, 0.0, 0.0, 0.0], [x[-1], y[-1], 0.0, 0.0, 0.0, 0.0]
+        x, y = protocol.positions.grid.x_mm, protocol.positions.grid.y_mm
+        lowest, highest = (
+            [x[0], y[0], -protocol.limits.depth_limit_mm, 0.0, 0.0, 0.0],
+            [x[-1], y[-1], 0.0, 0.0, 0.0, 0.0],
+        )
         shear = pose = [0.0] * 6
     return {
         "pose_label_names": list(schema.POSE_COLUMNS),
@@ -176,7 +179,7 @@ def _collect_params(info: RunInfo) -> dict[str, Any]:
         "object_poses": {} if label is None else {str(label): pose},
         "sample_disk": False if protocol else None,
         "sort": False if protocol else None,
-        "seed": protocol.seed if protocol else None,
+        "seed": protocol.positions.seed if protocol else None,
     }
 
 

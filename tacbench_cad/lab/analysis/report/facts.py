@@ -94,18 +94,19 @@ def forces_in_words(collection: Collection) -> str:
     if protocol is None:
         known = [f"{value:.6g}" for level, value in sorted(collection.pressing.levels.items()) if value is not None]
         return f"The forces were {', '.join(known)} N; the measured forces are unknown." if known else ""
-    if protocol.contact == "depth":
-        depths = ", ".join(f"{protocol.depths_mm[level - 1]:g}" for level in collection.levels)
+    if protocol.targets.contact == "depth":
+        depths = ", ".join(f"{protocol.targets.depths_mm[level - 1]:g}" for level in collection.levels)
         how = {
             "gauge": "detected by the force gauge",
             "sensor": "detected by a change of the sensor's frames",
             "taught": "taught by hand",
         }
         return (
-            f"The sensor's highest point was moved {depths} mm below first contact ({how[protocol.touch]}). No force "
-            "was controlled, so the frames cannot be compared with frames at the paper's forces."
+            f"The sensor's highest point was moved {depths} mm below first contact ({how[protocol.targets.touch]}). "
+            "No force was controlled, so the frames cannot be compared with frames at the paper's forces."
         )
-    forces = ", ".join(f"{protocol.forces_n[n - 1]:.6g} ± {protocol.bands_n[n - 1]:.3g}" for n in collection.levels)
+    targets = protocol.targets
+    forces = ", ".join(f"{targets.forces_n[n - 1]:.6g} ± {targets.bands_n[n - 1]:.3g}" for n in collection.levels)
     measured: dict[int, list[float]] = defaultdict(list)
     for row in (row for run in collection.runs for row in run.rows):
         if row.measured_force_n is not None and row.force_level is not None:
