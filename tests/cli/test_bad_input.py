@@ -165,13 +165,7 @@ SERIES = '[texture]\nname = "mine"\nfamily = "series"\nlaw = "square"\nN = 5\n'
     ("text", "needles"),
     [
         (SERIES.replace("N = 5", "N = 4"), ["N", "4", "must be odd", "3 and 5"]),
-        (SERIES.replace("N = 5", "N = 0"), ["N", "0", "at least 1"]),
-        (SERIES.replace("N = 5", 'N = "5"'), ["N", "'5'", "whole number"]),
-        (SERIES.replace("square", "sqare"), ["law", "sqare", "'triangle', 'square' or"]),
-        (SERIES.replace("law =", "lwa ="), ["lwa", 'did you mean "law"']),
         (SERIES + "[block]\nsize_m = [20.0, 20.0]\n", ["size_m", 'did you mean "size_mm"']),
-        (SERIES + '[block]\nheight_mm = "7"\n', ["height_mm", "'7'", "number"]),
-        (SERIES + "[block]\nsize_mm = 20.0\n", ["size_mm", "20.0", "list"]),
         ("[texture\n", ["not valid TOML"]),
         ("", ["texture", "missing"]),
     ],

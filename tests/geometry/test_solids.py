@@ -62,21 +62,6 @@ def test_same_bytes_every_time_and_after_another_mesh() -> None:
         assert mesh.faces.tobytes() == first.faces.tobytes()
 
 
-def test_fixtures_have_no_self_intersection() -> None:
-    from helpers.fixtures import JIG, KEYED
-
-    pymeshlab = pytest.importorskip("pymeshlab")
-    for part in (KEYED.part(), JIG.part()):
-        mesh, _ = part.mesh
-        meshes = pymeshlab.MeshSet()
-        meshes.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces))
-        meshes.compute_selection_by_self_intersections_per_face()
-        assert meshes.current_mesh().selected_face_number() == 0
-        topology = meshes.get_topological_measures()
-        assert topology["non_two_manifold_edges"] == topology["boundary_edges"] == 0
-        assert topology["genus"] == part.genus
-
-
 def test_curved_faces_of_other_kinds_are_refused() -> None:
     with pytest.raises(InputError, match="planes, cylinders, cones and splines"):
         tessellate(build123d.Solid.make_sphere(2.0).wrapped)

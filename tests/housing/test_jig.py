@@ -148,18 +148,6 @@ def test_merging_markers_are_refused_with_the_numbers() -> None:
     assert "0.2 mm" in refusal(press_grid=PressGrid.paper(1.0, "1mm"), marks="all")
 
 
-def test_default_is_never_refused_at_scale_1() -> None:
-    for preset in ("paper", "released"):
-        for key in (None, 3.0):
-            block = Block.of(1, preset, key_mm=key)
-            for fit in ("press", "slip", "loose"):
-                for spacing in ("even", "1mm"):
-                    grid = PressGrid.paper(1.0, spacing)  # type: ignore[arg-type]
-                    jig = Jig(holder=Holder(block=block, fit=fit), press_grid=grid)
-                    assert jig.min_wall_mm >= 0.4
-    assert Jig(holder=Holder(block=Block.of(1, "released"), preset="released")).min_wall_mm >= 0.4
-
-
 @pytest.mark.parametrize("count", [16, pytest.param(60, marks=pytest.mark.long)])
 def test_no_scale_is_refused_where_the_holes_have_room(count: int) -> None:
     """Hairs with gaps near holes and near each other never merge, at any scale."""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,7 +16,6 @@ from tacbench_cad.making import writing as making
 from tacbench_cad.making.manifest import read_rows
 from tacbench_cad.making.printset import Request, build, plan
 from tacbench_cad.spec.families import equation1
-from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util import packages as tools
 from tacbench_cad.util.errors import InputError, MissingToolError
@@ -49,23 +47,6 @@ def test_the_default_is_six_blocks_holder_and_jig_in_all_formats() -> None:
     assert {source.formats for source in work.sources} == {("stl", "3mf", "step")}
     assert work.left_out == ()
     assert work.file_count == 24
-
-
-@pytest.mark.parametrize(
-    ("changes", "name"),
-    [
-        ({}, "texture-4_paper_x1"),
-        ({"preset": "released"}, "texture-4_released_x1"),
-        ({"scale": 0.5, "height_mm": 20.0}, "texture-4_paper_x0.5_23.3x30x20"),
-        ({"size_mm": (40.0, 40.0)}, "texture-4_paper_x1_40x40x7"),
-        ({"key_mm": 2.0}, "texture-4_paper_x1_key2"),
-        ({"sampling": "grid"}, "texture-4_paper_x1_grid189x201"),
-        ({"sampling": Tolerance(mm=0.005)}, "texture-4_paper_x1_tol0.005"),
-        ({"sampling": SampleGrid(nx=50, ny=60)}, "texture-4_paper_x1_grid50x60"),
-    ],
-)
-def test_names_contain_the_options_that_are_not_default(changes: dict[str, Any], name: str) -> None:
-    assert names(replace(LIGHT, textures=("4",), **changes)) == [name]
 
 
 def test_copies_are_separate_parts_with_labels() -> None:

@@ -81,13 +81,6 @@ def test_default_tolerances_are_large_enough_for_the_texture_itself(name: str) -
     assert (block.sampling.mm > TOLERANCE_MM) == coarse == bool(error_note(block))
 
 
-def test_larger_blocks_get_larger_default_tolerances() -> None:
-    block = Block.of("chevron", scale=2.0)
-    assert block.sampling == Tolerance(mm=0.1)
-    assert block.step_tolerance_mm == 0.05
-    assert "0.062 mm (here 0.1 mm)" in str(error_note(block))
-
-
 @pytest.mark.parametrize("name", ["dunes", "diamond", "rings"])
 def test_the_extremes_over_a_block(name: str) -> None:
     block = Block.of(name)

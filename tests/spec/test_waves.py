@@ -145,20 +145,12 @@ def test_extremes_in_a_region_ignore_other_points(kind: str, seed: int) -> None:
     waves = random_waves(rng, kind)
     region = without_key((5.0, 4.0), 3.0)
     extremes = waves.extremes((0.0, 5.0), (0.0, 4.0), region)
-    uu, vv = np.meshgrid(np.linspace(0, 5, 700), np.linspace(0, 4, 700))
+    uu, vv = np.meshgrid(np.linspace(0, 5, 250), np.linspace(0, 4, 250))
     counts = region.distance(uu, vv) <= 0
     assert waves(uu[counts], vv[counts]).max() <= extremes.high + extremes.error + 1e-12
     assert float(region.distance(*extremes.at_high)) <= 1e-9
     assert float(waves(*extremes.at_high)) == pytest.approx(extremes.high, abs=1e-9)
     assert extremes.error <= max(EXTREMES_ERROR, EXTREMES_FRACTION * waves.amplitude_sum) * (1 + 1e-12)
-
-
-def test_extremes_of_equal_sums_are_computed_once() -> None:
-    first, second = (WaveSum((Wave(amplitude=0.5, f=3.0, g=2.0), Wave(amplitude=1.0, f=1.0, g=0.0))) for _ in range(2))
-    extremes = first.extremes((0.0, 4.0), (0.0, 5.0))
-    assert second.extremes((0.0, 4.0), (0.0, 5.0)) is extremes
-    assert second.extremes((0.0, 4.0), (0.0, 0.1)) != extremes
-    assert second.extremes((0.0, 4.0), (0.0, 5.0), without_key((4.0, 5.0), 3.9)) != extremes
 
 
 def test_the_extremes_of_the_papers_textures_over_a_whole_period() -> None:

@@ -8,7 +8,6 @@ from helpers.cases import mostly_long
 from helpers.tops import deviations, faults, random_texture
 
 from tacbench_cad.geometry.block_mesh import mesh_block
-from tacbench_cad.geometry.mesh import MAX_TRIANGLES
 from tacbench_cad.geometry.meshing.certify import derivatives, prove_axis
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid, Tolerance
@@ -31,7 +30,8 @@ def random_block(seed: int) -> Block:
     )
 
 
-def check(seed: int) -> None:
+@pytest.mark.parametrize("seed", mostly_long([*range(26), *range(1000, 1240)], *range(10)))
+def test_never_below_the_sampled_truth(seed: int) -> None:
     block = random_block(seed)
     mesh, certificate = mesh_block(block)
     assert faults(mesh) == []
@@ -43,17 +43,6 @@ def check(seed: int) -> None:
     assert certificate.distance_mm <= certificate.vertical_mm
     if isinstance(block.sampling, Tolerance):
         assert certificate.distance_mm <= block.sampling.mm
-
-
-@pytest.mark.parametrize("seed", range(26))
-def test_never_below_the_sampled_truth(seed: int) -> None:
-    check(seed)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(1000, 1240))
-def test_never_below_the_sampled_truth_in_full(seed: int) -> None:
-    check(seed)
 
 
 @pytest.mark.long
@@ -83,7 +72,7 @@ def test_tight_within_a_tolerance(number: int) -> None:
 def test_tight_on_a_grid(number: int, sampling: str | SampleGrid) -> None:
     block = Block.of(number, sampling=sampling)  # type: ignore[arg-type]
     mesh, certificate = mesh_block(block)
-    distance, vertical = deviations(block, mesh, 8, max_points=6_000_000)
+    distance, vertical = deviations(block, mesh, 8, max_points=1_500_000)
     assert distance <= certificate.distance_mm == certificate.vertical_mm
     assert vertical <= certificate.vertical_mm <= 1.10 * vertical
 
@@ -104,7 +93,3 @@ def test_several_derivatives_equal_single_derivatives() -> None:
     t = np.linspace(-3.0, 8.0, 50)
     for order, values in enumerate(derivatives(sines, t, range(6))):
         assert np.allclose(values, sines(t, order), rtol=1e-12, atol=1e-10)
-
-
-def test_documented_limit() -> None:
-    assert MAX_TRIANGLES == 20_000_000

@@ -65,7 +65,7 @@ def test_steep_textures(number: int, tolerance: float, tmp_path: Path) -> None:
     check(Case("catalogue", block, waves(terms), block.mm_per_unit), tmp_path / "block.stl")
 
 
-@pytest.mark.parametrize("seed", mostly_long([*range(14), *range(1000, 1420)], *range(7)))
+@pytest.mark.parametrize("seed", mostly_long([*range(14), *range(1000, 1420)], *range(4)))
 def test_random_blocks(seed: int, tmp_path: Path) -> None:
     check(random_case(seed), tmp_path / ("block.3mf" if seed % 5 == 0 else "block.stl"))
 
@@ -74,7 +74,7 @@ def test_a_crest_above_the_samples_beside_the_key_counts(tmp_path: Path) -> None
     # the surface rises towards the corner that the key cuts off, so its highest part is on the cut, between samples
     terms = ((2.0, 0.3, -0.3, 0.0), (0.05, 2.0, 1.0, 0.4))
     texture = Texture(name="ramp", equation="ramp", surface=plane_waves(*terms))
-    for step in (21, 34, 55):
+    for step in (21, 34):
         block = Block.of(
             texture,
             mm_per_unit=(1.0, 1.0, 1.0),
