@@ -41,7 +41,7 @@ class Extremes:
     error: float
 
 
-class Region(Protocol):
+class Footprint(Protocol):
     """A bounded and connected part of the plane, such as the inside of an outline."""
 
     def __hash__(self) -> int:
@@ -71,7 +71,7 @@ def search_rectangle(
     u: tuple[float, float],
     v: tuple[float, float],
     error: float,
-    region: Region | None = None,
+    region: Footprint | None = None,
 ) -> Extremes:
     """Find the extremes of a function of two variables over a rectangle, or over its part in a region.
 
@@ -99,7 +99,7 @@ def search_cells(
     second: Sequence[Floats],
     limits: tuple[Floats, Floats],
     error: float,
-    region: Region | None = None,
+    region: Footprint | None = None,
 ) -> Extremes:
     """Find the extremes of a function over a grid of cells, each of which has bounds of its own.
 
@@ -123,7 +123,7 @@ def _highest(
     second: Sequence[Floats],
     limit: Floats,
     error: float,
-    region: Region | None,
+    region: Footprint | None,
 ) -> tuple[float, tuple[float, float], float]:
     """Highest value of ``sign * function``, where it is taken, and the proved gap."""
     u, v = np.meshgrid(*lines, indexing="ij")
@@ -167,7 +167,7 @@ def _highest(
 
 
 def _best_of(
-    function: Function2D, sign: float, u: Floats, v: Floats, value: Floats, region: Region | None
+    function: Function2D, sign: float, u: Floats, v: Floats, value: Floats, region: Footprint | None
 ) -> tuple[float, tuple[float, float]]:
     """Return the highest value at points, or at those of the region that are nearest to them, and its place."""
     if region is not None:
@@ -185,7 +185,7 @@ def _polished(
     best: float,
     place: tuple[float, float],
     lines: tuple[Floats, Floats],
-    region: Region | None,
+    region: Footprint | None,
 ) -> tuple[float, tuple[float, float]]:
     """Move uphill by Newton steps inside the rectangle and the region; the result is never worse."""
     a, b = place

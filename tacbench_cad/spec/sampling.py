@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacbench_cad.spec.extremes import Region
+from tacbench_cad.spec.extremes import Footprint
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
@@ -76,7 +76,7 @@ class SampleGrid:
         return x * np.arange(self.nx) / (self.nx - 1), y * np.arange(self.ny) / (self.ny - 1)
 
 
-def highest_sample(surface: Surface, samples: tuple[Floats, Floats], region: Region | None) -> float:
+def highest_sample(surface: Surface, samples: tuple[Floats, Floats], region: Footprint | None) -> float:
     """Return the highest point of the triangulated samples. If there is a key, the points on its cut count as well."""
     x, y = samples
     if region is None and surface.is_separable:

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, Region, search_cells
+from tacbench_cad.spec.extremes import Extremes, Footprint, search_cells
 from tacbench_cad.spec.surface import Ends, Surface, Unit
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Floats, Ints
@@ -330,7 +330,7 @@ class SplineSurface(Surface):
             total -= (u1 - u0) * float(values @ (half * weight).ravel())
         return math.copysign(1.0, _area(corners)) * total
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Footprint | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, or over its part in a region.
 
         The error is at most :data:`EXTREMES_FRACTION` times the height of the surface, and it is proved.
@@ -451,7 +451,7 @@ def _area(corners: Sequence[tuple[float, float]]) -> float:
 
 @lru_cache(maxsize=64)
 def _extremes(
-    surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], region: Region | None
+    surface: SplineSurface, u: tuple[float, float], v: tuple[float, float], region: Footprint | None
 ) -> Extremes:
     part = surface if (surface.u.ends, surface.v.ends) == (u, v) else surface.over(u, v)
     lines = part.u.breaks, part.v.breaks

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 # the operations make splines, which are surfaces, so their modules are loaded when they are used
 from tacbench_cad import spec
-from tacbench_cad.spec.extremes import Extremes, Region
+from tacbench_cad.spec.extremes import Extremes, Footprint
 from tacbench_cad.spec.sines import Sines, Wave
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Floats
@@ -138,7 +138,7 @@ class Surface(Protocol):
         """Return the integral over a triangle with these corners ``(u, v)``."""
         ...
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Footprint | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, or over its part in a region."""
         ...
 

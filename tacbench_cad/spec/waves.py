@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tacbench_cad.spec.extremes import Extremes, Region, search_rectangle
+from tacbench_cad.spec.extremes import Extremes, Footprint, search_rectangle
 from tacbench_cad.spec.outlines import Corners, LoopRegion, Polygons
 from tacbench_cad.spec.sines import EXTREMES_ERROR, Sines, Wave
 from tacbench_cad.spec.surface import Surface, Unit
@@ -213,7 +213,7 @@ class WaveSum(Surface):
             total += a * _mean_sine(*(f * u + g * v + phase for u, v in corners))
         return area * total
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Footprint | None = None) -> Extremes:
         """Find the lowest and the highest value over a rectangle, with a proved error.
 
         The error is at most ``EXTREMES_ERROR`` if the sum is separable or all waves are parallel. Otherwise it is
@@ -257,7 +257,7 @@ class WaveSum(Surface):
 
 # A study has many blocks of few textures, and each block asks for the same.
 @lru_cache(maxsize=256)
-def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], region: Region | None) -> Extremes:
+def _extremes(waves: WaveSum, u: tuple[float, float], v: tuple[float, float], region: Footprint | None) -> Extremes:
     if region is None and waves.is_separable:
         return _sum_of(
             waves.along_u.extremes(u[0], u[1], EXTREMES_ERROR / 2.0),

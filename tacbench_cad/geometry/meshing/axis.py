@@ -20,7 +20,7 @@ PLAN_PER_RADIAN = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Axis:
+class SineAxis:
     """A sum of sines along one side of a block.
 
     Args:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacbench_cad.geometry.meshing.heights import Heights
-from tacbench_cad.spec.extremes import Region
+from tacbench_cad.spec.extremes import Footprint
 from tacbench_cad.util.types import Bools, Floats, Ints
 
 #: The number of triangles that are evaluated together. Their arrays fit into the processor's cache.
@@ -63,7 +63,7 @@ class Net:
         peak: int,
         tolerance: float,
         ceiling: float,
-        region: Region | None = None,
+        region: Footprint | None = None,
     ) -> None:
         self.heights = heights
         self.x, self.y = np.ascontiguousarray(points.T)

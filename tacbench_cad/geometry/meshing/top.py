@@ -12,7 +12,7 @@ import numpy as np
 
 from tacbench_cad.geometry.mesh import MAX_TRIANGLES, Certificate, refuse_too_many
 from tacbench_cad.geometry.meshing.adaptive import NetTop, adaptive_top
-from tacbench_cad.geometry.meshing.axis import Axis
+from tacbench_cad.geometry.meshing.axis import SineAxis
 from tacbench_cad.geometry.meshing.certify import Allowance, AxisProof, prove_axis, vertical, within
 from tacbench_cad.geometry.meshing.certify_cells import Cells
 from tacbench_cad.geometry.meshing.sheet import Sheet
@@ -163,30 +163,30 @@ def _fitted_top(block: Block, tolerance: float) -> Top:
     return Top(x, y, z, Profiles(a, b), certificate)
 
 
-def _axes(block: Block) -> tuple[Axis, Axis]:
+def _axes(block: Block) -> tuple[SineAxis, SineAxis]:
     axes = []
     sums = (block.surface.along_u, block.surface.along_v)
     for sines, side, place in zip(sums, block.size_mm, block.extremes.at_high, strict=True):
         length = float(np.float32(side))
         peak = length if abs(place - length) < 1e-6 * length else place
-        axes.append(Axis(sines=sines, length_mm=length, peak_mm=peak, peak_height_mm=float(sines(place))))
+        axes.append(SineAxis(sines=sines, length_mm=length, peak_mm=peak, peak_height_mm=float(sines(place))))
     return axes[0], axes[1]
 
 
-def _fraction_of_x(p: Axis, q: Axis) -> float:
+def _fraction_of_x(p: SineAxis, q: SineAxis) -> float:
     """Return the fraction of the tolerance for x."""
     if q.sines.is_constant:
         return 1.0
     return 0.0 if p.sines.is_constant else 0.5
 
 
-def _lines_needed(axis: Axis, tolerance: float, fraction: float) -> float:
+def _lines_needed(axis: SineAxis, tolerance: float, fraction: float) -> float:
     return (
         2.0 if axis.sines.is_constant else axis.links_needed(Allowance(tolerance_mm=tolerance, fraction=fraction)) + 1.0
     )
 
 
-def _fit(axis: Axis, tolerance: float, fraction: float) -> tuple[Floats, Floats, AxisProof]:
+def _fit(axis: SineAxis, tolerance: float, fraction: float) -> tuple[Floats, Floats, AxisProof]:
     if axis.sines.is_constant:
         ends = np.array([0.0, axis.length_mm])
         height = axis.sines(ends)
