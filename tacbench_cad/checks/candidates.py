@@ -1,4 +1,4 @@
-"""The blocks that a file may contain: the block that the user expects, the block named in the file, or all blocks."""
+"""The blocks that a file may contain: the one that the user expects, the one that it claims, or all known ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal
 
 from tacbench_cad.checks.body_shape import BodyShape
-from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.match import Candidate, FoundPlacement
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.presets import PRESETS
@@ -43,14 +42,14 @@ class Expectation:
         texture: A texture, its number or name, or the path of a TOML file; None for any texture.
         preset: ``paper`` or ``released``; None for any preset.
         scale: The scale; None to compute it from the sides.
-        claim: The part name in a file of this package; None for other files.
+        claim: The block that a file of this package claims to contain; None for other files.
         later: Whether the authors' later textures are meant if no texture is given, and not the six of the paper.
     """
 
     texture: Texture | str | Path | None = None
     preset: str | None = None
     scale: float | None = None
-    claim: str | None = None
+    claim: Block | None = None
     later: bool = False
 
     def __post_init__(self) -> None:
@@ -69,19 +68,13 @@ class Expectation:
 
     @property
     def claimed(self) -> Block | None:
-        """The block that the name in the file describes, with the user's texture and scale if they are given."""
-        if self.claim is None:
+        """The block that the file claims to contain, with the user's texture and scale if they are given."""
+        block = self.claim
+        if block is None or self.preset not in (None, block.preset):
             return None
-        words = self.claim.split("_")
-        preset = words[1] if len(words) > 1 else ""
-        if preset not in PRESETS or self.preset not in (None, preset):
-            return None
-        texture = self.textures(preset)[0] if self.texture is not None else None
-        block = claimed_block(self.claim, texture)
-        if block is None or self.scale is None:
-            return block
+        texture = block.texture if self.texture is None else self.textures(block.preset)[0]
         try:
-            return dataclasses.replace(block, scale=self.scale)
+            return dataclasses.replace(block, texture=texture, scale=self.scale or block.scale)
         except InputError:
             return None
 
@@ -134,8 +127,8 @@ def scale_of(block: Block, sides_mm: tuple[float, float]) -> float:
     """Compute the scale from the sides of a file; return 1 if the two sides do not give the same scale.
 
     A scale within 4 % of a multiple of 0.25 counts as this multiple. Such a small difference is more likely a mistake
-    (or shrinkage) than intended, so the check reports it as a wrong size. The files of this package contain their exact
-    scale in their name, and for other files the user can state any scale.
+    (or shrinkage) than intended, so the check reports it as a wrong size. The files of this package state their
+    exact scale, and for other files the user can state any scale.
     """
     along_x, along_y = sides_mm[0] / block.nominal_size_mm[0], sides_mm[1] / block.nominal_size_mm[1]
     if abs(along_x - along_y) > MAX_SCALE_DIFFERENCE * along_x:

@@ -39,7 +39,7 @@ def completeness_checks(
     Args:
         shape: The shape.
         match: Its block and its placement.
-        claimed: The block that the name in the file describes; None for a file without such a name.
+        claimed: The block that the file claims to contain; None for a file without a claim.
         outline: The outline of the block; None for a rectangle.
         allowed_mm: The largest distance of the relief from the block.
     """

@@ -1,7 +1,7 @@
 """Identification of a part file from any program (``tacbench check-part``), and a report of all its faults.
 
-The origin can be anywhere, and the block can be turned by quarter turns. A file of this package contains the name of
-its part (see :mod:`tacbench_cad.checks.claim`) and must agree with this name. Any other file is compared with all known
+The origin can be anywhere, and the block can be turned by quarter turns. A file of this package states its
+blocks (see :mod:`tacbench_cad.checks.claim`) and must agree with them. Any other file is compared with all known
 blocks, and the report names the nearest block. If a file contains several bodies (a plate or an assembly), each body is
 checked separately.
 """
@@ -19,7 +19,7 @@ import numpy as np
 from tacbench_cad.checks import meshcheck
 from tacbench_cad.checks.body_shape import BodyShape, mesh_shape, solid_shape
 from tacbench_cad.checks.candidates import SIDE_MM, Expectation, stretch_of
-from tacbench_cad.checks.claim import claimed_name
+from tacbench_cad.checks.claim import claimed_blocks
 from tacbench_cad.checks.complete import completeness_checks
 from tacbench_cad.checks.match import GRID_MM, Candidate, Match, Residual, nearest
 from tacbench_cad.checks.outline import outline_checks, outline_of
@@ -28,6 +28,7 @@ from tacbench_cad.formats import format_of
 from tacbench_cad.formats.step import kernel_errors, with_kernel
 from tacbench_cad.geometry import kernel
 from tacbench_cad.geometry.mesh import Mesh
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.outlines import Outline
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
@@ -73,7 +74,7 @@ def examine(
         path: An STL, 3MF or STEP file.
         texture: The expected texture: a texture, its number or name, or a TOML file; None for the nearest texture.
         preset: ``paper`` or ``released`` (the published surface on its sample grid); None for the nearest preset.
-        scale: The expected scale; None to take it from the part name in the file, or to compute it from the sides.
+        scale: The expected scale; None for the scale that the file states, or to compute it from the sides.
         full: Whether the checks by pymeshlab are done. None does them if pymeshlab is installed.
 
     Returns:
@@ -122,7 +123,7 @@ class _Body:
 
 
 def _examine_bodies(
-    bodies: Sequence[_Body], expected: Expectation, claim: str | None
+    bodies: Sequence[_Body], expected: Expectation, claims: dict[str, Block]
 ) -> tuple[list[Check], float | None]:
     """Return the checks of all bodies, and the largest deviation.
 
@@ -130,15 +131,15 @@ def _examine_bodies(
     and scale then apply only to the blocks, because the other bodies can be fixtures.
     """
     if len(bodies) == 1:
-        return bodies[0].examine(replace(expected, claim=claim))
+        only = next(iter(claims.values())) if len(claims) == 1 else claims.get(bodies[0].name)
+        return bodies[0].examine(replace(expected, claim=only))
     blocks = sum(body.is_block for body in bodies)
     detail = f"{len(bodies)}, {blocks} of them with a relief; each is checked separately"
     checks = [Check(name="bodies", ok=expected.is_open or blocks > 0, detail=detail)]
     deviations = []
     for number, body in enumerate(bodies, start=1):
-        # In a file of this package, the name of a body is its part name, followed by a space and its position.
-        part_name = body.name.partition(" ")[0] if claim is not None else None
-        body_expected = replace(expected, claim=part_name) if body.is_block else Expectation(claim=part_name)
+        claim = claims.get(body.name)
+        body_expected = replace(expected, claim=claim) if body.is_block else Expectation(claim=claim)
         body_checks, deviation = body.examine(body_expected)
         checks += [replace(check, name=f"{body.name or f'body {number}'}: {check.name}") for check in body_checks]
         deviations += [] if deviation is None else [deviation]
@@ -159,7 +160,7 @@ def _examine_mesh(path: Path, expected: Expectation, full: bool | None) -> Repor
     edges = meshcheck.edges(mesh)
     checks = _mesh_checks(mesh, edges)
     bodies = [_mesh_body(name, body) for name, body in parts]
-    body_checks, deviation = _examine_bodies(bodies, expected, claimed_name(path, metadata))
+    body_checks, deviation = _examine_bodies(bodies, expected, claimed_blocks(path, metadata))
     closed = mesh if edges.ok else None if edges.open or edges.crowded else meshcheck.oriented(mesh)
     volume = None if closed is None else closed.volume_mm3
     return Report.of_mesh(
@@ -231,7 +232,7 @@ def _report_of_solid(path: Path, expected: Expectation) -> Report:
     _require_few_bodies(path, len(parts))
     measured = [solidcheck.measure(solid) for _, solid in parts]
     bodies = [_solid_body(name, solid, values) for (name, solid), values in zip(parts, measured, strict=True)]
-    checks, deviation = _examine_bodies(bodies, expected, claimed_name(path))
+    checks, deviation = _examine_bodies(bodies, expected, claimed_blocks(path))
     low = np.min([values.low_mm for values in measured], axis=0)
     high = np.max([values.high_mm for values in measured], axis=0)
     whole = solidcheck.MeasuredSolid(volume_mm3=sum(values.volume_mm3 for values in measured), low_mm=low, high_mm=high)

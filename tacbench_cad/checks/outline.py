@@ -35,7 +35,7 @@ def outline_checks(
     Args:
         shape: The shape.
         match: Its block.
-        claimed: The block that the name in the file describes; None for a file without such a name.
+        claimed: The block that the file claims to contain; None for a file without a claim.
         outline: The outline; None for a rectangle.
         allowed_mm: The largest allowed distance of the relief from the block.
     """

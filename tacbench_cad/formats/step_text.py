@@ -1,4 +1,6 @@
-"""Shorter STEP files: points, directions, lines and contexts are written once, with small numbers and without spaces.
+"""The text of STEP files: shorter files, and the blocks that a file contains, in its header.
+
+In a shorter file, points, directions, lines and contexts are written once, with small numbers and without spaces.
 
 Open CASCADE writes a point of its own for each pole, although neighbouring patches have common poles, and a context of
 its own for each curve on a surface. The shorter file describes the same shape.
@@ -6,8 +8,19 @@ its own for each curve on a surface. The shorter file describes the same shape.
 
 from __future__ import annotations
 
+import base64
+import json
 import re
+import zlib
+from collections.abc import Mapping
+from typing import Any
 
+#: The largest size of the header of a file, and of the blocks in it once they are unpacked, in bytes.
+MAX_HEADER = 64_000_000
+#: The end of the description in the header, and the packed blocks in it. A string may have at most 256 characters.
+_DESCRIPTION_END = re.compile(rb"\)\s*,\s*'2;1'\s*\)\s*;")
+_BLOCKS = re.compile(rb"'tacbench-cad blocks'((?:\s*,\s*'[A-Za-z0-9+/=]*')+)")
+_STRING_LENGTH = 240
 _DATA = b"\nDATA;\n"
 _POINT = b"CARTESIAN_POINT("
 _NUMBERS = re.compile(rb"(#\d+)")
@@ -77,3 +90,37 @@ def _renamed(text: bytes, names: dict[bytes, bytes]) -> bytes:
     parts = _NUMBERS.split(text)
     parts[1::2] = [names.get(part, part) for part in parts[1::2]]
     return b"".join(parts)
+
+
+def with_blocks(text: bytes, blocks: Mapping[str, Mapping[str, Any]]) -> bytes:
+    """Return a STEP file of the kernel with blocks in the description of its header.
+
+    Args:
+        text: The file.
+        blocks: The blocks as plain values, by the names of their products.
+    """
+    packed = base64.b64encode(zlib.compress(json.dumps(blocks, allow_nan=False).encode()))
+    strings = [packed[i : i + _STRING_LENGTH] for i in range(0, len(packed), _STRING_LENGTH)]
+    end = _DESCRIPTION_END.search(text)
+    assert end is not None, "the kernel writes a description"
+    added = b"".join(b",\n'%b'" % string for string in (b"tacbench-cad blocks", *strings))
+    return text[: end.start()] + added + text[end.start() :]
+
+
+def blocks_in_header(text: bytes) -> bytes | None:
+    """Return the blocks in the header of a STEP file as JSON, or None if there are none.
+
+    Args:
+        text: The beginning of the file.
+
+    Raises:
+        ValueError: The blocks are damaged.
+    """
+    found = _BLOCKS.search(text, 0, max(0, text.find(b"ENDSEC;")))
+    if found is None:
+        return None
+    try:
+        unpack = zlib.decompressobj()
+        return unpack.decompress(base64.b64decode(b"".join(re.findall(rb"'([^']*)'", found[1]))), MAX_HEADER)
+    except zlib.error as error:
+        raise ValueError from error

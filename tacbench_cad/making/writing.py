@@ -17,6 +17,7 @@ from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.making.manifest import Row
 from tacbench_cad.making.planning import file_name
 from tacbench_cad.spec.sampling import SampleGrid
+from tacbench_cad.spec.storage import block_values
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import replacing, sha256
 
@@ -153,6 +154,8 @@ def _row(part: PrintPart, format_name: str, report: Report) -> Row:
             "aliases": part.block.grid_aliases,
         }
     row["spec"] = dict(part.spec)
+    if part.block is not None:
+        row["block"] = block_values(part.block)
     # In schema 1 of the manifest, the rows of assemblies begin with the values of the report.
     return {**checked, **row} if part.placed else row
 

@@ -1,6 +1,7 @@
-"""Surfaces as plain values of JSON: the waves of a sum, or the knots and the packed poles of a spline.
+"""Blocks and surfaces as plain values of JSON, for run folders, manifests and the headers of part files.
 
-A surface of another kind is stored as a spline through it, with the measured error.
+A surface is stored as the waves of a sum, or as the knots and the packed poles of a spline. A surface of another kind
+is stored as a spline through it, with the measured error.
 """
 
 from __future__ import annotations
@@ -12,12 +13,17 @@ from typing import Any, get_args
 
 import numpy as np
 
+from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.interpolation import MAX_POLES, MAX_SAMPLES
 from tacbench_cad.spec.operations import SAMPLED_FRACTION, as_spline
+from tacbench_cad.spec.outlines import outline_of_word
+from tacbench_cad.spec.presets import PRESETS
+from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, Tolerance
 from tacbench_cad.spec.sines import Wave
 from tacbench_cad.spec.spline import SplineAxis, SplineSurface
 from tacbench_cad.spec.surface import Surface, Unit
 from tacbench_cad.spec.waves import WaveSum
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 from tacbench_cad.util.types import Floats
 
@@ -109,3 +115,70 @@ def surface_from(values: Mapping[str, Any], where: str = "") -> Surface:
         return SplineSurface(axes[0], axes[1], poles, error=error, evidence=evidence, unit=unit)
     except (KeyError, TypeError, ValueError, zlib.error, InputError):
         raise InputError(f"{where}[block] spline", None, "is not a spline that this program wrote") from None
+
+
+def block_values(block: Block) -> dict[str, Any]:
+    """Return a block as plain values, from which :func:`block_from` makes it again."""
+    texture = block.texture
+    return {
+        "texture": texture.name,
+        "number": texture.number,
+        "equation": texture.equation,
+        **surface_values(texture.surface),
+        "texture_block": to_plain(texture.block, without_none=True),
+        "preset": block.preset,
+        "scale": block.scale,
+        "nominal_size_mm": list(block.nominal_size_mm),
+        "nominal_height_mm": block.nominal_height_mm,
+        "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
+        "origin_uv": list(block.origin_uv),
+        "key_mm": block.key_mm,
+        **({} if block.nominal_outline is None else {"outline": block.nominal_outline.word}),
+        "sampling": (
+            {"tolerance_mm": block.sampling.mm}
+            if isinstance(block.sampling, Tolerance)
+            else {"grid": [block.sampling.nx, block.sampling.ny]}
+        ),
+        "label": block.label,
+        "engraved_copy": block.copy,
+        **({} if block.step_tolerance_mm == STEP_TOLERANCE_MM else {"step_tolerance_mm": block.step_tolerance_mm}),
+    }
+
+
+def block_from(values: Any, where: str = "") -> Block:
+    """Make a block from the plain values of :func:`block_values`. The texture is made from its surface.
+
+    Args:
+        values: The plain values.
+        where: The beginning of every error message.
+
+    Raises:
+        InputError: A key is missing, or a value is not allowed.
+    """
+    try:
+        block = dict(values)
+        surface = surface_from({key: block.pop(key) for key in ("unit", "waves", "spline") if key in block}, where)
+        sampling = block.pop("sampling")
+        texture = {"name": block.pop("texture"), "surface": surface, "block": block.pop("texture_block")}
+        texture |= {key: block.pop(key) for key in ("number", "equation")}
+        outline = None
+        if "outline" in block and (outline := outline_of_word(str(block.pop("outline")))) is None:
+            raise ValueError
+        block |= {
+            "texture": texture,
+            "nominal_outline": outline,
+            "copy": block.pop("engraved_copy"),
+            "sampling": (
+                {"mm": sampling["tolerance_mm"]}
+                if "tolerance_mm" in sampling
+                else dict(zip(("nx", "ny"), sampling["grid"], strict=True))
+            ),
+        }
+    except KeyError as error:
+        raise InputError(f"{where}[block]", None, f"the key {error.args[0]!r} is missing") from None
+    except InputError:
+        raise
+    except (TypeError, ValueError):
+        raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
+    one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)
+    return from_plain(Block, block, f"{where}[block] ")

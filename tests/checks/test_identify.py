@@ -13,7 +13,6 @@ import pytest
 from helpers.cases import mostly_long
 from helpers.shapes import box_mesh, changed, mesh_part, published, write_soup
 
-from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.report import Check, Report
 from tacbench_cad.formats import FORMATS
@@ -21,9 +20,11 @@ from tacbench_cad.formats.threemf import write_plate
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.mesh import Mesh
 from tacbench_cad.geometry.part import PrintPart
+from tacbench_cad.making.manifest import write_manifest
 from tacbench_cad.spec import texture_files
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.storage import block_values
 
 
 @cache
@@ -34,6 +35,13 @@ def _part(number: int = 2, preset: str = "paper", **more: Any) -> PrintPart:
 def _anonymous(mesh: Mesh, path: Path) -> Path:
     """Write a mesh to a file that contains no part name."""
     return write_soup(path, mesh.triangle_points)
+
+
+def _claim(path: Path, block: Block | None) -> None:
+    """Write the manifest of a file that claims to contain a block."""
+    assert block is not None
+    row = {"file": path.name, "sha256": "", "part": block.name, "block": block_values(block)}
+    write_manifest(path.parent, [row])
 
 
 def _line(report: Report, name: str) -> Check:
@@ -199,21 +207,31 @@ def test_a_texture_other_than_the_expected_texture_is_named(tmp_path: Path) -> N
     assert "the nearest known block is texture-3, preset paper, scale 1" in _line(report, "relief").detail
 
 
-def test_a_file_of_this_package_must_agree_with_its_name(tmp_path: Path) -> None:
-    """The same mesh passes with the right name in the file, and fails with any other name."""
-    part = block_part(Block.of(2, size_mm=(40.0, 35.0), height_mm=8.0, key_mm=2.5, sampling=Tolerance(mm=0.05)))
-    FORMATS["stl"].write(part, tmp_path / "a.stl")
-    assert examine(tmp_path / "a.stl", full=False).ok
-    data = (tmp_path / "a.stl").read_bytes()
-    for name, fault in (
-        ("texture-3_paper_x1_40x35x8_key2.5_tol0.05", "relief"),
-        ("texture-2_paper_x1_40x35x8.5_key2.5_tol0.05", "size"),
-        ("texture-2_paper_x1_40x35x8_key3_tol0.05", "key"),
-        ("texture-2_paper_x1_40x35x8_tol0.05", "key"),
-        ("texture-2_paper_x1_40x35x8_key2.5", "relief"),
+def test_a_file_of_this_package_must_agree_with_its_claim(tmp_path: Path) -> None:
+    """The same mesh passes with the right block in the manifest, and fails with any other block."""
+    right = Block.of(2, size_mm=(40.0, 35.0), height_mm=8.0, key_mm=2.5, sampling=Tolerance(mm=0.05))
+    path = tmp_path / "a.stl"
+    FORMATS["stl"].write(block_part(right), path)
+    for claim, fault in (
+        (right, None),
+        (replace(right, texture=Block.of(3).texture), "relief"),
+        (replace(right, nominal_height_mm=8.5), "size"),
+        (replace(right, key_mm=3.0), "key"),
+        (replace(right, key_mm=None), "key"),
+        (replace(right, sampling=Tolerance()), "relief"),
     ):
-        (tmp_path / "b.stl").write_bytes(f"tacbench-cad {name}".encode().ljust(80, b"\0") + data[80:])
-        assert fault in _faults(examine(tmp_path / "b.stl", full=False)), name
+        _claim(path, claim)
+        faults = _faults(examine(path, full=False))
+        assert fault in faults if fault else not faults, claim.name
+
+
+@pytest.mark.parametrize("form", ["3mf", "step"])
+def test_a_wrong_claim_in_the_file_itself_is_found(form: str, tmp_path: Path) -> None:
+    if FORMATS[form].why_missing() is not None:
+        pytest.skip(f"the packages for {form} files are not installed")
+    path = tmp_path / f"texture-2_paper_x1.{form}"
+    FORMATS[form].write(replace(_part(2), block=Block.of(3)), path)
+    assert "relief" in _faults(examine(path, full=False))
 
 
 @pytest.mark.parametrize("form", ["stl", "3mf", "step"])
@@ -223,24 +241,12 @@ def test_a_key_a_label_and_another_height_are_no_faults(form: str, tmp_path: Pat
     part = block_part(Block.of(1, height_mm=8.0, key_mm=3.0, copy=7))
     path = tmp_path / f"a.{form}"
     FORMATS[form].write(part, path)
+    if form == "stl":
+        _claim(path, part.block)
     report = examine(path, full=False)
     assert report.ok, report.faults
     assert "3 mm at the corner (X, 0)" in _line(report, "key").detail
     assert "0.4 mm" in _line(report, "label").detail
-
-
-def test_the_name_of_a_block_gives_the_same_block() -> None:
-    for block in (
-        Block.of(4),
-        Block.of(2, "released", scale=0.35),
-        Block.of(1, size_mm=(41.5, 30.25), height_mm=9.0, scale=1.5, key_mm=2.0),
-        Block.of(3, sampling="grid"),
-        Block.of(6, mm_per_unit=(1.5, 2.0, 0.5), sampling=Tolerance(mm=0.005)),
-        replace(Block.of(2, copy=3, key_mm=2.5), origin_uv=(-3.25, -0.5)),
-    ):
-        assert claimed_block(block.name) == block
-    assert claimed_block("holder_x1") is None
-    assert claimed_block("hex_paper_x1") is None
 
 
 @pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6))])
@@ -296,7 +302,7 @@ def test_each_body_of_a_plate_is_checked_under_its_name(tmp_path: Path) -> None:
         assert part.name.split("_")[0] in _line(report, f"{part.name}: relief").detail
     # An expected texture applies to all blocks of the file.
     assert _faults(examine(tmp_path / "a.3mf", texture="2", full=False)) == {f"{parts[0].name}: relief"}
-    wrong = [(replace(parts[0], name=parts[1].name), (0.0, 0.0)), (foot, (30.0, 0.0))]
+    wrong = [(replace(parts[0], name=parts[1].name, block=parts[1].block), (0.0, 0.0)), (foot, (30.0, 0.0))]
     write_plate(wrong, "plate", tmp_path / "b.3mf")
     assert _faults(examine(tmp_path / "b.3mf", full=False)) == {f"{parts[1].name}: relief"}
     write_plate([(foot, (0.0, 0.0)), (replace(foot, name="head"), (30.0, 0.0))], "plate", tmp_path / "c.3mf")

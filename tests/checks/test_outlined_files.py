@@ -1,5 +1,8 @@
 """Identification of files of blocks whose outlines are not rectangles."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,14 @@ from tacbench_cad import Block, export
 from tacbench_cad.checks.check import check
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.spec.sampling import Tolerance
+from tacbench_cad.spec.storage import block_values
+from tacbench_cad.util.files import MANIFEST_NAME
+
+
+def keep_in_manifest(path: Path, block: Block) -> None:
+    """Write the manifest that states the block of an STL file, as ``tacbench make`` does."""
+    row = {"file": path.name, "part": block.name, "sha256": "", "block": block_values(block)}
+    (path.parent / MANIFEST_NAME).write_text(json.dumps({"files": [row]}))
 
 
 @pytest.mark.parametrize(
@@ -17,6 +28,8 @@ def test_own_files_are_identified_with_their_outline(tmp_path, outline: str, lab
     block = Block.of(2, outline=outline, label=label, sampling=Tolerance(mm=0.05))
     path = tmp_path / f"block{suffix}"
     assert export(block, path).ok
+    if suffix == ".stl":
+        keep_in_manifest(path, block)
     report = check(path)
     assert report.ok, str(report)
     assert [row.detail for row in report.checks if row.name == "outline"] == [str(block.outline)]
@@ -32,8 +45,9 @@ def test_the_outline_of_a_foreign_file_is_named(tmp_path) -> None:
 
 
 def test_a_wall_beside_the_outline_is_a_fault(tmp_path) -> None:
-    path = tmp_path / "block.stl"
-    export(Block.of(2, outline="disc:30"), path)
+    path, block = tmp_path / "block.stl", Block.of(2, outline="disc:30")
+    export(block, path)
+    keep_in_manifest(path, block)
     data = bytearray(path.read_bytes())
     triangles = np.frombuffer(data, dtype="<u1")[84:].reshape(-1, 50)
     points = triangles[:, 12:48].copy().view("<f4").reshape(-1, 3)

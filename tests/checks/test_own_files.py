@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
 
 from tacbench_cad.checks import meshcheck, solidcheck
+from tacbench_cad.checks.claim import claimed_blocks
 from tacbench_cad.checks.identify import examine
 from tacbench_cad.checks.report import Report
 from tacbench_cad.cli import main
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.formats.step import read_step
 from tacbench_cad.formats.stl import read_stl
-from tacbench_cad.formats.threemf import write_plate
+from tacbench_cad.formats.threemf import read_3mf, write_plate
 from tacbench_cad.geometry.block_part import block_part
-from tacbench_cad.making.manifest import read_rows
+from tacbench_cad.making.manifest import read_rows, write_manifest
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.util.errors import InputError
+from tacbench_cad.spec.storage import block_values
 
 #: The number of random requests of the long run.
 MANY = 200
@@ -117,7 +120,18 @@ def test_random_plates_pass_their_own_check(seed: int, tmp_path: Path) -> None:
     assert _check_plate(seed, tmp_path)
 
 
-def test_a_name_that_the_header_of_an_stl_file_cuts_off_is_in_the_manifest(tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", ["3mf", "step"])
+def test_a_negative_origin_is_kept_in_the_file(form: str, tmp_path: Path) -> None:
+    pytest.importorskip({"3mf": "lib3mf", "step": "OCP"}[form])
+    block = replace(Block.of(2, copy=3, key_mm=2.5), origin_uv=(-3.25, -0.5))
+    path = tmp_path / f"renamed.{form}"
+    FORMATS[form].write(block_part(block), path)
+    metadata = read_3mf(path)[1] if form == "3mf" else None
+    assert list(claimed_blocks(path, metadata).values()) == [block]
+    assert examine(path, full=False).ok
+
+
+def test_a_renamed_stl_file_is_recognised_by_the_manifest_beside_it(tmp_path: Path) -> None:
     words = [
         "--texture",
         "1",
@@ -131,9 +145,46 @@ def test_a_name_that_the_header_of_an_stl_file_cuts_off_is_in_the_manifest(tmp_p
     assert main(["make", *words, "--formats", "stl", "--parts", "blocks", "--out", str(tmp_path)]) == 0
     (path,) = tmp_path.glob("*.stl")
     assert examine(path, full=False).ok
+    renamed = path.rename(tmp_path / "renamed.stl")
+    assert examine(renamed, full=False).ok
     (tmp_path / "manifest.json").unlink()
-    with pytest.raises(InputError, match=r"67 characters of the name .* keep manifest.json beside it"):
-        examine(path, full=False)
+    assert not examine(renamed, full=False).ok
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"waves": [[1.0, 2.0, 0.0, 0.0]]}, "of a built-in texture, but its surface is another one"),
+        ({"texture": "own", "number": 4}, "of a built-in texture, but its surface is another one"),
+        ({"sampling": None}, "is not a block that this program wrote"),
+        ({"scale": "large"}, "scale"),
+    ],
+)
+def test_a_damaged_claim_is_a_fault(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+    part = block_part(Block.of(2))
+    FORMATS["stl"].write(part, tmp_path / "a.stl")
+    row = {"file": "a.stl", "sha256": "", "part": "a", "block": {**block_values(Block.of(2)), **change}}
+    write_manifest(tmp_path, [row])
+    (fault,) = examine(tmp_path / "a.stl", full=False).faults
+    assert fault.name == "file" and message in fault.detail
+
+
+def test_a_claim_that_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tacbench_cad.checks.claim.LIMITS_S", (2.0, 0.0))
+    waves = [[1e-4, 1e4 - 3.0 * i, 1e4 - 7.0 * i, 0.1 * i] for i in range(2000)]
+    values = {**block_values(Block.of(2)), "texture": "own", "number": None, "waves": waves}
+    FORMATS["stl"].write(block_part(Block.of(2)), tmp_path / "a.stl")
+    write_manifest(tmp_path, [{"file": "a.stl", "sha256": "", "part": "a", "block": values}])
+    (fault,) = examine(tmp_path / "a.stl", full=False).faults
+    assert "takes the check of its blocks longer than 2 s" in fault.detail
+
+
+def test_a_solid_keeps_its_own_tolerance(tmp_path: Path) -> None:
+    pytest.importorskip("OCP")
+    for limit in (0.05, 0.001):
+        FORMATS["step"].write(block_part(Block.of(1, step_tolerance_mm=limit)), tmp_path / "a.step")
+        (claim,) = claimed_blocks(tmp_path / "a.step").values()
+        assert claim.sampling == Tolerance(mm=0.05 if limit == 0.05 else 0.01)
 
 
 def test_a_long_name_in_a_step_file_is_read(tmp_path: Path) -> None:

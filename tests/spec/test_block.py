@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.checks.claim import claimed_block
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.lab.runs.info import printed_block_from
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -242,13 +241,12 @@ MILLIMETRES = "[block]\nmm_per_unit = [0.28489, 0.28489, 0.21]\ndomain = [[-1.0,
 def test_names_state_what_differs_from_the_texture_file(
     wave: str, block: str, options: dict[str, Any], rest: str, tmp_path: Path
 ) -> None:
-    """The name is short, and together with the file it still means the same block."""
+    """The name is short, and a run folder keeps the same block."""
     path = tmp_path / "bumps.toml"
     head = '[texture]\nname = "slider-bumps"\nfamily = "plane-waves"\n[[wave]]\namplitude = 0.3\n'
     path.write_text(f"{head}{wave}\n{block}", encoding="utf-8")
     own = Block.of(path, **options)
     assert own.name == f"slider-bumps_paper_x1{rest}"
-    assert claimed_block(own.name, own.texture) == own
     stored = printed_block_from(PrintedBlock(block=own, printer="ender-3", filament="pla").as_dict())
     assert (stored.block, stored.block.name) == (own, own.name)
 
@@ -259,15 +257,6 @@ def test_the_report_of_a_block_has_a_line_for_each_fact() -> None:
     assert "34.95 x 45 x 10.5 mm" in title and values["size"] == "34.95 x 45 x 10.5 mm"
     assert values["z"] == "sin u + sin(v + pi/2)" and values["label"] == "T2 PAPER X1.5 07"
     assert "too coarse for the finest wave" in str(Block.of(6, "released"))
-
-
-def test_a_name_in_a_file_does_not_open_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    text = '[texture]\nname = "own"\nfamily = "equation1"\nf1 = 1\nf2 = 1\n'
-    (tmp_path / "own").write_text(text, encoding="utf-8")
-    (tmp_path / "own.toml").write_text(text, encoding="utf-8")
-    assert [claimed_block(f"{word}_paper_x1") for word in ("own", "own.toml", "./own", "all")] == [None] * 4
-    assert Block.of("own").texture.name == "own"
 
 
 @pytest.mark.parametrize(("size", "text"), [(38.0 * 0.8, "30.4"), (23.3 * 1.1, "25.63")])

@@ -7,12 +7,11 @@ import pytest
 from helpers.cases import mostly_long
 
 from tacbench_cad import Block
-from tacbench_cad.checks.claim import claimed_block
-from tacbench_cad.lab.runs.info import printed_block_from
-from tacbench_cad.lab.study.spec import block_values
+from tacbench_cad.making.labelled import blocks_named
 from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.outlines import Disc, Outline, Polygon, RegularPolygon, Ring, outline_of
 from tacbench_cad.spec.protocol import PressGrid
+from tacbench_cad.spec.storage import block_from, block_values
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 
@@ -78,9 +77,8 @@ def test_words_make_outlines(word: str, expected: Outline) -> None:
 @pytest.mark.parametrize("outline", OUTLINES, ids=lambda outline: outline.word[:4])
 def test_names_and_run_files_keep_the_outline(outline: Outline) -> None:
     block = Block.of(4, outline=outline, height_mm=8.0, scale=1.5)
-    assert claimed_block(block.name) == block
-    values = {**block_values(block), "printer": "a", "filament": "b", "copy": 1}
-    assert printed_block_from(values).block == block
+    assert blocks_named(block.name) == [block]
+    assert block_from(block_values(block)) == block
     assert block.outline == outline.scaled(1.5)
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from tacbench_cad.lab.study.presses import Press, plan_presses
 from tacbench_cad.lab.study.spec import (
-    UNKNOWN,
     HolderRim,
     PlannedBlock,
     Pressed,
@@ -19,11 +18,9 @@ from tacbench_cad.lab.study.spec import (
     Study,
     WorkFrame,
 )
-from tacbench_cad.spec.outlines import outline_of_word
-from tacbench_cad.spec.presets import PRESETS
-from tacbench_cad.spec.storage import surface_from
+from tacbench_cad.spec.storage import block_from
 from tacbench_cad.util.convert import from_plain, to_plain
-from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.errors import InputError
 
 #: The name of the schema in ``run.json``.
 SCHEMA = "tacbench-run"
@@ -283,46 +280,20 @@ def printed_from(values: Any, where: str = "") -> Pressed:
     known = dict(values)
     geometry = known.pop("geometry")
     if geometry is not None:
-        if not isinstance(geometry, Mapping):
-            raise InputError(f"{where}[block] geometry", None, "must be a table or null")
-        printed = printed_block_from({**geometry, "printer": UNKNOWN, "filament": UNKNOWN, "copy": 1}, where)
-        known["block"] = printed.block
+        known["block"] = block_from(geometry, where)
     return from_plain(Specimen, known, f"{where}[block] ")
 
 
 def printed_block_from(values: Any, where: str = "") -> PrintedBlock:
-    """Make a printed block from ``PrintedBlock.as_dict()``. The texture is made from its surface, as it may be custom.
+    """Make a printed block from ``PrintedBlock.as_dict()``.
 
     Raises:
         InputError: A key is missing, or a value is not allowed.
     """
-    try:
-        block = dict(values)
-        file = block.pop("file", None)
-        surface = surface_from({key: block.pop(key) for key in ("unit", "waves", "spline") if key in block}, where)
-        sampling = block.pop("sampling")
-        texture = {"name": block.pop("texture"), "surface": surface, "block": block.pop("texture_block")}
-        texture |= {key: block.pop(key) for key in ("number", "equation")}
-        printed = {key: block.pop(key) for key in ("printer", "filament", "copy")}
-        outline = None
-        if "outline" in block and (outline := outline_of_word(str(block.pop("outline")))) is None:
-            raise ValueError
-        block |= {
-            "texture": texture,
-            "nominal_outline": outline,
-            "copy": block.pop("engraved_copy"),
-            "sampling": (
-                {"mm": sampling["tolerance_mm"]}
-                if "tolerance_mm" in sampling
-                else dict(zip(("nx", "ny"), sampling["grid"], strict=True))
-            ),
-        }
-    except KeyError as error:
-        raise InputError(f"{where}[block]", None, f"the key {error.args[0]!r} is missing") from None
-    except InputError:
-        raise
-    except (TypeError, ValueError):
-        raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
-    one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)
-    made = from_plain(PrintedBlock, {"block": block, **printed}, where)
-    return made if file is None else replace(made, file=printed_block_from({**file, **printed}, where).block)
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where}[block]", None, "is not a block that this program wrote")
+    known = dict(values)
+    printed = {key: known.pop(key) for key in ("printer", "filament", "copy") if key in known}
+    if (file := known.pop("file", None)) is not None:
+        printed["file"] = block_from(file, where)
+    return from_plain(PrintedBlock, {**printed, "block": block_from(known, where)}, f"{where}[block] ")

@@ -18,9 +18,8 @@ from tacbench_cad.lab.study.motion import MotionSettings, motion_of
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.fits import FITS
 from tacbench_cad.spec.protocol import FORCE_SPREADS_N, FORCES_N, REPEATS, PressGrid, beyond_top_mm
-from tacbench_cad.spec.sampling import Tolerance
-from tacbench_cad.spec.storage import surface_values
-from tacbench_cad.util.convert import Checked, to_plain
+from tacbench_cad.spec.storage import block_values
+from tacbench_cad.util.convert import Checked
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import file_name
 from tacbench_cad.util.types import Floats
@@ -196,33 +195,6 @@ class Specimen(Pressed):
             **({"distinct": True} if self.distinct else {}),
             "geometry": None if self.block is None else block_values(self.block),
         }
-
-
-def block_values(block: Block) -> dict[str, Any]:
-    """Return a block as plain values for ``run.json``."""
-    texture = block.texture
-    return {
-        "texture": texture.name,
-        "number": texture.number,
-        "equation": texture.equation,
-        **surface_values(texture.surface),
-        "texture_block": to_plain(texture.block, without_none=True),
-        "preset": block.preset,
-        "scale": block.scale,
-        "nominal_size_mm": list(block.nominal_size_mm),
-        "nominal_height_mm": block.nominal_height_mm,
-        "nominal_mm_per_unit": list(block.nominal_mm_per_unit),
-        "origin_uv": list(block.origin_uv),
-        "key_mm": block.key_mm,
-        **({} if block.nominal_outline is None else {"outline": block.nominal_outline.word}),
-        "sampling": (
-            {"tolerance_mm": block.sampling.mm}
-            if isinstance(block.sampling, Tolerance)
-            else {"grid": [block.sampling.nx, block.sampling.ny]}
-        ),
-        "label": block.label,
-        "engraved_copy": block.copy,
-    }
 
 
 @dataclass(frozen=True, kw_only=True)

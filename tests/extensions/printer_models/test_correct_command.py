@@ -89,6 +89,8 @@ def test_blocks_holder_and_jig_are_made_with_the_texture_file(
     block = next(row for row in document["files"] if row["kind"] == "block")
     path = str(tmp_path / "made" / block["file"])
     texture = tmp_path / "made" / "texture-3.toml"
+    assert main(["check-part", path]) == 0  # by the manifest beside it
+    assert "t3-corr, preset paper" in capsys.readouterr().out
     assert main(["check-part", path, "--texture", str(texture)]) == 0
     assert "t3-corr, preset paper" in capsys.readouterr().out
     write_corrected(tmp_path / "other", Block.of(3, key_mm=3.0), replace(PRINTER, transfer_x=()))
