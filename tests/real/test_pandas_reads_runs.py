@@ -61,7 +61,6 @@ def test_pandas_reads_the_table_with_its_types(folder: Path) -> None:
     table = pd.read_csv(folder / "targets.csv", parse_dates=["time_utc"])
     assert len(table) == 150
     assert table["in_band"].dtype == bool and table["in_band"].all()
-    assert table["object_label"].tolist() == [6] * 150
     assert table["force_after_n"].isna().all()
     assert (table["time_utc"] - START).dt.total_seconds().tolist() == [7.0 * number for number in range(1, 151)]
     assert table["reference_age_s"].tolist() == [7.0 * number for number in range(1, 151)]

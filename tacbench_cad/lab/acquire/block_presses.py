@@ -227,8 +227,18 @@ class _BlockSession:
                 raise RigError(moving)
             self.progress.say(f"press {press.number} is made again: {moving}")
             attempt += 1
-        pose, read = contact.pose_mm, contact.measured
-        path = self.run.press(press, pose, frame, read, after, contact.in_band, time_utc, moving, age_s)
+        path = self.run.press(
+            press,
+            contact.pose_mm,
+            frame,
+            contact.measured,
+            after,
+            contact.in_band,
+            time_utc,
+            moving,
+            age_s,
+            contact.touch_mm,
+        )
         self.presses += 1
         self.progress.pressed(len(self.run.done), contact.measured, contact.in_band, self.run.folder / path)
         self._count_misses(press, contact)

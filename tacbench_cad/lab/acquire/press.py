@@ -55,11 +55,13 @@ class SettledPress:
         pose_mm: The position that the stage reports, in mm of the work frame.
         measured: The settled force, or None without a gauge.
         in_band: Whether the force is in the target's band; None in depth mode.
+        touch_mm: The height of first touch in depth mode, in mm of the work frame; None in force mode.
     """
 
     pose_mm: Point
     measured: Force | None
     in_band: bool | None
+    touch_mm: float | None = None
 
 
 class Presser:
@@ -120,8 +122,9 @@ class Presser:
         if self.force is not None:
             self.force.follow_zero()
         if self.known_mm is not None:
-            self.carriage.to_height(self.known_mm(press))
-            return self._settled(press)
+            known_mm = self.known_mm(press)
+            self.carriage.to_height(known_mm)
+            return self._settled(press, None if press.depth_mm is None else known_mm + press.depth_mm)
         if press.depth_mm is None:
             return self._to_force(press)
         return self._to_depth(press, press.depth_mm)
@@ -249,17 +252,17 @@ class Presser:
         end = self._touch_mm[press.position] - depth_mm
         while self.carriage.aim_mm > end:
             self._down(min(step, self.carriage.aim_mm - end))
-        contact = self._settled(press)
+        contact = self._settled(press, self._touch_mm[press.position])
         self._learn_safe_depth(depth_mm, contact.measured)
         return contact
 
-    def _settled(self, press: Press) -> SettledPress:
+    def _settled(self, press: Press, touch_mm: float | None) -> SettledPress:
         """Read the force at the present height."""
         read = None if self.force is None else self.force.settled()
         in_band = None
         if read is not None and press.target_n is not None and press.band_n is not None:
             in_band = abs(press.target_n - read.mean_n) <= press.band_n
-        return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=in_band)
+        return SettledPress(pose_mm=self.carriage.at, measured=read, in_band=in_band, touch_mm=touch_mm)
 
     def _first_touch(self, press: Press, touch_mm: float) -> bool:
         """Report the first touch of the block; return whether the sensor was lifted meanwhile."""

@@ -24,9 +24,8 @@ from tacbench_cad.util.errors import InputError
 
 #: The name of the schema in ``run.json``.
 SCHEMA = "tacbench-run"
-#: The versions of the layout that this program reads and writes. Imported runs have no protocol, so they have a version
-#: of their own: programs that know only version 1 must not read them.
-SCHEMA_VERSION, IMPORTED_VERSION = 1, 2
+#: The version of the layout that this program reads and writes.
+SCHEMA_VERSION = 3
 #: The description of the work frame in ``run.json``.
 FRAME_TEXT = (
     "x and y are the block's own, z is 0 at the block's highest point and grows upwards; a pose is where the sensor's "
@@ -166,11 +165,6 @@ class RunInfo:
     def press_by_number(self) -> dict[int, Press]:
         """The same presses by their numbers."""
         return {press.number: press for press in self.presses}
-
-    @property
-    def version(self) -> int:
-        """The version of the layout."""
-        return SCHEMA_VERSION if self.protocol else IMPORTED_VERSION
 
     @property
     def middle_press(self) -> Press:

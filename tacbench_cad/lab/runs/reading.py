@@ -14,7 +14,7 @@ import numpy as np
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import decoded, sha256
-from tacbench_cad.lab.runs.info import IMPORTED_VERSION, SCHEMA, SCHEMA_VERSION, RunInfo
+from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.origins import read_origins
 from tacbench_cad.lab.runs.printrecord import PrintRecord, read_record
 from tacbench_cad.lab.runs.run_tables import RunTable, read_table
@@ -52,13 +52,10 @@ class Run:
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             raise InputError("run", str(path), f'does not describe a run: "schema" must be "{SCHEMA}"')
         version = document.get("version")
-        if version not in (SCHEMA_VERSION, IMPORTED_VERSION):
-            raise InputError(
-                "run",
-                str(path),
-                f"has schema version {version!r}, but this program reads {SCHEMA_VERSION} and {IMPORTED_VERSION}; "
-                "use the version of tacbench-cad that wrote the run",
-            )
+        if version != SCHEMA_VERSION:
+            advice = "use the version of tacbench-cad that wrote the run"
+            text = f"has schema version {version!r}, but this program reads {SCHEMA_VERSION}; {advice}"
+            raise InputError("run", str(path), text)
         return cls(folder=folder, info=RunInfo.from_dict(document, f"{path}: "))
 
     @cached_property
@@ -167,7 +164,7 @@ class Run:
         rows = series_rows(self.folder, row.number, count)
         below = schema.series_folder(row.number)
         frames = [self.read(f"{below}/{each.frame}", each.sha256 if verify else None) for each in rows]
-        return Series.of(rows, frames)
+        return Series.of(rows, frames, row.pose_from)
 
     def series_files(self) -> dict[str, str]:
         """Return the paths of the frames of all series, relative to the run folder, with their recorded SHA-256.
@@ -281,10 +278,9 @@ def shape_fault(info: RunInfo, frame: Frame) -> str | None:
 def planned(info: RunInfo) -> Callable[[int, Any], None]:
     """Return a function that checks the rows of ``targets.csv`` one by one.
 
-    A row must belong to the run's block and occur only once. If the run has a protocol, the row must agree with it.
+    A row must occur only once. If the run has a protocol, the row must agree with it.
     """
     plan = info.press_by_number
-    block = info.printed
     seen: dict[PressKey | int, int] = {}
 
     def check(line: int, row: Row) -> None:
@@ -301,10 +297,6 @@ def planned(info: RunInfo) -> Callable[[int, Any], None]:
                 f"contradicts the protocol, where press {press.number} is "
                 f"{(press.force_level, press.repeat, press.position)}",
             )
-        # The name of an imported print may be a number, such as "1" in data that count prints from 0.
-        names = [[str(getattr(of, name)) for name in ("texture", "printer", "filament", "copy")] for of in (row, block)]
-        if names[0] != names[1]:
-            raise InputError("texture", row.texture, f"contradicts run.json, which describes a run of {block.name}")
         for key in (row.key, row.number):
             if seen.setdefault(key, line) != line:
                 raise InputError("sensor_image", row.sensor_image, f"is already in line {seen[key]}")

@@ -9,13 +9,13 @@ import csv
 import errno
 import io
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic
 
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.runs.schema import T, cells, columns, parse_row
+from tacbench_cad.lab.runs.schema import T, TableRow, cells, columns, parse_row
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError, located
 from tacbench_cad.util.files import refusing
@@ -73,7 +73,7 @@ def read_table(
         InputError: Same as for :func:`read_lines`, or a row cannot be read. The message names the line.
     """
     path = folder / below / kind.FILE
-    text = read_lines(path, columns(kind), faults, within=folder)
+    text = read_lines(path, columns(kind, ()), faults, within=folder)
     rows = []
     for line, values in text.rows:
         try:
@@ -138,10 +138,10 @@ def read_lines(
     return TableText(header=tuple(header), rows=tuple(rows), torn=content[end:], whole_bytes=end)
 
 
-def table_text(kind: type[T], rows: Iterable[T]) -> str:
-    """Return the text of a CSV file with rows."""
+def table_text(names: Sequence[str], rows: Iterable[TableRow]) -> str:
+    """Return the text of a CSV file with some columns of rows."""
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows([columns(kind), *(cells(row) for row in rows)])
+    csv.writer(text, lineterminator="\n").writerows([names, *(cells(row, names) for row in rows)])
     return text.getvalue()
 
 
@@ -164,21 +164,30 @@ class GrowingTable(Closing, Generic[T]):
         kind: The dataclass of the rows.
         check: Same as for :func:`read_table`.
         durable: Force every line to the disk before :meth:`append` returns.
+        optional: The optional fields of the rows that the table has.
 
     Raises:
         InputError: Rows cannot be added to the existing file. Nothing was changed.
 
     Attributes:
         path: The file.
+        columns: Its columns.
         rows: The rows that the file had when it was opened.
         torn: The bytes of an incomplete last line, which was removed; empty if there was none.
     """
 
     def __init__(
-        self, folder: Path, kind: type[T], check: Callable[[int, T], None] | None = None, *, durable: bool
+        self,
+        folder: Path,
+        kind: type[T],
+        check: Callable[[int, T], None] | None = None,
+        *,
+        durable: bool,
+        optional: Collection[str] = (),
     ) -> None:
         table = read_table(folder, kind, check)
         self.path = path = folder / kind.FILE
+        self.columns = columns(kind, optional)
         self.rows, self.torn = table.rows, table.text.torn
         self._durable = durable
         with refusing(path.parent):
@@ -187,13 +196,12 @@ class GrowingTable(Closing, Generic[T]):
             self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
             try:
                 if table.text.whole_bytes == 0:
-                    self._write(columns(kind))
+                    self._write(self.columns)
                     if durable:
                         sync_folder(path.parent)
-                elif table.text.header != columns(kind):
-                    raise InputError(
-                        str(path), None, "has its columns in another order; restore the order that this program wrote"
-                    )
+                elif table.text.header != self.columns:
+                    advice = "has other columns, or another order; restore the columns that this program wrote"
+                    raise InputError(str(path), None, advice)
             except BaseException:
                 os.close(self._handle)
                 raise
@@ -205,7 +213,7 @@ class GrowingTable(Closing, Generic[T]):
             InputError: The disk is full, or the file can no longer be written.
         """
         with refusing(self.path.parent):
-            self._write(cells(row))
+            self._write(cells(row, self.columns))
 
     def _write(self, texts: Sequence[str]) -> None:
         line = io.StringIO(newline="")

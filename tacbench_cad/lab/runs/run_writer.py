@@ -11,7 +11,7 @@ import platform
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from functools import cache
@@ -24,14 +24,14 @@ from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import FrameFile, encoded
-from tacbench_cad.lab.runs.info import SCHEMA, RunInfo
+from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.printrecord import form
 from tacbench_cad.lab.runs.reading import Run, planned, since_good_check
 from tacbench_cad.lab.runs.run_tables import GrowingTable, read_table, sync_folder, table_text
 from tacbench_cad.lab.runs.schema import PositionCheck, Reference, Row, Stationary, T, When
 from tacbench_cad.lab.runs.series import MovingFrame, require_complete, write_series
 from tacbench_cad.lab.study.presses import Press
-from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.lab.study.spec import NO_GAUGE, Point
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import locked, refusing, write_json, write_text
@@ -46,6 +46,7 @@ class RunWriter:
         info: The description of the run.
         durable: Same as for :meth:`open`.
         stack: The exit stack that closes the tables.
+        optional: Same as for :meth:`open`.
 
     Attributes:
         info: The description of the run.
@@ -55,13 +56,14 @@ class RunWriter:
         reference_time: The time of the last reference; None if there is none.
     """
 
-    def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack) -> None:
+    def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack, optional: Collection[str]) -> None:
         self.folder = folder
         self.info = info
         self.seconds = {"encode": 0.0, "sync": 0.0}
         self._durable = durable
         self._stack = stack
-        self._targets = self._table(Row, planned(info))
+        self._optional = optional
+        self._targets = self._table(Row, planned(info), optional)
         self._references = self._table(Reference)
         self._stationary = self._table(Stationary)
         self._checks: GrowingTable[PositionCheck] | None = None
@@ -94,12 +96,17 @@ class RunWriter:
         table = f"{schema.series_folder(row.number)}/{schema.SERIES_FILE}"
         return [row.path, table] if self.info.series_frames else [row.path]
 
-    def _table(self, kind: type[T], check: Callable[[int, T], None] | None = None) -> GrowingTable[T]:
-        return self._stack.enter_context(GrowingTable(self.folder, kind, check, durable=self._durable))
+    def _table(
+        self, kind: type[T], check: Callable[[int, T], None] | None = None, optional: Collection[str] = ()
+    ) -> GrowingTable[T]:
+        table = GrowingTable(self.folder, kind, check, durable=self._durable, optional=optional)
+        return self._stack.enter_context(table)
 
     @classmethod
     @contextmanager
-    def open(cls, folder: Path, info: RunInfo, *, durable: bool = True) -> Iterator[RunWriter]:
+    def open(
+        cls, folder: Path, info: RunInfo, *, durable: bool = True, optional: Collection[str] | None = None
+    ) -> Iterator[RunWriter]:
         """Start a run or resume it.
 
         Args:
@@ -107,6 +114,8 @@ class RunWriter:
             info: The description of the run.
             durable: Force every file to the disk. Use False for runs that can be made again (simulations, imports):
                 no data are lost if the process is killed, but a power cut may lose some.
+            optional: The optional fields of :class:`~tacbench_cad.lab.runs.schema.Row` that the rows have; None for
+                those that follow from the protocol.
 
         Yields:
             The writer.
@@ -128,7 +137,7 @@ class RunWriter:
                 if durable:
                     sync_folder(folder)
                     sync_folder(folder.parent)
-            writer = cls(folder, info, durable, stack)
+            writer = cls(folder, info, durable, stack, planned_fields(info) if optional is None else optional)
             _record_session(folder, info, durable)
             yield writer
 
@@ -192,6 +201,7 @@ class RunWriter:
         time_utc: datetime | None = None,
         moving: Sequence[MovingFrame] = (),
         reference_age_s: float | None = None,
+        touch_mm: float | None = None,
     ) -> str:
         """Store a press: first its series, then its frame, then its row.
 
@@ -205,6 +215,7 @@ class RunWriter:
             time_utc: The time of the frame.
             moving: The frames of the series, in a run with a motion.
             reference_age_s: The age of the last reference in s; None to compute it from the times.
+            touch_mm: The height of the first contact from which a depth was measured, in mm of the work frame.
 
         Returns:
             The path of the frame's file, relative to the run folder.
@@ -228,6 +239,9 @@ class RunWriter:
             position=press.position,
             force_level=press.force_level,
             target_force_n=press.target_n,
+            target_depth_mm=press.depth_mm,
+            touch_height_mm=None if touch_mm is None else round(touch_mm, 6),
+            pose_from=moving[0].pose_from if moving else None,
             measured_force_n=None if measured is None else round(measured.mean_n, 6),
             force_after_n=None if after is None else round(after.mean_n, 6),
             in_band=None if in_band is None else bool(in_band),
@@ -256,7 +270,7 @@ class RunWriter:
             # The user has deleted the row of a press that was checked. The check says nothing about the new press.
             self._check(PositionCheck(time_utc=datetime.now(UTC), reason="repeated", after_press=number, ok=True))
         name = schema.frame_name(number, file.suffix)
-        row = Row(**schema.block_values(self.info.printed), sensor_image=name, image_sha256=file.sha256, **values)
+        row = Row(sensor_image=name, image_sha256=file.sha256, **values)
         self._store(file, row.path)
         self._append(self._targets, row)
         self.rows.append(row)
@@ -336,7 +350,7 @@ class RunWriter:
         if not wrong:
             return
         aside, numbers = self._aside, {row.number for row in wrong}
-        kept = [row for row in self.rows if row.number not in numbers]
+        kept, names = [row for row in self.rows if row.number not in numbers], self._targets.columns
         with timed(self.seconds, "sync"), refusing(self.folder):
             aside.mkdir(parents=True, exist_ok=True)
             for row in wrong:
@@ -344,13 +358,13 @@ class RunWriter:
                 below = schema.series_folder(row.number)
                 if (self.folder / below).is_dir():
                     shutil.copytree(self.folder / below, aside / below, dirs_exist_ok=True)
-            write_text(aside / schema.TARGETS_FILE, table_text(Row, wrong), durable=self._durable)
+            write_text(aside / schema.TARGETS_FILE, table_text(names, wrong), durable=self._durable)
             self._targets.close()
-            write_text(self.folder / schema.TARGETS_FILE, table_text(Row, kept), durable=self._durable)
+            write_text(self.folder / schema.TARGETS_FILE, table_text(names, kept), durable=self._durable)
             for row in wrong:
                 (self.folder / row.path).unlink()
                 shutil.rmtree(self.folder / schema.series_folder(row.number), ignore_errors=True)
-        self._targets = self._table(Row, planned(self.info))
+        self._targets = self._table(Row, planned(self.info), self._optional)
         self.rows = kept
         self.done -= numbers
         self._last_press = kept[-1].number if kept else 0
@@ -391,6 +405,15 @@ class RunWriter:
             table.append(row)
 
 
+def planned_fields(info: RunInfo) -> set[str]:
+    """Return the optional fields that the rows of a run with a protocol have."""
+    targets = info.plan.protocol.targets
+    names = {"time_utc", "reference_age_s"}
+    names |= {"target_force_n", "in_band"} if targets.contact == "force" else {"target_depth_mm", "touch_height_mm"}
+    names |= {"measured_force_n", "force_after_n"} if info.gauge.get("identity") != NO_GAUGE else set()
+    return names | ({"pose_from"} if info.series_frames else set())
+
+
 @contextmanager
 def timed(seconds: dict[str, float], what: str) -> Iterator[None]:
     """Add the time that the body takes to ``seconds[what]``."""
@@ -419,7 +442,7 @@ def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
         printed = info.printed
         record = form(f"Record of the print {printed.name}.", printed.printer or "", printed.filament or "")
         write_text(folder / schema.PRINT_FILE, record, durable=durable)
-    head = {"schema": SCHEMA, "version": info.version, "name": info.printed.name, "simulated": list(info.simulated)}
+    head = {"schema": SCHEMA, "version": SCHEMA_VERSION, "name": info.printed.name, "simulated": list(info.simulated)}
     write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sessions": []}, durable=durable)
     if durable:
         with refusing(folder):

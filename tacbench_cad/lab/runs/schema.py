@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache, cached_property
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, ge
 from annotated_types import Ge
 from typing_extensions import TypedDict
 
-from tacbench_cad.lab.study.spec import Point, Pressed
+from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,11 +39,6 @@ SERIES_FOLDER, SERIES_FILE = "series", "series.csv"
 CHECKS_FILE = "position_checks.csv"
 #: The folder of the presses that were set aside, since a check showed that the position was wrong.
 ASIDE_FOLDER = "set_aside"
-
-#: The columns of a press's pose, in mm and degrees, and of its shear, which is always 0. The TacTip toolchains use the
-#: same names.
-POSE_COLUMNS = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
-SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear_Rz")
 
 #: (force level, repeat, position), each from 1. An unknown level or position is 0. If the position or the repeat is
 #: unknown, the repeat is the number of the frame.
@@ -67,8 +62,6 @@ IMAGE_SUFFIXES = (".png", ".jpg")
 _FRAME_NAME = re.compile(r"(?:image_(?P<image>0|[1-9]\d{0,8})\.(?:png|jpg)|reading_(?P<data>0|[1-9]\d{0,8})\.npy)")
 _MOVING_NAME = re.compile(r"frame_\d{1,9}\.(?:png|npy)")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
-#: The pattern of a whole number in ``object_label``.
-_LABEL = re.compile(r"[1-9]\d{0,2}")
 
 
 def frame_name(number: int, suffix: str) -> str:
@@ -118,67 +111,60 @@ class TableRow:
 T = TypeVar("T", bound=TableRow)
 
 
+#: A column that only some runs have: see :func:`columns`.
+_OPTIONAL = {"optional": True}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Row(TableRow):
-    """A row of ``targets.csv``, which describes a press. TacTip toolchains use the same first fourteen columns.
+    """A row of ``targets.csv``, which describes a press. What all presses of a run share is in ``run.json``.
 
-    Unknown values are None.
+    Unknown values are None, and so are those of columns that the run does not have.
 
     Args:
         sensor_image: The file name of the frame.
-        object_label: 1 to 6, or the name of another texture.
         pose_x: The x of the sensor's summit in the work frame, in mm.
         pose_y: The y of the sensor's summit in the work frame, in mm.
         pose_z: The z of the sensor's summit in the work frame, in mm.
-        texture: The name of the texture.
-        preset: The block's preset.
-        scale: The block's scale.
-        printer: The printer.
-        filament: The filament.
-        copy: The copy, from 1, or the name of an imported print.
+        pose_rx: The rotation of the sensor around x, in degrees; only of imported frames.
+        pose_ry: The rotation of the sensor around y, in degrees; only of imported frames.
+        pose_rz: The rotation of the sensor around z, in degrees; only of imported frames.
         position: The position, from 1, row by row from the lowest y, and from the lowest x within a row.
-        force_level: The force level, from 1.
-        target_force_n: The target force in N; None in depth mode.
-        measured_force_n: The force before the frame, in N; None without a gauge.
-        force_after_n: The force after the frame, in N; None without a gauge.
-        in_band: Whether the target force was reached; None without a gauge.
+        force_level: The level of the force or of the depth, from 1.
         repeat: The repeat, from 1.
+        target_force_n: The target force in N; not in depth mode.
+        in_band: Whether the target force was reached; not in depth mode.
+        target_depth_mm: The target depth below the first contact, in mm; only in depth mode.
+        touch_height_mm: The z of the first contact from which the depth was measured, in mm; only in depth mode.
+        measured_force_n: The force before the frame, in N; only with a gauge.
+        force_after_n: The force after the frame, in N; only with a gauge.
+        pose_from: The origin of the poses of the series, see :data:`PoseFrom`; only in runs with a motion.
         time_utc: The time of the frame.
-        image_sha256: The SHA-256 of the frame's file.
         reference_age_s: The age of the last reference in s; None without a reference.
+        image_sha256: The SHA-256 of the frame's file.
     """
 
     FILE = TARGETS_FILE
     sensor_image: str
-    object_label: int | str | None
     pose_x: float | None
     pose_y: float | None
     pose_z: float | None
-    pose_rx: float | None = field(default=0.0, metadata={"column": "pose_Rx"})
-    pose_ry: float | None = field(default=0.0, metadata={"column": "pose_Ry"})
-    pose_rz: float | None = field(default=0.0, metadata={"column": "pose_Rz"})
-    shear_x: float | None = 0.0
-    shear_y: float | None = 0.0
-    shear_z: float | None = 0.0
-    shear_rx: float | None = field(default=0.0, metadata={"column": "shear_Rx"})
-    shear_ry: float | None = field(default=0.0, metadata={"column": "shear_Ry"})
-    shear_rz: float | None = field(default=0.0, metadata={"column": "shear_Rz"})
-    texture: str | None
-    preset: str | None
-    scale: float | None
-    printer: str | None
-    filament: str | None
-    copy: int | str | None
+    pose_rx: float | None = field(default=None, metadata={"column": "pose_Rx"} | _OPTIONAL)
+    pose_ry: float | None = field(default=None, metadata={"column": "pose_Ry"} | _OPTIONAL)
+    pose_rz: float | None = field(default=None, metadata={"column": "pose_Rz"} | _OPTIONAL)
     position: int | None
     force_level: int | None
-    target_force_n: float | None
-    measured_force_n: float | None
-    force_after_n: float | None
-    in_band: bool | None
     repeat: int | None
-    time_utc: datetime | None
+    target_force_n: float | None = field(default=None, metadata=_OPTIONAL)
+    in_band: bool | None = field(default=None, metadata=_OPTIONAL)
+    target_depth_mm: float | None = field(default=None, metadata=_OPTIONAL)
+    touch_height_mm: float | None = field(default=None, metadata=_OPTIONAL)
+    measured_force_n: float | None = field(default=None, metadata=_OPTIONAL)
+    force_after_n: float | None = field(default=None, metadata=_OPTIONAL)
+    pose_from: PoseFrom | None = field(default=None, metadata=_OPTIONAL)
+    time_utc: datetime | None = field(default=None, metadata=_OPTIONAL)
+    reference_age_s: float | None = field(default=None, metadata=_OPTIONAL)
     image_sha256: str
-    reference_age_s: float | None
 
     def __post_init__(self) -> None:
         if not self.number:
@@ -215,10 +201,7 @@ class Row(TableRow):
 
 
 #: The fields of a row that must not be empty in a run with a protocol.
-PLANNED = (
-    *("object_label", "pose_x", "pose_y", "texture", "preset", "scale", "printer", "filament", "copy"),
-    *("position", "force_level", "repeat"),
-)
+PLANNED = ("pose_x", "pose_y", "position", "force_level", "repeat")
 
 
 class _FrameRow(TableRow):
@@ -314,10 +297,6 @@ class MovingRow(TableRow):
         pose_x: The x of the sensor's summit in the work frame at that time, in mm.
         pose_y: The y of the sensor's summit in the work frame at that time, in mm.
         pose_z: The z of the sensor's summit in the work frame at that time, in mm.
-        pose_rx: The rotation of the sensor around x, in degrees.
-        pose_ry: The rotation of the sensor around y, in degrees.
-        pose_rz: The rotation of the sensor around z, in degrees.
-        pose_from: See :data:`PoseFrom`.
         force_n: The force at that time, in N, interpolated between two readings; None without a gauge.
         frame: The file name of the frame, in the folder of the table.
         sha256: The SHA-256 of the frame's file.
@@ -328,10 +307,6 @@ class MovingRow(TableRow):
     pose_x: float
     pose_y: float
     pose_z: float
-    pose_rx: float = field(default=0.0, metadata={"column": "pose_Rx"})
-    pose_ry: float = field(default=0.0, metadata={"column": "pose_Ry"})
-    pose_rz: float = field(default=0.0, metadata={"column": "pose_Rz"})
-    pose_from: PoseFrom
     force_n: float | None
     frame: str
     sha256: str
@@ -348,23 +323,22 @@ class MovingRow(TableRow):
         return (self.pose_x, self.pose_y, self.pose_z)
 
 
-def block_values(printed: Pressed) -> dict[str, Any]:
-    """Return the values that describe the run's block in each row of ``targets.csv``."""
-    block = printed.block
-    names = ("object_label", "texture", "printer", "filament", "copy")
-    values = {name: getattr(printed, name) for name in names}
-    return {"preset": block and block.preset, "scale": block and block.scale, **values}
-
-
-def columns(kind: type[Any]) -> tuple[str, ...]:
-    """Return the columns of a table whose rows have a certain dataclass."""
-    return tuple(column.metadata.get("column", column.name) for column in fields(kind))
-
-
 #: The dataclasses of the rows of a run's three tables.
 TABLES: tuple[type[Any], ...] = (Row, Reference, Stationary)
-#: The columns of ``targets.csv``.
-COLUMNS = columns(Row)
+
+
+def columns(kind: type[Any], optional: Collection[str] | None = None) -> tuple[str, ...]:
+    """Return the columns of a table.
+
+    Args:
+        kind: The dataclass of the rows.
+        optional: The optional fields that the table has; None for all.
+    """
+    return tuple(
+        column.metadata.get("column", column.name)
+        for column in fields(kind)
+        if optional is None or column.name in optional or not column.metadata.get("optional")
+    )
 
 
 def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
@@ -377,13 +351,13 @@ def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
 
     names = dict(zip((column.name for column in fields(kind)), columns(kind), strict=True))  # type: ignore[arg-type]
     factory: Any = kind
-    values = {name: texts[column] or None for name, column in names.items()}
+    values = {name: texts.get(column) or None for name, column in names.items()}
     try:
         row: T = factory(**_adapter(factory).validate_python(values))
     except ValidationError as error:
         first = error.errors()[0]
         column = names[str(first["loc"][0])]
-        raise InputError(column, texts[column], first["msg"].replace("Input should", "must")) from None
+        raise InputError(column, texts.get(column, ""), first["msg"].replace("Input should", "must")) from None
     return row
 
 
@@ -391,9 +365,6 @@ def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
 def _adapter(kind: type[Any]) -> TypeAdapter[dict[str, Any]]:
     """Return the converter of the texts of a row."""
     from pydantic import AwareDatetime, BeforeValidator, FiniteFloat, Strict, TypeAdapter
-
-    def number(text: Any) -> Any:
-        return int(text) if isinstance(text, str) and _LABEL.fullmatch(text) else text
 
     def flag(text: Any) -> Any:  # a spreadsheet writes TRUE and FALSE
         return {"true": True, "false": False}.get(text.lower(), text) if isinstance(text, str) else text
@@ -409,15 +380,14 @@ def _adapter(kind: type[Any]) -> TypeAdapter[dict[str, Any]]:
             bool: Annotated[bool, Strict(), BeforeValidator(flag)],
         }
         of_text: Any = strict.get(parts[0], parts[0])
-        if str in parts and int in parts:
-            of_text = Annotated[int | str, BeforeValidator(number)]
         types[column.name] = of_text | None if NoneType in parts else of_text
     return TypeAdapter(TypedDict(kind.__name__, types))  # type: ignore[operator]
 
 
-def cells(row: Any) -> list[str]:
-    """Return the texts of a row, in the order of its columns."""
-    return [cell(getattr(row, column.name)) for column in fields(row)]
+def cells(row: Any, names: Sequence[str]) -> list[str]:
+    """Return the texts of a row in some columns."""
+    values = {column.metadata.get("column", column.name): getattr(row, column.name) for column in fields(row)}
+    return [cell(values[name]) for name in names]
 
 
 def cell(value: Any) -> str:

@@ -15,7 +15,7 @@ from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import FrameFile
 from tacbench_cad.lab.runs.run_tables import read_table, sync_folder, table_text
-from tacbench_cad.lab.runs.schema import MovingRow, PoseFrom
+from tacbench_cad.lab.runs.schema import MovingRow, PoseFrom, columns
 from tacbench_cad.lab.study.spec import Point
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import write_text
@@ -50,25 +50,26 @@ class Series:
         time_s: The time since the first frame, in s of the rig's clock, shape (T,).
         pose_mm: The position of the sensor's summit in the work frame, shape (T, 3).
         force_n: The force, shape (T,); None if there was no gauge.
-        pose_from: The origin of the poses: ``reports`` of the stage during the motion, or ``time``.
+        pose_from: The origin of the poses: ``reports`` of the stage during the motion, or ``time``; None if it is
+            unknown.
     """
 
     frames: Frame
     time_s: Floats
     pose_mm: Floats
     force_n: Floats | None
-    pose_from: PoseFrom
+    pose_from: PoseFrom | None
 
     @classmethod
-    def of(cls, rows: Sequence[MovingRow], frames: Sequence[Frame]) -> Series:
-        """Make a series from the rows of its table and its frames."""
+    def of(cls, rows: Sequence[MovingRow], frames: Sequence[Frame], pose_from: PoseFrom | None) -> Series:
+        """Make a series from the rows of its table, its frames, and the origin of its poses."""
         forces = [row.force_n for row in rows]
         return cls(
             frames=np.stack(frames),
             time_s=np.array([row.time_s for row in rows]),
             pose_mm=np.array([row.pose_mm for row in rows]),
             force_n=None if None in forces else np.array(forces, dtype=np.float64),
-            pose_from=rows[0].pose_from,
+            pose_from=pose_from,
         )
 
 
@@ -128,7 +129,6 @@ def write_series(
             MovingRow(
                 **schema.pose_values(each.pose_mm),
                 time_s=round(each.time_s - moving[0].time_s, 4),
-                pose_from=each.pose_from,
                 force_n=None if each.force_n is None else round(float(each.force_n), 6),
                 frame=name,
                 sha256=file.sha256,
@@ -136,7 +136,7 @@ def write_series(
         )
     if durable:
         sync_folder(here)
-    write_text(here / MovingRow.FILE, table_text(MovingRow, rows), durable=durable)
+    write_text(here / MovingRow.FILE, table_text(columns(MovingRow), rows), durable=durable)
     if durable:
         sync_folder(here.parent)
 

@@ -27,7 +27,7 @@ from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
 from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED, folder_names
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_writer import RunWriter
-from tacbench_cad.lab.runs.schema import COLUMNS as TARGETS_COLUMNS
+from tacbench_cad.lab.runs.schema import Row, columns
 from tacbench_cad.util import entries as entry_points
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -49,8 +49,12 @@ def rows_of(folder: Path) -> list[Any]:
 
 
 def test_the_columns_come_from_the_table_and_the_run() -> None:
-    assert [column.name for column in COLUMNS] == ["run", "label", *TARGETS_COLUMNS, "simulated"]
-    assert all(column.description for column in COLUMNS if not column.name.startswith(("pose", "shear")))
+    assert [column.name for column in COLUMNS] == [
+        *("run", "label", "object_label", "printer", "filament", "copy", "preset", "scale"),
+        *columns(Row),
+        "simulated",
+    ]
+    assert all(column.description for column in COLUMNS)
     kinds = {column.name: column.kind for column in COLUMNS}
     assert (kinds["object_label"], kinds["repeat"], kinds["in_band"], kinds["pose_z"]) == (str, int, bool, float)
 
@@ -58,10 +62,11 @@ def test_the_columns_come_from_the_table_and_the_run() -> None:
 def test_unknown_values_are_none(run_folder: Path) -> None:
     from dataclasses import replace
 
+    run = Run.open(run_folder)
     row = replace(rows_of(run_folder)[0], pose_z=float("nan"), measured_force_n=None)
-    values = values_of("a", row, ())
+    values = values_of("a", row, run.info)
     assert values["pose_z"] is None and values["measured_force_n"] is None
-    assert values["object_label"] == "4" and values["simulated"] == ""
+    assert values["object_label"] == "4" and values["simulated"] == "stage: stage model"
 
 
 def test_the_tar_contains_each_images_bytes_and_a_document(run_folder: Path, tmp_path: Path) -> None:
@@ -75,7 +80,7 @@ def test_the_tar_contains_each_images_bytes_and_a_document(run_folder: Path, tmp
         assert members[f"{number:08d}.png"] == (run_folder / row.path).read_bytes()
         document = json.loads(members[f"{number:08d}.json"])
         assert document["measured_force_n"] == row.measured_force_n
-        assert (document["run"], document["label"], document["simulated"]) == ("run", row.texture, SIMULATED)
+        assert (document["run"], document["label"], document["simulated"]) == ("run", "texture-4", SIMULATED)
         assert document["time_utc"].endswith("Z") and document["in_band"] is row.in_band
 
 

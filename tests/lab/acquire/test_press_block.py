@@ -133,6 +133,14 @@ def test_a_rig_without_a_gauge(tmp_path: Path, touch: str) -> None:
     pressed(rig, tmp_path / "run", protocol)
     for row in check_complete(tmp_path / "run", protocol).rows:
         assert (row.target_force_n, row.measured_force_n, row.force_after_n, row.in_band) == (None,) * 4
+        assert row.force_level is not None
+        assert row.target_depth_mm == protocol.targets.depths_mm[row.force_level - 1]
+        assert row.touch_height_mm == pytest.approx(row.pose_mm[2] + row.target_depth_mm, abs=0.02)
+    header = (tmp_path / "run" / "targets.csv").read_text().splitlines()[0]
+    assert header == (
+        "sensor_image,pose_x,pose_y,pose_z,position,force_level,repeat,target_depth_mm,touch_height_mm,time_utc,"
+        "reference_age_s,image_sha256"
+    )
 
 
 def test_five_misses_in_a_row_stop_the_run_and_keep_their_rows(tmp_path: Path) -> None:

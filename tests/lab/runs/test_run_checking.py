@@ -274,10 +274,10 @@ def test_another_schema_version_ends_with_2_and_the_others_are_checked(
     other = run_folder.parent / "other"
     with RunWriter.open(other, make_info()) as writer:
         filled(writer)
-    (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 1,', '"version": 3,'))
+    (other / "run.json").write_text((other / "run.json").read_text().replace('"version": 3,', '"version": 1,'))
     assert main(["check-runs", str(run_folder.parent)]) == 2
     output = capsys.readouterr()
-    assert "has schema version 3, but this program reads 1 and 2" in output.err
+    assert "has schema version 1, but this program reads 3" in output.err
     assert "1 run, 16 presses: nothing wrong" in output.out
 
 

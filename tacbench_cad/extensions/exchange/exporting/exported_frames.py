@@ -118,4 +118,4 @@ class Samples:
             if run.info.series_frames:
                 self.series[name] = None
             for row in sorted(run.rows, key=lambda row: row.number):
-                yield run, row, values_of(name, row, run.info.simulated)
+                yield run, row, values_of(name, row, run.info)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.lab.rig import Frame, is_image
-from tacbench_cad.lab.runs import Run, RunInfo, encoded, schema
+from tacbench_cad.lab.runs import Run, RunInfo, cell, encoded, schema
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require
@@ -22,6 +22,13 @@ from tacbench_cad.util.packages import require
 PROCESSED_FOLDER = "processed_images"
 #: The table in which they look for the presses.
 TARGETS_IMAGES_FILE = "targets_images.csv"
+
+
+#: The columns of a press's pose, in mm and degrees, and of its shear.
+POSE_COLUMNS = ("pose_x", "pose_y", "pose_z", "pose_Rx", "pose_Ry", "pose_Rz")
+SHEAR_COLUMNS = ("shear_x", "shear_y", "shear_z", "shear_Rx", "shear_Ry", "shear_Rz")
+#: The columns that the toolchains know, which come first in the table.
+TOOLCHAIN_COLUMNS = ("sensor_image", "object_label", *POSE_COLUMNS, *SHEAR_COLUMNS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +130,10 @@ def export_tactile_data(
         _parameters(run, target, processing, shape)
         with replacing(target / TARGETS_IMAGES_FILE) as path, path.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(schema.COLUMNS)
-            writer.writerows([values[column] for column in schema.COLUMNS] for _, values in run.targets.text.rows)
+            header = run.targets.text.header
+            writer.writerow(dict.fromkeys([*TOOLCHAIN_COLUMNS, *header]))
+            for _, values in run.targets.text.rows:
+                writer.writerow((_toolchain_values(run.info) | values).values())
     return len(names)
 
 
@@ -136,6 +145,12 @@ def _process(run: Run, row: schema.Row | schema.Reference, images: Path, process
     with refusing(images):
         (images / Path(row.path).name).write_bytes(data)
     return image.shape
+
+
+def _toolchain_values(info: RunInfo) -> dict[str, str]:
+    """Return the texts of :data:`TOOLCHAIN_COLUMNS` that are the same in all rows: a rig never turns or shears."""
+    still = dict.fromkeys(TOOLCHAIN_COLUMNS, "0.0" if info.protocol else "")
+    return still | {"object_label": cell(info.printed.object_label)}
 
 
 def _parameters(run: Run, target: Path, processing: Processing, shape: tuple[int, ...]) -> None:
@@ -170,10 +185,10 @@ def _collect_params(info: RunInfo) -> dict[str, Any]:
         )
         shear = pose = [0.0] * 6
     return {
-        "pose_label_names": list(schema.POSE_COLUMNS),
+        "pose_label_names": list(POSE_COLUMNS),
         "pose_llims": lowest,
         "pose_ulims": highest,
-        "shear_label_names": list(schema.SHEAR_COLUMNS),
+        "shear_label_names": list(SHEAR_COLUMNS),
         "shear_llims": shear,
         "shear_ulims": shear,
         "object_poses": {} if label is None else {str(label): pose},

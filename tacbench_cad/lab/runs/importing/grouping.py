@@ -232,12 +232,10 @@ def _row(
     measured = {name: _number(known[field]) if field in known else None for field, name in MEASURED.items()}
     return {
         **measured,
-        **dict.fromkeys(f"shear_{turn}{axis}" for turn in ("", "r") for axis in "xyz"),
         "position": positions.get(known.get("position", "")),
         "repeat": repeats.get(known.get("repeat", "")),
         "force_level": level,
         "target_force_n": force_n,
-        **dict.fromkeys(("force_after_n", "in_band", "time_utc", "reference_age_s")),
     }
 
 

@@ -150,7 +150,8 @@ class _Work:
         imported = present = 0
         try:
             info = self._info(group, folder, pool)
-            with RunWriter.open(folder, info, durable=False) as writer, ExitStack() as on_leaving:
+            known = {name for _, _, row in group.samples for name, value in row.items() if value is not None}
+            with RunWriter.open(folder, info, durable=False, optional=known) as writer, ExitStack() as on_leaving:
                 present = len(writer.done)
                 on_leaving.callback(_write_origins, writer, group)
                 missing = [each for each in group.samples if each[0] not in writer.done]

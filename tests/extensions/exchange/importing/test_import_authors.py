@@ -109,10 +109,11 @@ def test_missing_information_stays_unknown(tmp_path: Path) -> None:
     path = save(tmp_path, "resin_z3.2_P50_resin.npy", images(1))
     run = Run.open(import_samples([path], tmp_path / "out").runs[0].folder)
     info, row = run.info, run.rows[0]
-    assert (row.object_label, row.texture, row.printer, row.filament, row.copy) == (4, "texture-4", "resin", "resin", 2)
-    assert (row.force_level, row.target_force_n, row.preset) == (3, 3.0137, "released")
-    unknown = (row.pose_z, row.pose_rx, row.shear_x, row.measured_force_n, row.in_band, row.time_utc)
-    assert unknown == (None,) * 6
+    of = info.printed
+    assert (of.object_label, of.texture, of.printer, of.filament, of.copy) == (4, "texture-4", "resin", "resin", 2)
+    assert (row.force_level, row.target_force_n, of.block and of.block.preset) == (3, 3.0137, "released")
+    unknown = (row.pose_z, row.pose_rx, row.measured_force_n, row.in_band, row.time_utc)
+    assert unknown == (None,) * 5
     assert (info.levels, info.protocol, info.holder, info.frame, info.stage, info.gauge) == (
         (3,),
         None,

@@ -57,11 +57,13 @@ def test_a_folder_with_a_table_becomes_one_run_for_each_print(images: Any, table
     assert (info.protocol, info.holder, info.frame, info.slot, info.grid_spacing) == (None,) * 5
     assert info.levels == (1, 2) and info.frame_shape == (24, 32, 3)
     document = json.loads((run.folder / "run.json").read_text())
-    assert document["version"] == 2 and document["block"]["geometry"] is None and document["protocol"] is None
+    assert document["version"] == 3 and document["block"]["geometry"] is None and document["protocol"] is None
     assert document["source"]["codes"]["position"] == {"a": 1, "b": 2, "c": 3}
     row = run.rows[1]
     assert (row.position, row.force_level, row.target_force_n, row.repeat) == (2, 1, 0.5, None)
-    assert (row.pose_x, row.pose_rx, row.shear_z, row.preset, row.scale, row.measured_force_n) == (None,) * 6
+    assert (row.pose_x, row.pose_rx, row.measured_force_n, row.time_utc) == (None,) * 4
+    head = (run.folder / "targets.csv").read_text().splitlines()[0]
+    assert head == "sensor_image,pose_x,pose_y,pose_z,position,force_level,repeat,target_force_n,image_sha256"
     for row in run.rows:
         index = 4 * (row.position or 0) - 4 + 12 * (row.force_level or 0) - 12
         assert (run.folder / row.path).read_bytes() == (folder / f"{index}.png").read_bytes()
