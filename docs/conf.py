@@ -89,7 +89,7 @@ CONTENTS = {
     "Analyse": ("analysis", "series", "networks", "numbers", "columns", "regions", "share"),
     "Script and extend": ("scripting", "cad", "any-part", "any-mesh", "freecad", "extending", "simulators"),
     "Background": ("paper", "accuracy", "measured"),
-    "Reference": ("commands", "api/index"),
+    "Reference": ("commands", "study-file", "api/index"),
 }
 
 

@@ -47,7 +47,7 @@ _VIRTUAL_SPEED = 50.0
 @options.no_browser
 @options.out("DIR", "Folder of the runs. You can leave it out if the study file names a folder.")
 @options.option(
-    "--init", options.file("FILE.toml"), "Write a study file in which every key is explained, and stop.", options.OUTPUT
+    "--init", options.file("FILE.toml"), "Write a study file whose usual keys are explained, and stop.", options.OUTPUT
 )
 def command(
     study: Path | None,

@@ -62,7 +62,7 @@ def test_from_nothing_to_the_first_press_on_the_simulated_rig(
     assert f"with {row.measured_force_n:.3f} N" in output
     assert output.splitlines()[-1].endswith(f"acquire {path}")
     # The template's explanations are still there, and the file describes the whole study, not only the first press.
-    assert "# The rotation of the block on the stage" in path.read_text()
+    assert "# The stable name of a port" in path.read_text()
     assert read_study(path).study.presses == 150
 
 

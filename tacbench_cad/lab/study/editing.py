@@ -11,7 +11,7 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.files import write_text
 from tacbench_cad.util.text import toml_item
 
-#: The file that ``tacbench acquire --init`` writes: every key with its meaning and default.
+#: The file that ``tacbench acquire --init`` writes: the usual keys with their meaning and default.
 TEMPLATE_FILE = Path(__file__).with_name("template.toml")
 
 

@@ -65,7 +65,7 @@ class StudyFile:
 
 
 def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
-    """Read a study. ``tacbench acquire --init FILE.toml`` writes a file that explains every key.
+    """Read a study. ``tacbench acquire --init FILE.toml`` writes such a file with explanations.
 
     Args:
         path: The file. Texture files, calibrations and ``out`` are relative to its folder.

@@ -1,4 +1,4 @@
-"""Test the file of ``acquire --init``: it is refused until it is filled in, and shows every key and default."""
+"""Test the file of ``acquire --init``: it is refused until it is filled in. The manual shows every key and default."""
 
 from __future__ import annotations
 
@@ -45,7 +45,16 @@ FILLED = {
     "exposure": "100",
 }
 TEMPLATE = TEMPLATE_FILE.read_text(encoding="utf-8")
-READY = re.sub(rf"(?m)^({'|'.join(FILLED)}) = .*$", lambda line: f"{line[1]} = {FILLED[line[1]]}", TEMPLATE)
+#: The file with every key, from the manual.
+MANUAL = (Path(__file__).parents[3] / "docs" / "study-file.md").read_text(encoding="utf-8")
+EVERY_KEY = MANUAL.partition("```toml\n")[2].partition("```")[0]
+
+
+def filled_in(text: str) -> str:
+    return re.sub(rf"(?m)^({'|'.join(FILLED)}) = .*$", lambda line: f"{line[1]} = {FILLED[line[1]]}", text)
+
+
+READY, COMPLETE = filled_in(TEMPLATE), filled_in(EVERY_KEY)
 
 
 def read(folder: Path, text: str) -> StudyFile:
@@ -97,19 +106,19 @@ def test_the_filled_in_template_is_valid(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("fit", "gap_mm"), [('"slip"', 0.15), ('"loose"', 0.30), ('"press"', 0.05), ("0.22", 0.22)])
 def test_the_gap_follows_the_fit_of_the_holder(tmp_path: Path, fit: str, gap_mm: float) -> None:
-    text = READY.replace('# fit = "slip"', f"fit = {fit}")
+    text = COMPLETE.replace('# fit = "slip"', f"fit = {fit}")
     assert read(tmp_path, text).study.holder == HolderRim(gap_mm=gap_mm)
     assert read(tmp_path, text.replace("# gap_mm = 0.15", "gap_mm = 0.2")).study.holder == HolderRim(gap_mm=0.2)
 
 
 def test_an_unknown_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"study.toml: \[holder\] fit = 'slop': did you mean \"slip\""):
-        read(tmp_path, READY.replace('# fit = "slip"', 'fit = "slop"'))
+        read(tmp_path, COMPLETE.replace('# fit = "slip"', 'fit = "slop"'))
 
 
 def test_the_commented_values_are_the_defaults(tmp_path: Path) -> None:
     plain = read(tmp_path, READY)
-    explicit = read(tmp_path, with_defaults(without_study(READY)))
+    explicit = read(tmp_path, with_defaults(without_study(COMPLETE)))
     assert explicit.study == plain.study
     stage, shown = plain.required_rig.stage, explicit.required_rig.stage
     for field in fields(StageSettings):
@@ -119,7 +128,7 @@ def test_the_commented_values_are_the_defaults(tmp_path: Path) -> None:
 
 
 def test_the_example_study_is_valid(tmp_path: Path) -> None:
-    text = re.sub(r"(?s)\[block\].*?# \[study\]\n", "[study]\n", READY)
+    text = re.sub(r"(?s)\[block\].*?# \[study\]\n", "[study]\n", COMPLETE)
     head, _, rest = text.partition("[study]\n")
     own, _, rest = rest.partition("[holder]")
     own = re.sub(r"(?m)^# (?=[a-z_]+ = |    \{|\])", "", own)
@@ -145,17 +154,23 @@ def test_the_example_study_is_valid(tmp_path: Path) -> None:
 def test_every_key_is_explained(kind: type) -> None:
     for field in fields(kind):  # type: ignore[arg-type]
         if (kind, field.name) != (SensorSettings, "options"):
-            assert re.search(rf"(?m)^(?:# )?{field.name} = ", TEMPLATE), field.name
+            assert re.search(rf"(?m)^(?:# )?{field.name} = ", EVERY_KEY), field.name
 
 
 def test_the_sensor_drivers_accept_the_shown_keys() -> None:
     from tacbench_cad.lab.rig.camera import CameraOptions
     from tacbench_cad.lab.rig.taxels import TaxelOptions
 
-    sections = READY.partition("[sensor]")[2].split(TAXELS)
+    sections = COMPLETE.partition("[sensor]")[2].split(TAXELS)
     for text, options in zip(sections, (CameraOptions, TaxelOptions), strict=True):
         values = tomllib.loads(re.sub(r"(?m)^# (?=[a-z_]+ = )", "", f"# {text}"))
         from_plain(options, {key: value for key, value in values.items() if key not in GENERAL})
+
+
+def test_the_template_is_short_and_agrees_with_the_manual() -> None:
+    assert len(TEMPLATE.splitlines()) <= 90
+    keys = re.findall(r"(?m)^(?:# )?[a-z_]+ = .*$", TEMPLATE)
+    assert len(keys) > 20 and set(keys) <= set(EVERY_KEY.splitlines())
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
@@ -169,7 +184,7 @@ def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_the_commented_motion_has_the_defaults(tmp_path: Path) -> None:
-    before, _, rest = READY.partition(MOTION)
+    before, _, rest = COMPLETE.partition(MOTION)
     keys, stage, after = rest.partition("\n[stage]")
     motion = re.sub(r"(?m)^# ([a-z_]+ = )", r"\1", MOTION[2:] + keys)
     protocol = read(tmp_path, before + motion + stage + after).study.protocol
