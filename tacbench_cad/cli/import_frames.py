@@ -121,8 +121,8 @@ def command(
       tacbench import-frames press.mp4 times.csv -o runs
       tacbench import-frames arrays/*.npy --names printers.toml -o runs
     """
-    from tacbench_cad.lab.runs.importing.import_options import ImportOptions
     from tacbench_cad.lab.runs.importing.importer import import_samples
+    from tacbench_cad.lab.runs.importing.sources import ImportOptions
 
     how = ImportOptions(
         kind=kind, columns=columns or {}, names=names, channels=channels, of_format=format_options or {}

@@ -62,9 +62,9 @@ from .rig.stage import Stage as Stage
 from .runs.checking import Finding as Finding
 from .runs.checking import RunReport as RunReport
 from .runs.checking import check_run as check_run
-from .runs.importing.import_options import ImportOptions as ImportOptions
 from .runs.importing.importer import ImportReport as ImportReport
 from .runs.importing.importer import import_samples as import_samples
+from .runs.importing.sources import ImportOptions as ImportOptions
 from .runs.info import RunInfo as RunInfo
 from .runs.reading import Run as Run
 from .runs.reading import find_runs as find_runs

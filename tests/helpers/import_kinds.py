@@ -105,8 +105,8 @@ def save_hugging_face(folder: Path) -> None:
 
 def imported(folder: Path, paths: Sequence[str], names: str | None = None) -> object:
     """Import samples; check that every run can be read and that every omitted sample has a reason."""
-    from tacbench_cad.lab.runs.importing.import_options import ImportOptions
     from tacbench_cad.lab.runs.importing.importer import import_samples
+    from tacbench_cad.lab.runs.importing.sources import ImportOptions
     from tacbench_cad.lab.runs.reading import Run
 
     out = folder.with_name("out")

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import shutil
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.runs.importing import companions
-from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
-from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Loaded, Rows, Sample, Source, columns_of_fields
-from tacbench_cad.lab.runs.npyfile import array_head, mapped
+from tacbench_cad.lab.runs.importing.companions import Paths
+from tacbench_cad.lab.runs.importing.sources import (
+    ImportOptions,
+    LeftOutFile,
+    Loaded,
+    Rows,
+    Sample,
+    Source,
+    columns_of_fields,
+)
+from tacbench_cad.lab.runs.npyfile import mapped
 from tacbench_cad.util import untrusted
-from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
+from tacbench_cad.util.errors import InputError, one_of
 
 #: The suffixes of files with arrays.
 SUFFIXES = (".npy", ".npz")
@@ -181,68 +190,38 @@ def array_name(path: Path, shapes: Mapping[str, tuple[int, ...]], name: str) -> 
     return fitting[0]
 
 
-class _Member:
-    """An array in a zip file that is read frame by frame. Reading an earlier frame starts again at the beginning."""
-
-    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
-        self._archive, self._name = archive, name
-        self._stream: IO[bytes] | None = None
-        self._next = 0
-        with archive.open(name) as stream:
-            self.shape, fortran, self.dtype = array_head(stream)
-        if fortran and len(self.shape) > 1:
-            raise CheckFailedError("is stored column by column; save it with np.ascontiguousarray")
-
-    def frame(self, index: int) -> NDArray[Any]:
-        shape = self.shape[1:]
-        length = int(np.prod(shape, dtype=np.int64)) * self.dtype.itemsize
-        try:
-            if self._stream is None or index < self._next:
-                self._stream = self._archive.open(self._name)
-                array_head(self._stream)
-                self._next = 0
-            while self._next < index:
-                self._read(length)
-            data = self._read(length)
-        except _ZIP_ERRORS as error:
-            self._stream = None
-            raise CheckFailedError(f"cannot be read: {error}") from None
-        return np.frombuffer(data, dtype=self.dtype).reshape(shape)
-
-    def _read(self, length: int) -> bytes:
-        assert self._stream is not None
-        data = self._stream.read(length)
-        if len(data) != length:
-            raise EOFError("the array is incomplete")
-        self._next += 1
-        return data
-
-
 def _of_zip(path: Path, name: str) -> Frames:
+    """Open the array of frames in a ``.npz`` file, whose arrays are unpacked into files that last as long as it."""
     untrusted.open_input(path, kind="array").close()
+    folder = TemporaryDirectory(prefix="tacbench-")
+    arrays: dict[str, NDArray[Any]] = {}
+    faults: dict[str, InputError] = {}
     try:
-        archive = zipfile.ZipFile(path)
-        members = {}
-        for entry in archive.namelist():
-            if entry.endswith(".npy"):
+        with zipfile.ZipFile(path) as archive:
+            for number, entry in enumerate(archive.infolist()):
+                word = entry.filename.removesuffix(".npy")
+                untrusted.require_within(word, entry.file_size / 1e6, untrusted.MAX_MB["array"], "MB", str(path))
+                unpacked = Path(folder.name) / f"{number}.npy"
+                with archive.open(entry) as source, unpacked.open("wb") as stream:
+                    shutil.copyfileobj(source, stream)
                 try:
-                    members[entry.removesuffix(".npy")] = _Member(archive, entry)
-                except CheckFailedError as error:
-                    raise InputError("array", str(path), f"{entry} {error}") from None
+                    arrays[word] = mapped(unpacked, texts=True)
+                except InputError as error:
+                    faults[word] = InputError("array", str(path), f"{entry.filename} {error.allowed}")
     except _ZIP_ERRORS as error:
         raise InputError("file", str(path), f"is not a complete .npz file: {error}") from None
-    numbers = {word: member.shape for word, member in members.items() if member.dtype.kind in "biuf"}
-    chosen = members[array_name(path, numbers, name)]
-    columns: dict[str, list[str]] = {}
-    for word, member in members.items():
-        if member.dtype.kind in "biufUS" and companions.describes_frames(word, member.shape, chosen.shape):
-            size = float(np.prod(member.shape, dtype=float)) * member.dtype.itemsize / 1e6
-            untrusted.require_within(word, size, untrusted.MAX_MB["table"], "MB", str(path))
-            with suppress(CheckFailedError):
-                columns |= companions.columns_of_array(word, _whole(member))
+    numbers = {word: array.shape for word, array in arrays.items() if array.dtype.kind in "biuf"}
+    if faults and (name in faults or not any(len(shape) > 1 for shape in numbers.values())):
+        raise next(iter(faults.values()))
+    chosen = arrays[array_name(path, numbers, name)]
     require_frames(path, chosen.shape)
-    return Frames(shape=chosen.shape, frame=chosen.frame, columns=columns)
+    columns: dict[str, list[str]] = {}
+    for word, array in arrays.items():
+        if companions.describes_frames(word, array.shape, chosen.shape):
+            untrusted.require_within(word, array.nbytes / 1e6, untrusted.MAX_MB["table"], "MB", str(path))
+            columns |= companions.columns_of_array(word, np.array(array))
 
+    def frame(index: int, _files: TemporaryDirectory[str] = folder) -> NDArray[Any]:
+        return np.array(chosen[index])
 
-def _whole(member: _Member) -> NDArray[Any]:
-    return np.stack([member.frame(index) for index in range(member.shape[0])])
+    return Frames(shape=chosen.shape, frame=frame, columns=columns)

@@ -1,9 +1,10 @@
-"""Arrays that describe the frames of another array: ``y.npy`` beside ``X.npy``, or ``y`` beside ``X`` in one file."""
+"""Files that describe others: a table beside images, ``y.npy`` beside ``X.npy``, or ``y`` beside ``X`` in a file."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -109,3 +110,55 @@ def _shape(path: Path) -> tuple[int, ...] | None:
         return mapped(path, texts=True).shape
     except InputError:  # it is reported when it is imported
         return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paths:
+    """The paths that the user gave, for the tables and arrays that describe other paths."""
+
+    given: tuple[Path, ...]
+    _pairs: dict[Path, dict[Path, list[Path]]] = field(default_factory=dict)
+
+    @property
+    def tables(self) -> tuple[Path, ...]:
+        """The tables."""
+        return self.with_suffix(".csv")
+
+    def with_suffix(self, *suffixes: str) -> tuple[Path, ...]:
+        """Return the paths with one of some suffixes."""
+        return tuple(path for path in self.given if path.suffix.lower() in suffixes)
+
+    def table(self, path: Path) -> Path | None:
+        """Return the table that belongs to a path.
+
+        This is the table that the user gave, else the path itself if it is a table, else the only table in the path if
+        it is a folder, else the table with the name of the file. The result is None if there is no such table.
+        """
+        if path.suffix.lower() == ".csv":
+            return path
+        if self.tables:
+            return self.tables[0]
+        if path.is_dir():
+            return _only_table(path)
+        beside = path.with_suffix(".csv")
+        return beside if beside.is_file() else None
+
+    def describing(self, path: Path) -> list[Path]:
+        """Return the ``.npy`` files that describe the frames in a file: other paths of the user, or files beside it."""
+        if path.parent not in self._pairs:
+            files = dict.fromkeys([*self.with_suffix(".npy"), *sorted(path.parent.glob("[!.]*.npy"))])
+            self._pairs[path.parent] = pairs(list(files))
+        return self._pairs[path.parent].get(path, [])
+
+
+def _only_table(folder: Path) -> Path | None:
+    """Return the only table in a folder; None if there is none.
+
+    Raises:
+        InputError: There are several tables.
+    """
+    tables = sorted(path for path in folder.glob("[!.]*.csv") if path.is_file())
+    if len(tables) > 1:
+        names = ", ".join(table.name for table in tables[:6])
+        raise InputError("folder", str(folder), f"has several tables ({names}); also give the path of the one to use")
+    return tables[0] if tables else None

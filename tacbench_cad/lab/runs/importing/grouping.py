@@ -54,6 +54,12 @@ class Names:
         return read_toml(path, cls, "names")
 
 
+#: The fields of a row of ``targets.csv`` that do not follow from its run.
+Fields = Mapping[str, Any]
+#: The number of a sample in its run, from 1, the sample, and the fields of its row.
+GroupedSample = tuple[int, Sample, Fields]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Group:
     """The samples of a run.
@@ -67,10 +73,15 @@ class Group:
     """
 
     specimen: Specimen
-    samples: Sequence[tuple[int, Sample, Mapping[str, Any]]]
+    samples: Sequence[GroupedSample]
     origins: Mapping[int, Mapping[str, str]]
     sources: Sequence[Source]
     source: Mapping[str, Any]
+
+    @property
+    def threads(self) -> bool:
+        """Whether several threads may load frames, in any order."""
+        return all(source.threads for source in self.sources)
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -126,7 +137,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
     result = []
     for specimen, members in groups.items():
         numbers: dict[tuple[Any, ...], str] = {}
-        kept: list[tuple[int, Sample, Mapping[str, Any]]] = []
+        kept: list[GroupedSample] = []
         origins = {}
         for number, (source, sample) in enumerate(members, start=1):
             origins[number] = _origin(source, sample)

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 
-from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
-from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Loaded, Rows, Sample, Source
+from tacbench_cad.lab.runs.importing.companions import Paths
+from tacbench_cad.lab.runs.importing.sources import ImportOptions, LeftOutFile, Loaded, Rows, Sample, Source
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, natural

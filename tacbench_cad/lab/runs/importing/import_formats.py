@@ -12,8 +12,8 @@ from pathlib import Path
 
 from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.importing import array_files, companions, image_folders
-from tacbench_cad.lab.runs.importing.import_options import ImportOptions, Paths
-from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Source
+from tacbench_cad.lab.runs.importing.companions import Paths
+from tacbench_cad.lab.runs.importing.sources import ImportOptions, LeftOutFile, Source
 from tacbench_cad.util.entries import entries, load
 from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError, TacbenchError, one_of
 

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
-from tacbench_cad.lab.runs.importing.grouping import Group, Names, grouped
+import numpy as np
+from numpy.typing import NDArray
+
+from tacbench_cad.lab.rig.colours import INSIDE, Channels, from_outside
+from tacbench_cad.lab.rig.sensor import is_image
+from tacbench_cad.lab.runs.frame_files import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
+from tacbench_cad.lab.runs.importing.grouping import Fields, Group, GroupedSample, Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import sources_of
-from tacbench_cad.lab.runs.importing.import_options import ImportOptions
-from tacbench_cad.lab.runs.importing.imported_frames import Prepared, prepared
-from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Sample, Source
+from tacbench_cad.lab.runs.importing.sources import ImportOptions, LeftOutFile, Loaded, Sample, Source
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.origins import IMAGE, write_origins
 from tacbench_cad.lab.runs.reading import Run
@@ -27,13 +31,24 @@ from tacbench_cad.util.files import sha256
 from tacbench_cad.util.packages import quiet_opencv, require
 from tacbench_cad.util.processes import cpu_count
 
-#: The number of threads that load frames, and the number of loaded frames that may wait to be written.
-MAX_THREADS, MAX_WAITING = 4, 4
+#: The number of threads that load frames, and the number of frames that are loaded together.
+MAX_THREADS, BATCH = 4, 8
 #: The number of frames that determine the shape of a run's frames.
 PROBES = 3
 
 #: The number of samples of a run that are listed with the same reason for being left out. More samples share a line.
 MAX_ALIKE = 10
+
+_BMP, _TIFF = b"BM", (b"II*\0", b"MM\0*")
+
+
+class Prepared(NamedTuple):
+    """A frame as it will be stored: its file, its shape, and its simulated devices."""
+
+    file: FrameFile
+    shape: tuple[int, ...]
+    simulated: str
+
 
 #: A frame, or its fault.
 Outcome = Prepared | InputError | CheckFailedError
@@ -118,8 +133,7 @@ def import_samples(
             left_out.append(item)
     groups, faults = grouped(sources, names)
     total = sum(len(group.samples) for group in groups)
-    whole_kinds = {source.kind for source in sources if source.whole}
-    work = _Work(out=out, progress=progress, total=total, whole_kinds=whole_kinds)
+    work = _Work(out=out, progress=progress, total=total)
     work.left_out += [*left_out, *faults]
     with ThreadPoolExecutor(min(MAX_THREADS, cpu_count())) as pool:
         runs = [run for group in groups if (run := work.run(group, pool)) is not None]
@@ -133,15 +147,13 @@ def import_samples(
 class _Work:
     """The state of an import."""
 
-    def __init__(self, out: Path, progress: Progress, total: int, whole_kinds: Collection[str]) -> None:
+    def __init__(self, out: Path, progress: Progress, total: int) -> None:
         self.out, self.progress, self.total = out, progress, total
         self.left_out: list[LeftOutFile] = []
         self._done = 0
-        self._digests: dict[Path, str] = {}
-        #: The frames of the run that were loaded to determine the shape, by the identity of their samples.
-        self._probed: dict[int, Outcome] = {}
-        #: The run folder of each file that has only frames of a single print, by the checksum of the file.
-        self._whole = dict(_imported_files(out, whole_kinds))
+        self._digest = cache(sha256)  # several runs may name a file
+        #: The run folder of each imported file, by the checksum of the file.
+        self._files = {digest: path.parent.name for path in out.glob(f"*/{RUN_FILE}") for digest in _imported(path)}
 
     def run(self, group: Group, pool: Executor) -> ImportedRun | None:
         """Write a group's run folder. The result is None if none of its samples can be imported."""
@@ -149,17 +161,14 @@ class _Work:
         left_out: list[LeftOutFile] = []
         imported = present = 0
         try:
-            info = self._info(group, folder, pool)
+            info = self._info(group, folder)
             known = {name for _, _, row in group.samples for name, value in row.items() if value is not None}
             with RunWriter.open(folder, info, durable=False, optional=known) as writer, ExitStack() as on_leaving:
                 present = len(writer.done)
                 on_leaving.callback(_write_origins, writer, group)
                 missing = [each for each in group.samples if each[0] not in writer.done]
                 self._done += len(group.samples) - len(missing)
-                threads = all(source.threads for source in group.sources)
-                for (number, sample, row), frame in _loaded(
-                    missing, pool, MAX_THREADS + MAX_WAITING if threads else 1, self._probed
-                ):
+                for number, sample, row, frame in _loaded(missing, pool if group.threads else None):
                     fault = _fault(frame, info)
                     if isinstance(frame, Prepared) and not fault:
                         writer.sample(number, frame.file, **row)
@@ -180,20 +189,19 @@ class _Work:
         kind, lacking = str(group.source["kind"]), len(group.samples) - imported - present
         return ImportedRun(folder=folder, kind=kind, imported=imported, present=present, left_out=lacking)
 
-    def _info(self, group: Group, folder: Path, pool: Executor) -> RunInfo:
+    def _info(self, group: Group, folder: Path) -> RunInfo:
         """Return the contents of ``run.json`` for a group.
 
         Raises:
             InputError: No frame can be read, or a file was already imported as another print.
         """
-        files = [{"name": path.name, "sha256": self._digest(path)} for source in group.sources for path in source.files]
-        for source in group.sources:
-            for path in source.files if source.whole else ():
-                other = self._whole.setdefault(self._digest(path), folder)
-                if other.name != folder.name:
-                    raise InputError("file", str(path), f"was already imported as {other}")
+        files = []
+        for source, path in ((each, path) for each in group.sources for path in each.files):
+            self.progress(f"checksum of {path.name}", self._done, self.total)
+            files.append({"name": path.name, "sha256": self._digest(path)})
+            if source.whole and (other := self._files.setdefault(self._digest(path), folder.name)) != folder.name:
+                raise InputError("file", str(path), f"was already imported as {self.out / other}")
         there = (folder / RUN_FILE).is_file()
-        sensor = Run.open(folder).info.sensor if there else self._sensor(group, pool)
         return RunInfo(
             printed=group.specimen,
             levels=group.levels,
@@ -204,37 +212,33 @@ class _Work:
             slot=None,
             stage={},
             gauge={},
-            sensor=sensor,
+            sensor=Run.open(folder).info.sensor if there else _sensor(group),
             source={**group.source, "files": files},
         )
 
-    def _sensor(self, group: Group, pool: Executor) -> Mapping[str, Any]:
-        """Describe the sensor by some of the frames, with the shape that most of these have."""
-        count = len(group.samples)
-        firsts = [group.samples[i] for i in sorted({i * (count - 1) // max(1, PROBES - 1) for i in range(PROBES)})]
-        self._probed = {id(sample): frame for (_, sample, _), frame in _loaded(firsts, pool, 1)}
-        good = [frame for frame in self._probed.values() if isinstance(frame, Prepared)]
-        if not good:  # these frames are damaged, so try the others
-            others = _loaded((each for each in group.samples if each not in firsts), pool, 1)
-            good = list(islice((frame for _, frame in others if isinstance(frame, Prepared)), 1))
-        if not good:
-            _, sample, _ = firsts[0]
-            what = f"no frame can be read; the first is {sample.where}: {self._probed[id(sample)]}"
-            raise InputError("frames", None, what)
-        shape = Counter(frame.shape for frame in good).most_common(1)[0][0]
-        first = next(frame for frame in good if frame.shape == shape)
-        counts = first.file.suffix in IMAGE_SUFFIXES or any(source.whole for source in group.sources)
-        return {
-            "simulated": first.simulated,
-            "units": "counts" if counts else "unknown unit",
-            "shape": list(shape),
-        }
 
-    def _digest(self, path: Path) -> str:
-        if path not in self._digests:
-            self.progress(f"checksum of {path.name}", self._done, self.total)
-            self._digests[path] = sha256(path)
-        return self._digests[path]
+def _imported(path: Path) -> list[str]:
+    """Return the checksums of the files that a run was imported from."""
+    with suppress(InputError):  # `tacbench check-runs` reports the fault
+        files = Run.open(path.parent).info.source.get("files")
+        return [str(each.get("sha256")) for each in files or () if isinstance(each, dict)]
+    return []
+
+
+def _sensor(group: Group) -> Mapping[str, Any]:
+    """Describe the sensor by the first readable of some frames with the shape that most of these have."""
+    samples = [sample for _, sample, _ in group.samples]
+    probes = [samples[i * (len(samples) - 1) // (PROBES - 1)] for i in range(PROBES)]
+    good = [frame for frame in map(_load, probes) if isinstance(frame, Prepared)]
+    good = good or list(islice((frame for frame in map(_load, samples) if isinstance(frame, Prepared)), 1))
+    if not good:
+        what = f"no frame can be read; the first is {samples[0].where}: {_load(samples[0])}"
+        raise InputError("frames", None, what)
+    shape = Counter(frame.shape for frame in good).most_common(1)[0][0]
+    first = next(frame for frame in good if frame.shape == shape)
+    counts = first.file.suffix in IMAGE_SUFFIXES or any(source.whole for source in group.sources)
+    units = "counts" if counts else "unknown unit"
+    return {"simulated": first.simulated, "units": units, "shape": list(shape)}
 
 
 def _write_origins(writer: RunWriter, group: Group) -> None:
@@ -243,38 +247,16 @@ def _write_origins(writer: RunWriter, group: Group) -> None:
     write_origins(writer.folder, [{IMAGE: row.sensor_image, **group.origins[row.number]} for row in rows])
 
 
-def _loaded(
-    samples: Iterable[tuple[int, Sample, Mapping[str, Any]]],
-    pool: Executor,
-    waiting: int,
-    known: Mapping[int, Outcome] = MappingProxyType({}),
-) -> Iterator[tuple[tuple[int, Sample, Mapping[str, Any]], Outcome]]:
-    """Yield the samples in order, each with its frame or its fault.
-
-    Args:
-        samples: The samples.
-        pool: The executor that loads the frames.
-        waiting: The largest number of frames that are being loaded or wait.
-        known: Frames that were loaded before, by the identity of their samples.
-    """
-    under_way: deque[tuple[Any, Future[Outcome]]] = deque()
-    try:
-        for each in samples:
-            under_way.append((each, pool.submit(_load, each[1], known)))
-            if len(under_way) >= waiting:
-                item, future = under_way.popleft()
-                yield item, future.result()
-        while under_way:
-            item, future = under_way.popleft()
-            yield item, future.result()
-    finally:
-        for _, future in under_way:
-            future.cancel()
+def _loaded(samples: Sequence[GroupedSample], pool: Executor | None) -> Iterator[tuple[int, Sample, Fields, Outcome]]:
+    """Yield the samples in order, each with its frame or its fault. Only a few frames are in memory at a time."""
+    for start in range(0, len(samples), BATCH):
+        batch = samples[start : start + BATCH]
+        frames = (pool.map if pool else map)(_load, [sample for _, sample, _ in batch])
+        for (number, sample, row), frame in zip(batch, frames, strict=True):
+            yield number, sample, row, frame
 
 
-def _load(sample: Sample, known: Mapping[int, Outcome]) -> Outcome:
-    if id(sample) in known:
-        return known[id(sample)]
+def _load(sample: Sample) -> Outcome:
     try:
         return prepared(sample.load(), sample.channels)
     except (InputError, CheckFailedError) as error:
@@ -307,19 +289,47 @@ def _summarised(left_out: Sequence[LeftOutFile]) -> Iterator[LeftOutFile]:
             yield LeftOutFile(where=where, reason=reason, count=sum(each.count for each in members))
 
 
-def _imported_files(out: Path, whole_kinds: Collection[str]) -> Iterator[tuple[str, Path]]:
-    """Yield the checksums of files that were imported into a folder as a single print, with their run folders.
+def prepared(loaded: Loaded, channels: Channels) -> Prepared:
+    """Return the file of a frame.
+
+    PNG and JPEG files with grey or colour pixels of 8 bits are kept unchanged. Other frames are converted without loss.
 
     Args:
-        out: The folder.
-        whole_kinds: The kinds of sources whose files have frames of a single print.
+        loaded: The loaded frame.
+        channels: The order of the colours of an array. The order in the file of an image is known.
+
+    Raises:
+        CheckFailedError: The image is incomplete or too large, or the array does not contain real numbers.
     """
-    for path in sorted(out.glob(f"*/{RUN_FILE}")):
-        try:
-            source = Run.open(path.parent).info.source
-        except InputError:  # `tacbench check-runs` reports the fault
-            continue
-        files = source.get("files") if any(kind in str(source.get("kind")) for kind in whole_kinds) else ()
-        for entry in files if isinstance(files, list) else ():
-            if isinstance(entry, dict) and isinstance(entry.get("sha256"), str):
-                yield entry["sha256"], path.parent
+    if not isinstance(loaded, bytes):
+        frame, simulated = from_outside(_without_last_axis(loaded), channels), ""
+    else:
+        suffix = next((suffix for start, suffix in ((PNG, ".png"), (JPEG, ".jpg")) if loaded.startswith(start)), "")
+        frame = decoded(loaded, suffix) if suffix else _other_image(loaded)
+        simulated = simulated_text(loaded) if suffix == ".png" else ""
+        if suffix and is_image(frame):
+            return Prepared(FrameFile.of(loaded, suffix), frame.shape, simulated)
+        if frame.ndim == 3 and frame.shape[2] == 4:
+            if not (frame[..., 3] == np.iinfo(frame.dtype).max).all():
+                raise CheckFailedError("has transparent pixels, whose colour is unknown")
+            frame = np.ascontiguousarray(frame[..., :3])
+        frame = from_outside(frame, INSIDE)
+    if frame.dtype.kind not in "iufb" or not frame.size:
+        raise CheckFailedError(f"contains {frame.dtype} of shape {frame.shape}; it must contain real numbers")
+    file = FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ()))
+    return Prepared(file, frame.shape, simulated)
+
+
+def _without_last_axis(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a grey image of shape (height, width, 1), as many networks take it, without its last axis."""
+    is_grey = array.ndim == 3 and array.shape[2] == 1 and is_image(array[..., 0])
+    return array[..., 0] if is_grey else array
+
+
+def _other_image(data: bytes) -> NDArray[Any]:
+    """Decode a BMP or TIFF image. An incomplete or too large image is refused before it is decoded."""
+    if data.startswith(_BMP):
+        return decoded_image(data, "BMP")
+    if data[:4] in _TIFF:
+        return decoded_image(data, "TIFF")
+    raise CheckFailedError("is not a readable image (PNG, JPEG, BMP or TIFF)")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tacbench_cad.lab.rig.colours import OUTSIDE, Channels
 from tacbench_cad.lab.runs.origins import ORIGINS_FILE
 from tacbench_cad.spec.block import Block
+from tacbench_cad.util.convert import Checked
 from tacbench_cad.util.errors import InputError, nearest, one_line
 from tacbench_cad.util.untrusted import read_table
 
@@ -52,6 +53,26 @@ MAX_LINE = 1500
 
 #: A loaded frame: the bytes of an image's file, or an array.
 Loaded = bytes | NDArray[Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions(Checked):
+    """Options for reading sources.
+
+    Args:
+        kind: The name of a format; None to recognise the format.
+        columns: The columns of tables, by field: ``{"label": "material"}``. See
+            :data:`FIELDS` for the fields.
+        names: A TOML file that gives the names of the printers, filaments and labels for the words in the data.
+        channels: The order of the colours in arrays, except in those of the paper's authors, which is known.
+        of_format: Options that only the format ``kind`` has, by their names, as texts.
+    """
+
+    kind: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    names: Path | None = None
+    channels: Channels = OUTSIDE
+    of_format: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
