@@ -19,7 +19,7 @@ from tacbench_cad.extensions.slicing.printers import printer_named, printers
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import Sweep
 from tacbench_cad.lab.analysis.feature import feature_of
-from tacbench_cad.lab.rig.drivers import find_driver
+from tacbench_cad.lab.rig.registry import find_driver
 from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.study import study_of
 from tacbench_cad.lab.study.file import virtual_study

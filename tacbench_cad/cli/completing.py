@@ -95,7 +95,7 @@ def of_run_folders(ctx: click.Context, incomplete: str) -> Items:
 
 def of_simulated_stages(ctx: click.Context, incomplete: str) -> Items:
     """Offer the drivers of simulated stages."""
-    from tacbench_cad.lab.rig.drivers import simulated_stages
+    from tacbench_cad.lab.rig.registry import simulated_stages
 
     return of_words(*simulated_stages())(ctx, incomplete)
 

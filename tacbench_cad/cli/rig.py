@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rich_click as click
 
@@ -14,7 +15,6 @@ from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint
-    from tacbench_cad.lab.rig.drivers import ListedDriver
     from tacbench_cad.lab.rig.loadcell import LoadCell
 
 
@@ -145,27 +145,26 @@ def drivers(json: bool) -> None:
       tacbench rig drivers
       tacbench rig drivers --json
     """
-    from tacbench_cad.lab.rig.drivers import list_drivers
-    from tacbench_cad.util.convert import to_plain
+    from tacbench_cad.lab.rig.registry import list_drivers
 
     listed = tuple(list_drivers())
     if json:
-        print_json({"drivers": to_plain(listed)})
+        print_json({"drivers": listed})
         return
-    for kind in dict.fromkeys(driver.kind for driver in listed):
-        rows = [_driver_cells(driver) for driver in listed if driver.kind == kind]
+    for kind in dict.fromkeys(driver["kind"] for driver in listed):
+        rows = [_driver_cells(driver) for driver in listed if driver["kind"] == kind]
         print_table(f"{kind.capitalize()}s", ("driver", "devices", "connection", "needs"), rows)
     print_next("rig", "probe")
 
 
-def _driver_cells(driver: ListedDriver) -> tuple[str, ...]:
+def _driver_cells(driver: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the cells of a driver's row."""
-    if driver.error:
-        return (driver.name, driver.error, "", driver.package)
-    needs = ", ".join(driver.needs)
-    if driver.missing:
-        needs = f"missing: {', '.join(driver.missing)}; {driver.install}"
-    return (driver.name, driver.summary, driver.connection, needs)
+    if "error" in driver:
+        return (driver["name"], driver["error"], "", driver["package"])
+    needs = ", ".join(driver["needs"])
+    if driver["missing"]:
+        needs = f"missing: {', '.join(driver['missing'])}; {driver['install']}"
+    return (driver["name"], driver["summary"], driver["connection"], needs)
 
 
 def _column_of(option: str, text: str) -> tuple[int, int]:

@@ -38,10 +38,10 @@ from .rig.calibration import Calibration as Calibration
 from .rig.calibration import read_calibration as read_calibration
 from .rig.clock import Clock as Clock
 from .rig.devices import Rig as Rig
+from .rig.devices import open_gauge as open_gauge
 from .rig.devices import open_rig as open_rig
-from .rig.drivers import open_gauge as open_gauge
-from .rig.drivers import open_sensor as open_sensor
-from .rig.drivers import open_stage as open_stage
+from .rig.devices import open_sensor as open_sensor
+from .rig.devices import open_stage as open_stage
 from .rig.errors import AlarmError as AlarmError
 from .rig.errors import ContactError as ContactError
 from .rig.errors import DeviceLostError as DeviceLostError

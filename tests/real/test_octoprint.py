@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
 from tacbench_cad.lab.study.spec import StageSettings
 

@@ -19,8 +19,8 @@ from tacbench_cad.lab.acquire.safety import RunInterruptedError, travel_height_m
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
 from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
-from tacbench_cad.lab.rig.drivers import find_driver
 from tacbench_cad.lab.rig.errors import RigError
+from tacbench_cad.lab.rig.registry import find_driver
 from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run, since_good_check

@@ -13,11 +13,7 @@ from .colours import Channels as Channels
 from .colours import channels_fault as channels_fault
 from .colours import has_colours as has_colours
 from .colours import outside as outside
-from .drivers import NEEDED as NEEDED
-from .drivers import RESULTS as RESULTS
 from .drivers import SERIAL as SERIAL
-from .drivers import find_driver as find_driver
-from .drivers import open_device as open_device
 from .errors import AlarmError as AlarmError
 from .errors import DeviceLostError as DeviceLostError
 from .errors import NoAnswerError as NoAnswerError
@@ -31,9 +27,13 @@ from .gauge import Gauge as Gauge
 from .grbl import GrblStage as GrblStage
 from .line import Line as Line
 from .marlin import MarlinStage as MarlinStage
+from .registry import NEEDED as NEEDED
+from .registry import RESULTS as RESULTS
 from .registry import Context as Context
 from .registry import Driver as Driver
 from .registry import Kind as Kind
+from .registry import find_driver as find_driver
+from .registry import open_device as open_device
 from .sensor import Frame as Frame
 from .sensor import Sensor as Sensor
 from .sensor import is_image as is_image

@@ -5,22 +5,24 @@ A simulated gauge or sensor follows the position and the angles that the stage r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import find_driver, open_gauge, open_sensor, open_stage
+from tacbench_cad.lab.rig.colours import with_inside_colours
 from tacbench_cad.lab.rig.gauge import Gauge
+from tacbench_cad.lab.rig.registry import Context, driver_name, find_driver, open_device
 from tacbench_cad.lab.rig.sensor import Sensor
-from tacbench_cad.lab.rig.stage import Stage, inner
+from tacbench_cad.lab.rig.stage import LimitedStage, Stage, inner
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import (
     NO_GAUGE,
     GaugeSettings,
     PrintedBlock,
     RigSettings,
+    SensorSettings,
     StageSettings,
     WorkFrame,
 )
@@ -84,7 +86,7 @@ def recorded_stage(settings: StageSettings) -> dict[str, Any]:
     """Return the settings of a stage that must not change during a run, without the origin, which frames record."""
     unrecorded = find_driver("stage", settings.driver).unrecorded
     return {
-        "driver": settings.driver,
+        "driver": driver_name(settings.driver),
         "limits_mm": [list(limits) for limits in settings.limits_mm],
         "travel_mm_s": settings.travel_mm_s,
         "approach_mm_s": settings.approach_mm_s,
@@ -94,7 +96,77 @@ def recorded_stage(settings: StageSettings) -> dict[str, Any]:
 
 def recorded_gauge(settings: GaugeSettings) -> dict[str, Any]:
     """Return the settings of a gauge that must not change during a run, without its calibration."""
-    return {"driver": settings.driver, "options": dict(settings.options)}
+    return {"driver": driver_name(settings.driver), "options": dict(settings.options)}
+
+
+def open_stage(settings: StageSettings, clock: Clock | None = None) -> LimitedStage:
+    """Open and identify the stage, and home it if the settings say so.
+
+    Args:
+        settings: The stage's settings.
+        clock: The rig's time; None for real time.
+
+    Raises:
+        InputError: The driver, an option or the port does not exist, or several ports are possible.
+        MissingToolError: A package that the driver needs is not installed.
+        RigError: The device does not answer, is not the expected one, or cannot be homed.
+    """
+    opened = open_device("stage", settings, Context(clock=clock or Clock()))
+    stage = LimitedStage(opened, settings.limits_mm)
+    try:
+        if hasattr(opened, "kept_limits_mm"):
+            # A firmware may have limits of its own.
+            stage.limits_mm = opened.kept_limits_mm(settings.limits_mm)
+        if settings.home:
+            stage.home()
+    except BaseException:
+        stage.close()
+        raise
+    return stage
+
+
+def open_gauge(
+    settings: GaugeSettings, clock: Clock, *, taken: Sequence[str] = (), stage: LimitedStage | None = None
+) -> Gauge:
+    """Open the gauge that ``[gauge]`` describes.
+
+    Args:
+        settings: The table. A ``module:name`` receives the port as ``port``.
+        clock: The rig's time.
+        taken: The ports of the rig's other devices, which are not tried.
+        stage: The open stage, which a simulated gauge follows.
+
+    Raises:
+        InputError: A setting is not allowed, the calibration cannot be read, or the port does not exist.
+        MissingToolError: A package that the driver needs is not installed.
+        RigError: The device sends no valid sample.
+    """
+    gauge: Gauge = open_device("gauge", settings, Context(clock=clock, taken=taken, stage=stage))
+    return gauge
+
+
+def open_sensor(
+    settings: SensorSettings, clock: Clock, *, taken: Sequence[str] = (), stage: LimitedStage | None = None
+) -> Sensor:
+    """Open the sensor that ``[sensor]`` describes.
+
+    Args:
+        settings: The table. A ``module:name`` receives the device as ``device``.
+        clock: The rig's time.
+        taken: The ports of the rig's other devices, which are not tried.
+        stage: The open stage, which a simulated sensor follows.
+
+    Raises:
+        InputError: A setting is not allowed, the device does not exist, or nothing states the order of its colours.
+        MissingToolError: A package that the driver needs is not installed.
+        RigError: The sensor fails, does not accept a setting, or sends invalid frames.
+    """
+    sensor: Sensor = open_device("sensor", settings, Context(clock=clock, taken=taken, stage=stage))
+    try:
+        return with_inside_colours(sensor, settings.channels, settings.driver)
+    except BaseException:
+        sensor.close()
+        raise
 
 
 @contextmanager

@@ -1,8 +1,4 @@
-"""A user's own device, named ``module:name``: Python code in the working folder or the environment.
-
-The named object is called with the options of the file as keyword arguments and returns the device.
-``tests/helpers/example_stage.py`` is a complete example.
-"""
+"""Python code of the user: objects named ``module:name``, and devices whose exceptions become errors of the rig."""
 
 from __future__ import annotations
 
@@ -10,7 +6,7 @@ import contextlib
 import importlib
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +32,13 @@ class OwnDevice(Closing):
         device: The device.
         name: The field and driver, for error messages: ``[stage] driver my_arm:Arm``.
         results: Functions that check and convert the results of some methods. They may raise any exception.
+        closes: Whether the device is closed with this object.
     """
 
-    def __init__(self, device: Any, name: str, results: Mapping[str, Callable[[Any], Any]]) -> None:
-        self._device, self._name, self._results = device, name, results
+    def __init__(
+        self, device: Any, name: str, results: Mapping[str, Callable[[Any], Any]], *, closes: bool = True
+    ) -> None:
+        self._device, self._name, self._results, self._closes = device, name, results, closes
 
     def __getattr__(self, attribute: str) -> Any:
         value = getattr(self._device, attribute)
@@ -65,8 +64,9 @@ class OwnDevice(Closing):
 
     def close(self) -> None:
         """Close the device. Never raises."""
-        with contextlib.suppress(Exception, SystemExit):
-            self._device.close()
+        if self._closes:
+            with contextlib.suppress(Exception, SystemExit):
+                self._device.close()
 
 
 def load(driver: str, *, field: str = "driver") -> Any:
@@ -101,49 +101,34 @@ def load(driver: str, *, field: str = "driver") -> Any:
     return getattr(module, name)
 
 
-def open_device(
-    open: Callable[[], Any],
-    driver: str,
-    needed: Iterable[str],
-    *,
-    module: str = "",
-    field: str = "driver",
-    results: Mapping[str, Callable[[Any], Any]] | None = None,
-) -> OwnDevice:
+def opened(open: Callable[[], Any], driver: str, *, module: str = "", field: str = "driver") -> Any:
     """Open a user's own device.
 
     Args:
         open: Opens the device.
         driver: The driver's name, for error messages.
-        needed: The attributes that the device must have.
         module: The name of the driver's module, for error messages.
         field: See :func:`load`.
-        results: See :class:`OwnDevice`.
 
     Raises:
-        InputError: The driver refuses the options, or the device lacks an attribute.
+        InputError: The driver refuses the options.
         RigError: The driver raised it.
     """
     try:
-        device = open()
+        return open()
     except TacbenchError:
         raise
     except (Exception, SystemExit) as error:
         reason = why_not_imported(error) if isinstance(error, ModuleNotFoundError) else None
         where = reason or _place(error, module) or driver
         raise InputError(field, driver, f"cannot be opened: {_text(error)} ({where})") from error
-    missing = [name for name in needed if not hasattr(device, name)]
-    if missing:
-        where = _file(type(device).__module__)
-        raise InputError(field, driver, f"lacks {', '.join(missing)}" + (f" ({where})" if where else ""))
-    return OwnDevice(device, f"{field} {driver}", results or {})
 
 
 def _text(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def _file(module: str) -> str:
+def file_of(module: str) -> str:
     """Return the file of a module, or an empty text if it has none."""
     return getattr(sys.modules.get(module), "__file__", None) or ""
 
@@ -158,4 +143,4 @@ def _place(error: BaseException, module: str = "") -> str:
         if not frame.filename.startswith(("<frozen", _PACKAGE)) and frame.filename != importlib.__file__
     ]
     lines = [frame.lineno for frame in frames if frame.filename == frames[0].filename]
-    return f"{frames[0].filename}, line {lines[-1]}" if frames else _file(module)
+    return f"{frames[0].filename}, line {lines[-1]}" if frames else file_of(module)

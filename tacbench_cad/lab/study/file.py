@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Interval, Len
 
 from tacbench_cad.lab.rig import registry
-from tacbench_cad.lab.rig.drivers import find_driver, simulated_stages
+from tacbench_cad.lab.rig.registry import find_driver, simulated_stages
 from tacbench_cad.lab.study import names
 from tacbench_cad.lab.study.plate import block_in_file, block_of_word, read_layout
 from tacbench_cad.lab.study.spec import (

@@ -14,9 +14,8 @@ from tacbench_cad.extensions.conformance.checks import DriverCheck, check_gauge,
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.extensions.virtual_rig import launch
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_device
 from tacbench_cad.lab.rig.marlin import MarlinStage
-from tacbench_cad.lab.rig.registry import Context
+from tacbench_cad.lab.rig.registry import Context, open_device
 from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.errors import InputError

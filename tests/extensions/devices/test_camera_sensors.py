@@ -15,7 +15,7 @@ from tacbench_cad.extensions.conformance.checks import check_sensor
 from tacbench_cad.extensions.devices import usb_sensors
 from tacbench_cad.lab.rig import camera as camera_module
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_sensor
+from tacbench_cad.lab.rig.devices import open_sensor
 from tacbench_cad.lab.rig.errors import DeviceLostError, RigError
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.errors import InputError, MissingToolError

@@ -14,7 +14,7 @@ from helpers.emulated_gauges import EmulatedGauge
 from tacbench_cad.extensions.conformance.checks import check_gauge
 from tacbench_cad.extensions.devices.force_gauges import MARK_10, AskedGauge, GaugeOptions
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_gauge
+from tacbench_cad.lab.rig.devices import open_gauge
 from tacbench_cad.lab.rig.errors import NoAnswerError, RigError
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError

@@ -12,7 +12,7 @@ from helpers.emulated_moonraker import EmulatedMoonraker
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.extensions.devices.klipper import KlipperOptions, KlipperStage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,

@@ -12,7 +12,7 @@ from helpers.emulated_arm import EmulatedArm, install_arm
 from tacbench_cad.extensions.conformance.stage import check_stage
 from tacbench_cad.extensions.devices.universal_robots import UniversalRobot
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,

@@ -8,8 +8,7 @@ import pytest
 from helpers.emulated import emulated_study
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.devices import open_rig
-from tacbench_cad.lab.rig.drivers import open_gauge
+from tacbench_cad.lab.rig.devices import open_gauge, open_rig
 from tacbench_cad.lab.rig.errors import DeviceLostError
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError

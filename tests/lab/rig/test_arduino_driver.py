@@ -10,7 +10,7 @@ from helpers.scripted_peer import Peer
 
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, PositionLostError, RigError
 from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.util.errors import InputError

@@ -8,7 +8,7 @@ from helpers.rig_here import launch
 
 from tacbench_cad.lab.rig.arduino import ArduinoStage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.study.spec import Point, StageSettings
 
 LIMITS = ((0.0, 200.0), (0.0, 200.0), (-100.0, 0.0))

@@ -14,7 +14,7 @@ from PIL import Image
 from tacbench_cad.extensions.conformance.checks import check_sensor
 from tacbench_cad.lab import Closing
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_sensor
+from tacbench_cad.lab.rig.devices import open_sensor
 from tacbench_cad.lab.runs.frame_files import write_png
 from tacbench_cad.lab.study.spec import SensorSettings
 from tacbench_cad.util.errors import InputError

@@ -12,7 +12,7 @@ from helpers.rig_here import FakeTime, launch
 
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,

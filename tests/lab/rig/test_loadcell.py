@@ -17,7 +17,7 @@ import pytest
 
 from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_gauge
+from tacbench_cad.lab.rig.devices import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
 from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions

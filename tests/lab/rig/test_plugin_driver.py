@@ -12,7 +12,7 @@ from helpers import example_stage
 
 from tacbench_cad.lab.rig import plugin
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_gauge, open_sensor, open_stage
+from tacbench_cad.lab.rig.devices import open_gauge, open_sensor, open_stage
 from tacbench_cad.lab.rig.errors import NoAnswerError, OutOfRangeError, RigError
 from tacbench_cad.lab.rig.stage import Stage
 from tacbench_cad.lab.study.spec import GaugeSettings, SensorSettings, StageSettings
@@ -45,7 +45,7 @@ def test_a_driver_that_would_end_the_program_has_failed() -> None:
     device.stop()
     device.close()
     with pytest.raises(InputError, match=r"cannot be opened: SystemExit: 1"):
-        plugin.open_device(partial(sys.exit, 1), "a:B", ())
+        plugin.opened(partial(sys.exit, 1), "a:B")
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_rig_errors_of_a_users_driver_are_passed_on(tmp_path: Path, monkeypatch:
         "def arm():\n    raise NoAnswerError('arm: does not answer')\n"
     )
     with pytest.raises(NoAnswerError, match="arm: does not answer"):
-        plugin.open_device(plugin.load("silent_arm:arm"), "silent_arm:arm", ())
+        plugin.opened(plugin.load("silent_arm:arm"), "silent_arm:arm")
 
 
 @pytest.mark.parametrize("driver", ["gbrl", "virtual-gbrl", "octoprint"])

@@ -14,7 +14,7 @@ if sys.platform == "win32":
 
 from tacbench_cad.extensions.virtual_rig import launch
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_stage
+from tacbench_cad.lab.rig.devices import open_stage
 from tacbench_cad.lab.study.spec import Point, StageSettings
 
 SPEED = 50.0

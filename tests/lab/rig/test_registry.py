@@ -13,8 +13,8 @@ from helpers.devices import install_package
 
 from tacbench_cad.cli import rig
 from tacbench_cad.lab.rig import registry
-from tacbench_cad.lab.rig.drivers import find_driver, open_stage
-from tacbench_cad.lab.rig.registry import GROUPS, Driver
+from tacbench_cad.lab.rig.devices import open_stage
+from tacbench_cad.lab.rig.registry import GROUPS, Driver, find_driver
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.util.entries import groups
 from tacbench_cad.util.errors import InputError, MissingToolError

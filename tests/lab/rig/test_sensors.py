@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.drivers import open_sensor
+from tacbench_cad.lab.rig.devices import open_sensor
 from tacbench_cad.lab.rig.sensor import Sensor
 from tacbench_cad.lab.study.spec import SensorSettings
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.devices import open_rig
-from tacbench_cad.lab.rig.drivers import open_gauge
+from tacbench_cad.lab.rig.devices import open_gauge, open_rig
 from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
