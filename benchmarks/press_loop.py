@@ -23,7 +23,7 @@ from typing import Any
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.devices import Rig, open_rig
+from tacbench_cad.lab.rig.devices import OpenRig, open_rig
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.file import virtual_study
@@ -74,7 +74,7 @@ def main() -> int:
     opening = closing = 0.0
 
     @contextmanager
-    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[OpenRig]:
         nonlocal opening, closing
         start = time.perf_counter()
         with open_rig(settings, printed, frame) as rig:

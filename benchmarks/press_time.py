@@ -25,7 +25,7 @@ from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.devices import Rig, open_rig
+from tacbench_cad.lab.rig.devices import OpenRig, open_rig
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.study.file import virtual_study
@@ -118,7 +118,7 @@ def measure(driver: str, texture: str) -> Parts:
     parts = Parts()
 
     @contextmanager
-    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[OpenRig]:
         with open_rig(settings, printed, frame) as rig:
             names = ("stage", "gauge", "sensor", "clock")
             timed: dict[str, Any] = {name: Timed(getattr(rig, name), name, parts, MACHINES[driver]) for name in names}

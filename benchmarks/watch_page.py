@@ -33,7 +33,7 @@ from tacbench_cad.lab.acquire.events import ProgressFile
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress, Several
 from tacbench_cad.lab.acquire.session import acquire_study
-from tacbench_cad.lab.rig.devices import Rig, open_rig
+from tacbench_cad.lab.rig.devices import OpenRig, open_rig
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.presses import Press
@@ -102,7 +102,7 @@ def main() -> int:
     seconds: Counter[str] = Counter()
 
     @contextmanager
-    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+    def timed_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[OpenRig]:
         with open_rig(settings, printed, frame) as rig:
             timed: dict[str, Any] = {
                 name: Timed(getattr(rig, name), name, seconds, Counter())

@@ -23,12 +23,16 @@ if TYPE_CHECKING:
     from tacbench_cad.lab.study.file import StudyFile
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
-_VIRTUAL_SPEED = 50.0
+_VIRTUAL_SPEED, _SPEEDS = 50.0, (0.1, 1000.0)
 
 
 @options.command("acquire", "Press")
 @options.argument("study", options.file("FILE.toml"), "Study file: blocks, protocol and rig.", required=False)
-@options.flag("--virtual", "Press one block on a simulated rig. Needs no file.", options.VIRTUAL_RIG)
+@options.flag(
+    "--virtual",
+    "Rehearse FILE.toml on simulated devices in the place of its own; without a file, press one block.",
+    options.VIRTUAL_RIG,
+)
 @options.option("--texture", options.TEXTURE, "Texture of the block. Default: 1.", options.VIRTUAL_RIG)
 @options.option(
     "--driver",
@@ -69,6 +73,10 @@ def command(
     gets its own run folder. If a study has several blocks, the command says which block comes next and asks for its
     label. While it runs, the newest frame is in last.png in the output folder.
 
+    Before it starts, the command says how long the run will take and how many files it will write. With --virtual, it
+    rehearses your file: the blocks, protocol, holder and limits are yours, and only the devices are simulated. The runs
+    of a rehearsal are written to the folder of your runs with "-rehearsal" in its name.
+
     With --page, a page in the browser shows the run. Its buttons do the same as Ctrl-C (Stop), wait before the next
     press (Pause) and confirm a block by its typed label (Block is in). They work only on this machine: with the second
     printed address, and from other machines, the page can only be watched. The run goes on if the page is closed.
@@ -87,6 +95,7 @@ def command(
       tacbench acquire study.toml
       tacbench acquire study.toml --out /data/runs
       tacbench acquire study.toml --page
+      tacbench acquire study.toml --virtual  # rehearse it without touching a device
       tacbench acquire --virtual --out runs  # 150 presses without any hardware
       tacbench acquire --virtual --texture 4 --driver virtual-marlin --out runs
     """
@@ -102,14 +111,16 @@ def command(
     from tacbench_cad.lab.study.file import read_study, virtual_study
 
     if virtual:
-        if study is not None:
-            raise InputError("virtual", str(study), "needs no file; leave out the file or --virtual")
-        chosen = virtual_study(
-            texture=texture or "1",
-            driver=driver or "simulated",
-            speed=_VIRTUAL_SPEED if speed is None else speed,
-            out=out,
-        )
+        stage, speed = driver or "simulated", _VIRTUAL_SPEED if speed is None else speed
+        if not _SPEEDS[0] <= speed <= _SPEEDS[1]:
+            raise InputError("speed", speed, "must be from {:g} to {:g}".format(*_SPEEDS))
+        if study is None:
+            chosen = virtual_study(texture=texture or "1", driver=stage, speed=speed, out=out)
+        elif texture is not None:
+            raise InputError("texture", texture, "is only for --virtual without a file, which names its own blocks")
+        else:
+            with located(f"{study}: ", fields="["):
+                chosen = read_study(study).rehearsal(stage, speed)
     else:
         for name, value in (("texture", texture), ("driver", driver), ("speed", speed)):
             if value is not None:
@@ -130,6 +141,7 @@ def command(
 
 def _press(chosen: StudyFile, folder: Path, page: Mapping[str, Any] | None) -> None:
     """Press the blocks of a study, check the runs, and report the outcome. ``page`` has the settings of its page."""
+    from tacbench_cad.lab.acquire.estimate import estimate
     from tacbench_cad.lab.acquire.events import ProgressFile
     from tacbench_cad.lab.acquire.person import Typing
     from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines, Several
@@ -149,6 +161,7 @@ def _press(chosen: StudyFile, folder: Path, page: Mapping[str, Any] | None) -> N
         say_interrupted(error, sys.argv[1:])
         file.ended(error)
 
+    note(str(estimate(chosen.study, rig)))
     with ExitStack() as stack:
         stack.callback(file.close)
         if page is not None:

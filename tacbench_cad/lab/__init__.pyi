@@ -2,6 +2,9 @@
 
 from .acquire.person import Person as Person
 from .acquire.person import Typing as Typing
+from .acquire.pressing import PressedBlock as PressedBlock
+from .acquire.pressing import Rig as Rig
+from .acquire.pressing import press as press
 from .acquire.progress import Silent as Silent
 from .acquire.safety import RunInterruptedError as RunInterruptedError
 from .acquire.session import acquire_study as acquire_study
@@ -37,7 +40,6 @@ from .rig.arduino import ArduinoStage as ArduinoStage
 from .rig.calibration import Calibration as Calibration
 from .rig.calibration import read_calibration as read_calibration
 from .rig.clock import Clock as Clock
-from .rig.devices import Rig as Rig
 from .rig.devices import open_gauge as open_gauge
 from .rig.devices import open_rig as open_rig
 from .rig.devices import open_sensor as open_sensor
@@ -89,6 +91,7 @@ from .simulate.study import simulate_study as simulate_study
 from .simulate.tactip import TacTip as TacTip
 from .study.editing import write_template as write_template
 from .study.file import StudyFile as StudyFile
+from .study.file import read_alignment as read_alignment
 from .study.file import read_study as read_study
 from .study.file import virtual_study as virtual_study
 from .study.plate import read_layout as read_layout

@@ -12,7 +12,7 @@ from tacbench_cad.lab.acquire.force_search import ContactForce
 from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.safety import Carriage
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.devices import OpenRig
 from tacbench_cad.lab.rig.stage import LimitedStage
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.study.spec import (
@@ -76,8 +76,8 @@ class FakeRig:
         self.sensor = FakeSensor(self.stage, self.plate)
         self.opened = 0
 
-    def rig(self, settings: RigSettings | None = None) -> Rig:
-        return Rig(
+    def rig(self, settings: RigSettings | None = None) -> OpenRig:
+        return OpenRig(
             stage=LimitedStage(self.stage, LIMITS),
             gauge=self.gauge,
             sensor=self.sensor,
@@ -85,11 +85,11 @@ class FakeRig:
             settings=settings or rig_settings(),
         )
 
-    def opener(self, settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[Rig]:
+    def opener(self, settings: RigSettings, block: PrintedBlock, frame: WorkFrame) -> AbstractContextManager[OpenRig]:
         return self._open(settings)
 
     @contextmanager
-    def _open(self, settings: RigSettings) -> Iterator[Rig]:
+    def _open(self, settings: RigSettings) -> Iterator[OpenRig]:
         self.opened += 1
         with self.stage, self.sensor:
             yield self.rig(settings)
@@ -103,7 +103,7 @@ class FakeRig:
         return Presser(protocol, carriage, force, None)
 
 
-def info_of(rig: Rig, protocol: Protocol, texture: int = 1, **changes: Any) -> RunInfo:
+def info_of(rig: OpenRig, protocol: Protocol, texture: int = 1, **changes: Any) -> RunInfo:
     info = RunInfo(
         printed=printed(texture),
         levels=tuple(range(1, protocol.levels + 1)),

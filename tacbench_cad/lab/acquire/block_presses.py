@@ -17,7 +17,7 @@ from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch, PositionChecks
 from tacbench_cad.lab.acquire.touch import Touch, by_gauge, by_sensor, taught
-from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.devices import OpenRig
 from tacbench_cad.lab.rig.errors import (
     ContactError,
     ForceLimitError,
@@ -56,7 +56,7 @@ class BlockResult:
 
 
 def press_block(
-    rig: Rig,
+    rig: OpenRig,
     info: RunInfo,
     folder: Path,
     *,
@@ -136,7 +136,7 @@ class _BlockSession:
         confirm: See :func:`press_block`.
     """
 
-    rig: Rig
+    rig: OpenRig
     run: RunWriter
     carriage: Carriage
     progress: PressProgress

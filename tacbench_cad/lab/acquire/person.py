@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
@@ -12,17 +11,14 @@ from tacbench_cad.util.errors import InputError
 TRIES = 5
 
 
-class Person(Protocol):
-    """The interface of the person who puts the blocks in.
+class Person:
+    """The person who puts the blocks in. This class is nobody: the block lies in the rig already.
 
     Attributes:
         is_asked_always: Whether the person is also asked to put blocks into a simulated rig.
     """
 
-    @property
-    def is_asked_always(self) -> bool:
-        """See the attributes."""
-        ...
+    is_asked_always = False
 
     def put_in(self, printed: PrintedBlock, label: str, slot: int | None) -> None:
         """Ask the person to put a block in.
@@ -46,6 +42,7 @@ class Person(Protocol):
         Raises:
             InputError: The person entered no valid height.
         """
+        raise InputError("touch", "taught", 'needs a person who types the heights; use touch = "sensor" or "gauge"')
 
     def press_anyway(self, problem: str) -> bool:
         """Ask whether a block is pressed in spite of a problem. Without an answer it is not.
@@ -53,18 +50,16 @@ class Person(Protocol):
         Args:
             problem: The problem, as a sentence without its full stop.
         """
-        ...
+        return False
 
 
-class Typing:
+class Typing(Person):
     """A person at a terminal, or a script on the standard input.
 
     Args:
         ask: Shows a text and returns the typed line. It raises an ``InputError`` at the end of the input.
         say: Shows a text.
     """
-
-    is_asked_always = False
 
     def __init__(self, ask: Callable[[str], str], say: Callable[[str], None]) -> None:
         self.ask = ask

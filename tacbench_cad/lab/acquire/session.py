@@ -18,7 +18,7 @@ from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError, travel_height_mm
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import require_repeatable_homing
-from tacbench_cad.lab.rig.devices import Rig, open_rig, recorded_gauge, recorded_stage
+from tacbench_cad.lab.rig.devices import OpenRig, open_rig, recorded_gauge, recorded_stage
 from tacbench_cad.lab.rig.errors import RigError
 from tacbench_cad.lab.rig.registry import find_driver
 from tacbench_cad.lab.rig.stage import Limits
@@ -35,7 +35,7 @@ from tacbench_cad.util.text import counted
 #: The file in a run folder with the heights of first touch that a person taught.
 TAUGHT_FILE = "touch.toml"
 
-Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[Rig]]
+Opener = Callable[[RigSettings, PrintedBlock, WorkFrame], AbstractContextManager[OpenRig]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +166,7 @@ def acquire_study(
         if len(left) < len(blocks):
             progress.say(f"complete: {len(blocks) - len(left)} of {counted(len(blocks), 'block')}")
         progress.start(study, _saved(blocks))
-        opened: Rig | None = None
+        opened: OpenRig | None = None
         for tray in _trays(left):
             taught = {place.slot: _prepare(rig, place, person, progress, len(slots), len(blocks)) for place in tray}
             for place in tray:

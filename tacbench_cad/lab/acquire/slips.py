@@ -26,7 +26,7 @@ from tacbench_cad.lab.acquire.press import Presser
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import Carriage, RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
-from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.devices import OpenRig
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, PositionLostError
 from tacbench_cad.lab.rig.stage import Stage, home_again, measures_offset
 from tacbench_cad.lab.rig.switches import offset_text
@@ -246,7 +246,7 @@ class PositionChecks:
     carriage: Carriage
     presser: Presser
     watch: HeightWatch
-    rig: Rig
+    rig: OpenRig
     progress: PressProgress
     lift: Callable[[], None]
     _checked: bool = False

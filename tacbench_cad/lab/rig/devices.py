@@ -29,7 +29,7 @@ from tacbench_cad.lab.study.spec import (
 
 
 @dataclass(kw_only=True)
-class Rig:
+class OpenRig:
     """The open devices of a rig.
 
     Args:
@@ -170,7 +170,7 @@ def open_sensor(
 
 
 @contextmanager
-def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[Rig]:
+def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> Iterator[OpenRig]:
     """Open all devices. They are closed in reverse order at the end, also after an error.
 
     Args:
@@ -194,6 +194,6 @@ def open_rig(settings: RigSettings, printed: PrintedBlock, frame: WorkFrame) -> 
         taken += [settings.gauge.port] if settings.gauge.port else []
         sensor = devices.enter_context(open_sensor(settings.sensor, clock, taken=taken, stage=stage))
         following = tuple(device for device in (inner(stage), gauge, sensor) if hasattr(device, "put"))
-        rig = Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
+        rig = OpenRig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
         rig.put(printed, frame)
         yield rig

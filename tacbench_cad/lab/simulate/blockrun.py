@@ -17,7 +17,7 @@ from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import is_complete
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.clock import Clock
-from tacbench_cad.lab.rig.devices import Rig
+from tacbench_cad.lab.rig.devices import OpenRig
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import LimitedStage, Limits
 from tacbench_cad.lab.runs import schema
@@ -95,7 +95,7 @@ def run_info(study: Study, planned: PlannedBlock, options: SimulationOptions) ->
     return RunInfo.of(study, planned, None, 0, **rig.info)
 
 
-def ideal_rig(printed: PrintedBlock, contact: ContactMode, options: SimulationOptions) -> Rig:
+def ideal_rig(printed: PrintedBlock, contact: ContactMode, options: SimulationOptions) -> OpenRig:
     """Return a simulated rig without a block, whose clock never waits.
 
     Its stage moves at once, so the time of a press does not depend on the way to it. Its gauge has no noise.
@@ -106,7 +106,7 @@ def ideal_rig(printed: PrintedBlock, contact: ContactMode, options: SimulationOp
         options: The options of the simulation.
     """
     clock, printer = Clock(speed=math.inf), printer_of(printed, options.printers)
-    simulated = SimulatedStage(Clock(speed=math.inf), reach_mm=EVERYWHERE)
+    simulated = SimulatedStage(Clock(speed=math.inf), EVERYWHERE)
     simulated.simulated = f"simulated stage; block from a virtual printer, {printer.name}"
     stage = LimitedStage(simulated, EVERYWHERE)
     gauge = SimulatedGauge(stage.position, clock, noise_n=0.0) if contact == "force" else None
@@ -123,10 +123,10 @@ def ideal_rig(printed: PrintedBlock, contact: ContactMode, options: SimulationOp
         sensor=SensorSettings(driver="simulated", options=look),
     )
     following = (sensor,) if gauge is None else (gauge, sensor)
-    return Rig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
+    return OpenRig(stage=stage, gauge=gauge, sensor=sensor, clock=clock, settings=settings, following=following)
 
 
-def lay_block(rig: Rig, info: RunInfo, options: SimulationOptions) -> Callable[[Press], float]:
+def lay_block(rig: OpenRig, info: RunInfo, options: SimulationOptions) -> Callable[[Press], float]:
     """Print the block of a run and lay it on an ideal rig.
 
     Returns:

@@ -19,10 +19,9 @@ from tacbench_cad.lab.rig.stage import Closing, Limits, no_report
 from tacbench_cad.lab.study.spec import Point, StageSettings
 from tacbench_cad.util.convert import from_plain
 
-#: The space in which the summit can move, on each axis, in mm.
-REACH_MM = ((0.0, 200.0), (0.0, 200.0), (0.0, 130.0))
-#: The summit after homing, and the speed of homing in mm/s.
-HOME_MM: Point = (100.0, 100.0, 100.0)
+#: The space in which the summit can move, on each axis, in mm, unless the settings say something else.
+REACH_MM: Limits = ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))
+#: The speed of homing in mm/s.
 HOME_MM_S = 50.0
 #: The longest pause between two looks at the clock during a motion, in s of real time.
 POLL_S = 0.02
@@ -31,6 +30,7 @@ POLL_S = 0.02
 @dataclass(frozen=True, kw_only=True)
 class _Options:
     speed: Annotated[float, Interval(ge=0.1, le=1000.0)] = 1.0
+    waits: bool = True
 
 
 class SimulatedStage(Closing):
@@ -38,14 +38,15 @@ class SimulatedStage(Closing):
 
     Args:
         clock: The rig's time.
-        summit_mm: The summit at the start.
-        reach_mm: The space in which the summit can move.
+        reach_mm: The space in which the summit can move. The home position is at the middle of x and y, and at the top.
     """
 
-    def __init__(self, clock: Clock | None = None, summit_mm: Point = HOME_MM, reach_mm: Limits = REACH_MM) -> None:
+    def __init__(self, clock: Clock | None = None, reach_mm: Limits = REACH_MM) -> None:
         self.identity, self.simulated = "simulated stage", "simulated stage"
         self.clock, self._reach_mm = clock or Clock(), reach_mm
-        self._start_mm = self._end_mm = summit_mm
+        (west, east), (south, north), (_, top) = reach_mm
+        self._home_mm: Point = ((west + east) / 2.0, (south + north) / 2.0, top)
+        self._start_mm = self._end_mm = self._home_mm
         self._began_s = self._ends_s = 0.0
         self._stopped = self._closed = False
         self._report: Callable[[Point], None] = no_report
@@ -58,15 +59,15 @@ class SimulatedStage(Closing):
             InputError: An option is not allowed.
         """
         options = from_plain(_Options, dict(settings.options), "[stage.options] ")
-        return cls(Clock(speed=options.speed))
+        return cls(Clock(speed=options.speed if options.waits else math.inf), settings.limits_mm)
 
     def home(self) -> None:
         """Move up, and then to the home position."""
         self._require_open()
         self._stopped = False
         x, y, _ = self.position()
-        self._move((x, y, HOME_MM[2]), HOME_MM_S)
-        self._move(HOME_MM, HOME_MM_S)
+        self._move((x, y, self._home_mm[2]), HOME_MM_S)
+        self._move(self._home_mm, HOME_MM_S)
 
     def move(self, target_mm: Point, speed_mm_s: float) -> Point:
         """See :class:`~tacbench_cad.lab.rig.stage.Stage`."""
@@ -136,5 +137,5 @@ DRIVER = Driver(
     summary="simulated stage",
     simulated=True,
     defaults={"origin_mm": (80.0, 80.0, 40.0), "limits_mm": ((0.0, 200.0), (0.0, 200.0), (0.0, 100.0))},
-    unrecorded=("speed",),
+    unrecorded=("speed", "waits"),
 )

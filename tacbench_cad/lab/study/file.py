@@ -63,6 +63,20 @@ class StudyFile:
             raise InputError("[stage]", None, "this table is missing")
         return self.rig
 
+    def rehearsal(self, driver: str, speed: float) -> StudyFile:
+        """Return the same study for simulated devices, with an output folder of its own.
+
+        Args:
+            driver: The driver of a simulated stage.
+            speed: The speed of the rig relative to real time.
+
+        Raises:
+            InputError: The file has no devices, or the driver is not simulated.
+        """
+        one_of("driver", driver, simulated_stages())
+        out = self.out and self.out.with_name(f"{self.out.name}-rehearsal")
+        return replace(self, rig=self.required_rig.simulated(driver, speed=speed), out=out)
+
 
 def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     """Read a study. ``tacbench acquire --init FILE.toml`` writes such a file with explanations.
@@ -78,6 +92,25 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
     document = untrusted.read_document(path, "study", "toml")
     with located(f"{path}: "):
         return _study_file(document, path.parent, teaching)
+
+
+def read_alignment(path: Path, driver: Any) -> tuple[StageSettings, HolderRim]:
+    """Read the place of the block, the limits and the speeds of a rig, for a stage that the file need not name.
+
+    Args:
+        path: A TOML file with the table ``[stage]``, and ``[holder]`` if it differs from the default: a study file, for
+            example.
+        driver: The stage.
+
+    Raises:
+        InputError: The file cannot be read, or a value is missing or not allowed.
+    """
+    plain = untrusted.read_document(path, "rig", "toml")
+    with located(f"{path}: "):
+        own = ("driver", "port", "baud", "options")
+        values = {key: value for key, value in _table(plain, "stage").items() if key not in own}
+        stage = _stage({**values, "driver": driver}, teaching=False)
+        return stage, from_plain(_HolderTable, _table(plain, "holder"), "[holder] ").rim
 
 
 def virtual_study(
@@ -316,9 +349,11 @@ def _rig(document: _Document, rim: HolderRim, protocol: Protocol, folder: Path, 
     for kind, table, words in tables:
         if table is None:
             raise InputError(f"[{kind}]", None, "this table is missing")
-        driver = table.get("driver")
+        driver = table.get("driver", NO_GAUGE)
+        if not isinstance(driver, str):
+            raise InputError(f"[{kind}] driver", driver, "must be a text")
         # An unknown driver is reported before keys that are missing because of it.
-        if isinstance(driver, str) and ":" not in driver and driver not in words:
+        if "driver" in table and ":" not in driver and driver not in words:
             one_of(f"[{kind}] driver", driver, (*registry.drivers(kind), *words, "module:name"))
     stage = _stage(document.stage or {}, teaching)
     gauge = from_plain(GaugeSettings, document.gauge or {}, "[gauge] ")

@@ -457,7 +457,7 @@ class StageSettings(Checked):
     """The settings of the stage, in the table ``[stage]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``module:name``, or an object.
         port: The stable name of a port, or a pyserial URL; None to use the only possible port.
         baud: The baud rate, in symbols per second; None for the driver's default.
         origin_mm: Same as for :class:`WorkFrame`.
@@ -472,7 +472,7 @@ class StageSettings(Checked):
             keyword arguments of a ``module:name``.
     """
 
-    driver: str
+    driver: Any
     port: str | None = None
     baud: Baud | None = None
     origin_mm: Point = (0.0, 0.0, 0.0)
@@ -507,7 +507,7 @@ class GaugeSettings(Checked):
     """The settings of the force gauge, in the table ``[gauge]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, ``none``, or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``none``, ``module:name``, or an object.
         port: Same as for :class:`StageSettings`.
         baud: The baud rate, in symbols per second; None for the driver's default.
         calibration: The file written by ``tacbench rig calibrate-force``; None if the gauge sends newtons.
@@ -515,7 +515,7 @@ class GaugeSettings(Checked):
         options: The driver's own settings.
     """
 
-    driver: str = NO_GAUGE
+    driver: Any = NO_GAUGE
     port: str | None = None
     baud: Baud | None = None
     calibration: str | None = None
@@ -528,7 +528,7 @@ class SensorSettings(Checked):
     """The settings of the tactile sensor, in the table ``[sensor]``.
 
     Args:
-        driver: A name that ``tacbench rig drivers`` lists, or ``module:name``.
+        driver: A name that ``tacbench rig drivers`` lists, ``module:name``, or an object.
         device: The stable name of the camera or the port, or the serial number of the sensor.
         channels: The order of the colours in which the driver delivers images, ``rgb`` or ``bgr``; None for the order
             that the driver itself states.
@@ -536,7 +536,7 @@ class SensorSettings(Checked):
             taxels; keyword arguments of a ``module:name``.
     """
 
-    driver: str
+    driver: Any
     device: str | None = None
     channels: Literal["rgb", "bgr"] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -557,6 +557,21 @@ class RigSettings:
     gauge: GaugeSettings
     sensor: SensorSettings
     holder: HolderRim = field(default_factory=HolderRim)
+
+    def simulated(self, driver: str = "simulated", **options: Any) -> RigSettings:
+        """Return the same rig with simulated devices in the place of its own.
+
+        Args:
+            driver: The driver of a simulated stage.
+            **options: Its options: the ``speed`` of the rig relative to real time, or ``waits=False``.
+        """
+        gauge = NO_GAUGE if self.gauge.driver == NO_GAUGE else "simulated"
+        return replace(
+            self,
+            stage=replace(self.stage, driver=driver, port=None, baud=None, options=options),
+            gauge=GaugeSettings(driver=gauge),
+            sensor=SensorSettings(driver="simulated"),
+        )
 
     def require_gauge_for(self, protocol: Protocol) -> None:
         """Check that the rig has a gauge if the protocol needs one.

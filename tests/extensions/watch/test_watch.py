@@ -123,7 +123,7 @@ def test_the_map_has_the_largest_error_of_each_position(session: tuple[Path, Wat
     places = watched.state(name)["run"]["map"]
     assert [place["position"] for place in places] == [1, 2, 3, 4]
     assert {(place["x"], place["y"]) for place in places} == {(x, y) for x in (4.0, 9.0) for y in (18.0, 23.0)}
-    bands = dict(zip(PROTOCOL.forces_n, PROTOCOL.bands_n, strict=True))
+    bands = dict(zip(PROTOCOL.targets.forces_n, PROTOCOL.targets.bands_n, strict=True))
     for place in places:
         rows = [row for row in Run.open(out / name).rows if row.position == place["position"]]
         errors = [(row.measured_force_n - row.target_force_n) / bands[row.target_force_n] for row in rows]  # type: ignore[operator, index]
