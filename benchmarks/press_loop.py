@@ -2,10 +2,10 @@
 
     python benchmarks/press_loop.py [--driver virtual-grbl] [--speed 50] [--texture 4] [--out DIR]
 
-Every call of the stage, the gauge, the sensor and the clock is timed, and the writer times its own encoding and
-syncing. The rest of the time is the time of the loop: planning, searching, checking, encoding (also shown separately),
-hashing and writing rows. There are no stationary frames, so the times are for presses and for a reference frame after
-every 600 s of the rig's time. Claim: less than 20 ms for each press, including the encoding.
+Every call of the stage, the gauge, the sensor and the clock is timed. The files are not forced to the disk. The rest of
+the time is the time of the loop: planning, searching, checking, encoding, hashing and writing rows. There are no
+stationary frames, so the times are for presses and for a reference frame after every 600 s of the rig's time. Claim:
+less than 20 ms for each press.
 """
 
 from __future__ import annotations
@@ -98,6 +98,7 @@ def main() -> int:
             person=Typing(lambda prompt: "", print),
             progress=Silent(),
             opener=timed_rig,
+            durable=False,
         )
         total_s = time.perf_counter() - run_start
         rows = Run.open(result.folder).rows
@@ -109,8 +110,6 @@ def main() -> int:
         "waiting for the gauge": seconds["gauge"],
         "waiting for the sensor": seconds["sensor"],
         "waiting for a step to settle": seconds["clock"],
-        "waiting for the disk": result.seconds["sync"],
-        "encoding and checksums": result.seconds["encode"],
     }
     rest = total_s - sum(parts.values())
     print(f"{chosen.driver}, texture {chosen.texture}, {chosen.speed:g} times real time: {presses} presses, ", end="")
@@ -119,9 +118,12 @@ def main() -> int:
     print(f"{'part':<32}{'s':>8}{'ms per press':>14}{'%':>7}")
     for name, elapsed_s in {**parts, "the rest of the loop": rest}.items():
         print(f"{name:<32}{elapsed_s:>8.2f}{1e3 * elapsed_s / presses:>14.2f}{100.0 * elapsed_s / total_s:>7.1f}")
-    own_ms = 1e3 * (rest + parts["encoding and checksums"]) / presses
+    own_ms = 1e3 * rest / presses
     holds = own_ms < LIMIT_MS
-    print(f"\nthe loop's own time, encoding included: {own_ms:.1f} ms per press, claimed below {LIMIT_MS:g}: ", end="")
+    print(
+        f"\nthe loop's own time: {own_ms:.1f} ms per press, claimed below {LIMIT_MS:g}: ",
+        end="",
+    )
     print("yes" if holds else "NO")
     return 0 if holds else 1
 

@@ -45,14 +45,11 @@ class BlockResult:
         folder: The complete run folder.
         presses: The number of presses in this session.
         missed: The number of presses in this session whose force is outside the band.
-        seconds: The time spent in ``encode`` and ``sync``, as :class:`~tacbench_cad.lab.runs.run_writer.RunWriter`
-            measures it.
     """
 
     folder: Path
     presses: int
     missed: int
-    seconds: dict[str, float]
 
 
 def press_block(
@@ -120,7 +117,7 @@ def press_block(
             raise
         finally:
             progress.end()
-        return BlockResult(folder=folder, presses=session.presses, missed=session.missed, seconds=dict(run.seconds))
+        return BlockResult(folder=folder, presses=session.presses, missed=session.missed)
 
 
 @dataclass(eq=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import platform
 import shutil
 import sys
-import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
@@ -52,14 +51,12 @@ class RunWriter:
         info: The description of the run.
         done: The numbers of the presses that the run has.
         notes: Notes for the user about repairs that were made when the folder was opened.
-        seconds: The time spent so far in ``encode`` (encoding and checksums) and ``sync`` (writing to the disk), in s.
         reference_time: The time of the last reference; None if there is none.
     """
 
     def __init__(self, folder: Path, info: RunInfo, durable: bool, stack: ExitStack, optional: Collection[str]) -> None:
         self.folder = folder
         self.info = info
-        self.seconds = {"encode": 0.0, "sync": 0.0}
         self._durable = durable
         self._stack = stack
         self._optional = optional
@@ -164,7 +161,7 @@ class RunWriter:
         path = schema.reference_path(self._reference_count, file.suffix)
         self._store(file, path)
         row = Reference(path=path, time_utc=time_utc, after_press=self._last_press, image_sha256=file.sha256)
-        self._append(self._references, row)
+        self._references.append(row)
         self._reference_count += 1
         self.reference_time = time_utc
 
@@ -187,7 +184,7 @@ class RunWriter:
         path = schema.stationary_path(when, in_contact, index, file.suffix)
         self._store(file, path)
         row = Stationary(path=path, when=when, in_contact=in_contact, index=index, image_sha256=file.sha256)
-        self._append(self._stationary, row)
+        self._stationary.append(row)
         self._still.add(row.key)
 
     def press(
@@ -230,7 +227,7 @@ class RunWriter:
         require_complete(press.number, moving, self.info.series_frames)
         if moving and press.number not in self.done:
             files = [self._encoded(each.frame) for each in moving]
-            with timed(self.seconds, "sync"), refusing(self.folder):
+            with refusing(self.folder):
                 write_series(self.folder, press.number, moving, files, self._durable)
         return self.sample(
             press.number,
@@ -272,7 +269,7 @@ class RunWriter:
         name = schema.frame_name(number, file.suffix)
         row = Row(sensor_image=name, image_sha256=file.sha256, **values)
         self._store(file, row.path)
-        self._append(self._targets, row)
+        self._targets.append(row)
         self.rows.append(row)
         self.done.add(number)
         self._last_press = number
@@ -328,7 +325,7 @@ class RunWriter:
     def _check(self, check: PositionCheck) -> None:
         if self._checks is None:
             self._checks = self._table(PositionCheck)
-        self._append(self._checks, check)
+        self._checks.append(check)
         self.checks.append(check)
 
     def _still_wrong(self) -> list[Row]:
@@ -351,7 +348,7 @@ class RunWriter:
             return
         aside, numbers = self._aside, {row.number for row in wrong}
         kept, names = [row for row in self.rows if row.number not in numbers], self._targets.columns
-        with timed(self.seconds, "sync"), refusing(self.folder):
+        with refusing(self.folder):
             aside.mkdir(parents=True, exist_ok=True)
             for row in wrong:
                 shutil.copyfile(self.folder / row.path, aside / row.sensor_image)
@@ -379,8 +376,7 @@ class RunWriter:
         if shape is not None and frame.shape != shape:
             stated = f"but the shape of its driver is {shape} (height, width, and channels of colour)"
             raise RigError(f"the sensor returned a frame of shape {frame.shape}, {stated}")
-        with timed(self.seconds, "encode"):
-            return FrameFile.of(*encoded(frame, self.info.simulated))
+        return FrameFile.of(*encoded(frame, self.info.simulated))
 
     def _store(self, file: FrameFile, name: str) -> None:
         """Write a frame's file. With ``durable``, the file and its entry in the folder are then on the disk.
@@ -390,7 +386,7 @@ class RunWriter:
             name: The path, relative to the run folder.
         """
         path = self.folder / name
-        with timed(self.seconds, "sync"), refusing(path.parent):
+        with refusing(path.parent):
             # Frames that are not images have their own folder. It is created for the first of them.
             if not path.parent.exists():
                 path.parent.mkdir()
@@ -400,10 +396,6 @@ class RunWriter:
             if self._durable:
                 sync_folder(path.parent)
 
-    def _append(self, table: GrowingTable[T], row: T) -> None:
-        with timed(self.seconds, "sync"):
-            table.append(row)
-
 
 def planned_fields(info: RunInfo) -> set[str]:
     """Return the optional fields that the rows of a run with a protocol have."""
@@ -412,14 +404,6 @@ def planned_fields(info: RunInfo) -> set[str]:
     names |= {"target_force_n", "in_band"} if targets.contact == "force" else {"target_depth_mm", "touch_height_mm"}
     names |= {"measured_force_n", "force_after_n"} if info.gauge.get("identity") != NO_GAUGE else set()
     return names | ({"pose_from"} if info.series_frames else set())
-
-
-@contextmanager
-def timed(seconds: dict[str, float], what: str) -> Iterator[None]:
-    """Add the time that the body takes to ``seconds[what]``."""
-    start = time.perf_counter()
-    yield
-    seconds[what] += time.perf_counter() - start
 
 
 @cache

@@ -9,20 +9,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache, cached_property
-from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args, get_type_hints
 
 from annotated_types import Ge
-from typing_extensions import TypedDict
 
 from tacbench_cad.lab.study.spec import Point
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
-
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
 
 #: The description of the run, the table with one row for each press, and the print record that the user fills in.
 RUN_FILE, TARGETS_FILE, PRINT_FILE = "run.json", "targets.csv", "print.toml"
@@ -40,6 +37,8 @@ CHECKS_FILE = "position_checks.csv"
 #: The folder of the presses that were set aside, since a check showed that the position was wrong.
 ASIDE_FOLDER = "set_aside"
 
+#: A number that is counted from 1.
+Number = Annotated[int, Ge(1)]
 #: (force level, repeat, position), each from 1. An unknown level or position is 0. If the position or the repeat is
 #: unknown, the repeat is the number of the frame.
 PressKey = tuple[int, int, int]
@@ -149,12 +148,12 @@ class Row(TableRow):
     pose_x: float | None
     pose_y: float | None
     pose_z: float | None
-    pose_rx: float | None = field(default=None, metadata={"column": "pose_Rx"} | _OPTIONAL)
-    pose_ry: float | None = field(default=None, metadata={"column": "pose_Ry"} | _OPTIONAL)
-    pose_rz: float | None = field(default=None, metadata={"column": "pose_Rz"} | _OPTIONAL)
-    position: int | None
-    force_level: int | None
-    repeat: int | None
+    pose_rx: float | None = field(default=None, metadata={"alias": "pose_Rx"} | _OPTIONAL)
+    pose_ry: float | None = field(default=None, metadata={"alias": "pose_Ry"} | _OPTIONAL)
+    pose_rz: float | None = field(default=None, metadata={"alias": "pose_Rz"} | _OPTIONAL)
+    position: Number | None
+    force_level: Number | None
+    repeat: Number | None
     target_force_n: float | None = field(default=None, metadata=_OPTIONAL)
     in_band: bool | None = field(default=None, metadata=_OPTIONAL)
     target_depth_mm: float | None = field(default=None, metadata=_OPTIONAL)
@@ -225,9 +224,9 @@ class Reference(_FrameRow):
     """
 
     FILE = REFERENCES_FILE
-    path: str = field(metadata={"column": "reference"})
+    path: str = field(metadata={"alias": "reference"})
     time_utc: datetime | None
-    after_press: int = field(metadata={"low": 0})
+    after_press: Annotated[int, Ge(0)]
     image_sha256: str
 
 
@@ -244,10 +243,10 @@ class Stationary(_FrameRow):
     """
 
     FILE = STATIONARY_FILE
-    path: str = field(metadata={"column": "reading"})
+    path: str = field(metadata={"alias": "reading"})
     when: When
     in_contact: bool
-    index: int
+    index: Number
     image_sha256: str
 
     @property
@@ -275,7 +274,7 @@ class PositionCheck(TableRow):
     FILE = CHECKS_FILE
     time_utc: datetime
     reason: Reason
-    after_press: int = field(metadata={"low": 0})
+    after_press: Annotated[int, Ge(0)]
     offset_x_mm: float | None = None
     offset_y_mm: float | None = None
     offset_z_mm: float | None = None
@@ -335,7 +334,7 @@ def columns(kind: type[Any], optional: Collection[str] | None = None) -> tuple[s
         optional: The optional fields that the table has; None for all.
     """
     return tuple(
-        column.metadata.get("column", column.name)
+        column.metadata.get("alias", column.name)
         for column in fields(kind)
         if optional is None or column.name in optional or not column.metadata.get("optional")
     )
@@ -347,46 +346,39 @@ def parse_row(kind: type[T], texts: Mapping[str, str]) -> T:
     Raises:
         InputError: A text is not valid. The message names the column.
     """
-    from pydantic import ValidationError
-
-    names = dict(zip((column.name for column in fields(kind)), columns(kind), strict=True))  # type: ignore[arg-type]
-    factory: Any = kind
-    values = {name: texts.get(column) or None for name, column in names.items()}
-    try:
-        row: T = factory(**_adapter(factory).validate_python(values))
-    except ValidationError as error:
-        first = error.errors()[0]
-        column = names[str(first["loc"][0])]
-        raise InputError(column, texts.get(column, ""), first["msg"].replace("Input should", "must")) from None
+    values = {}
+    for column, numeric in _columns(kind).items():  # type: ignore[arg-type]
+        text = texts.get(column, "")
+        values[column] = None if not text else _value(text) if numeric else text
+    row = from_plain(kind, values)
+    time = getattr(row, "time_utc", None)
+    if time is not None and time.tzinfo is None:
+        raise InputError("time_utc", texts["time_utc"], "must have a time zone, such as Z for UTC")
     return row
 
 
 @cache
-def _adapter(kind: type[Any]) -> TypeAdapter[dict[str, Any]]:
-    """Return the converter of the texts of a row."""
-    from pydantic import AwareDatetime, BeforeValidator, FiniteFloat, Strict, TypeAdapter
+def _columns(kind: type[Any]) -> dict[str, bool]:
+    """Return the columns of a table, and whether they have numbers or booleans."""
+    hints = get_type_hints(kind)
+    kinds = (hints[column.name] for column in fields(kind))
+    return {
+        column: bool({int, float, bool} & {hint, *get_args(hint)})
+        for column, hint in zip(columns(kind), kinds, strict=True)
+    }
 
-    def flag(text: Any) -> Any:  # a spreadsheet writes TRUE and FALSE
-        return {"true": True, "false": False}.get(text.lower(), text) if isinstance(text, str) else text
 
-    hints, types = get_type_hints(kind), dict[str, Any]()
-    for column in fields(kind):
-        hint = hints[column.name]
-        parts = get_args(hint) if get_origin(hint) is UnionType else (hint,)
-        strict = {
-            int: Annotated[int, Ge(column.metadata.get("low", 1))],
-            float: FiniteFloat,
-            datetime: AwareDatetime,
-            bool: Annotated[bool, Strict(), BeforeValidator(flag)],
-        }
-        of_text: Any = strict.get(parts[0], parts[0])
-        types[column.name] = of_text | None if NoneType in parts else of_text
-    return TypeAdapter(TypedDict(kind.__name__, types))  # type: ignore[operator]
+def _value(text: str) -> Any:
+    """Return the number or the boolean that a text says, or the text. A spreadsheet writes TRUE and FALSE."""
+    for read in (int, float):
+        with suppress(ValueError):
+            return read(text)
+    return {"true": True, "false": False}.get(text.lower(), text)
 
 
 def cells(row: Any, names: Sequence[str]) -> list[str]:
     """Return the texts of a row in some columns."""
-    values = {column.metadata.get("column", column.name): getattr(row, column.name) for column in fields(row)}
+    values = {column.metadata.get("alias", column.name): getattr(row, column.name) for column in fields(row)}
     return [cell(values[name]) for name in names]
 
 

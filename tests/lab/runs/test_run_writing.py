@@ -116,8 +116,6 @@ def test_simulated_studies_skip_the_syncs(
         monkeypatch.setattr(os, "fsync", lambda _: pytest.fail("synced"))
         writer.press(info.presses[0], (4.0, 18.0, -1.0), noise(1))
         monkeypatch.undo()
-        assert writer.seconds["encode"] > 0.0
-        assert writer.seconds["sync"] > 0.0
 
 
 def test_a_run_is_resumed_at_the_first_missing_press(tmp_path: Path, make_info: Any, filled: Any) -> None:
