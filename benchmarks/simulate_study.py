@@ -19,8 +19,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it
 
 import psutil
 
-from tacbench_cad.lab.simulate.blockrun import SimulationOptions
-from tacbench_cad.lab.simulate.study import estimate_simulation, require_room, simulate_study, study_of
+from tacbench_cad.lab.simulate.study import (
+    SimulationOptions,
+    estimate_simulation,
+    require_room,
+    simulate_study,
+    study_of,
+)
 
 MAX_MINUTES = 5.0
 MAX_GROWTH = 1.1
@@ -48,20 +53,19 @@ def main() -> int:
 
     start = time.perf_counter()
     try:
-        blocks = simulate_study(study, out, simulation, jobs=options.jobs, progress=measure_memory)
+        simulate_study(study, out, simulation, jobs=options.jobs, progress=measure_memory)
         seconds = time.perf_counter() - start
         size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     finally:
         if options.out is None:
             shutil.rmtree(out)
-    images = sum(block.images for block in blocks)
+    images = needed.missing
     print(
         f"{options.study}: {needed.blocks} blocks, {needed.presses:,} presses, {images:,} images, {size / 1e9:.2f} GB"
     )
     minutes = needed.missing * needed.seconds_each / needed.jobs / 60
     print(f"estimated {needed.gb:.2f} GB and {minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
     print(f"in {options.jobs} processes, {1e3 * seconds * options.jobs / images:.1f} ms of processing for each image")
-    print(f"worst force error {1e3 * max(block.worst_n for block in blocks):.4f} mN")
     early = max(rss for count, rss in memory if count <= images / 4)
     late = max(rss for count, rss in memory if count >= 3 * images / 4)
     print(f"largest process: {early / 1e6:.0f} MB in the first quarter, {late / 1e6:.0f} MB in the last")

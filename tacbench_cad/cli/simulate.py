@@ -15,9 +15,9 @@ from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
+    from tacbench_cad.lab.acquire.block_presses import BlockResult
     from tacbench_cad.lab.runs.info import RunInfo
-    from tacbench_cad.lab.simulate.blockrun import SimulatedBlock, SimulationOptions
-    from tacbench_cad.lab.simulate.study import SimulationEstimate
+    from tacbench_cad.lab.simulate.study import SimulationEstimate, SimulationOptions
     from tacbench_cad.lab.study.spec import Study
 
 #: The words of ``--look``; a test compares them with the simulated looks.
@@ -85,9 +85,9 @@ def command(
       tacbench simulate --study mine.toml --look tactip-bristol --colour
       tacbench simulate --study paper --out runs --dask tcp://10.0.0.5:8786
     """
-    from tacbench_cad.lab.simulate.blockrun import SimulationOptions
     from tacbench_cad.lab.simulate.prints import read_printers, require_used
     from tacbench_cad.lab.simulate.study import (
+        SimulationOptions,
         estimate_simulation,
         nearest_folder,
         require_room,
@@ -131,7 +131,7 @@ def command(
     if json:
         print_json(_document(folder, infos, blocks, needed, seconds))
     else:
-        _print(folder, infos, blocks, seconds)
+        _print(folder, infos, blocks, needed.missing, seconds)
         print_next("check-runs", folder)
 
 
@@ -163,45 +163,35 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
     return lines
 
 
-def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], seconds: float) -> None:
+def _print(folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockResult], made: int, seconds: float) -> None:
     groups: dict[tuple[str, str], list[int]] = {}
     for i, info in enumerate(infos):
         groups.setdefault((info.plan.printed.printer, info.plan.printed.filament), []).append(i)
     print_table(
         f"{counted(len(blocks), 'simulated run')} in {folder}",
-        ("printer", "filament", ">copies", ">runs", ">presses made", ">images made", ">worst force error (mN)"),
+        ("printer", "filament", ">copies", ">runs", ">presses made"),
         [
             (
                 *group,
                 len({infos[i].printed.copy for i in members}),
                 len(members),
                 f"{sum(blocks[i].presses for i in members):,}",
-                f"{sum(blocks[i].images for i in members):,}",
-                f"{1e3 * max(blocks[i].worst_n for i in members):.3f}",
             )
             for group, members in groups.items()
         ],
     )
-    print_lines(f"{counted(sum(block.images for block in blocks), 'image')} in {seconds:.1f} s")
+    print_lines(f"{counted(made, 'image')} in {seconds:.1f} s")
 
 
 def _document(
-    folder: Path, infos: Sequence[RunInfo], blocks: Sequence[SimulatedBlock], needed: SimulationEstimate, seconds: float
+    folder: Path, infos: Sequence[RunInfo], blocks: Sequence[BlockResult], needed: SimulationEstimate, seconds: float
 ) -> dict[str, Any]:
     return {
         "out": str(folder),
         "simulated": list(infos[0].simulated),
         "images": needed.presses + needed.others,
-        "images_made": sum(block.images for block in blocks),
+        "images_made": needed.missing,
         "bytes_each": needed.bytes_each,
         "seconds": seconds,
-        "runs": [
-            {
-                "name": block.name,
-                "presses_made": block.presses,
-                "images_made": block.images,
-                "worst_force_error_n": block.worst_n,
-            }
-            for block in blocks
-        ],
+        "runs": [{"name": block.folder.name, "presses_made": block.presses} for block in blocks],
     }

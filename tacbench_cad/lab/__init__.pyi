@@ -75,7 +75,6 @@ from .runs.run_writer import RunWriter as RunWriter
 from .runs.schema import Row as Row
 from .simulate.appearances import LOOKS as LOOKS
 from .simulate.appearances import Look as Look
-from .simulate.blockrun import SimulationOptions as SimulationOptions
 from .simulate.contact import DomeContact as DomeContact
 from .simulate.contact import contact_for as contact_for
 from .simulate.heights import HeightMap as HeightMap
@@ -84,6 +83,7 @@ from .simulate.prints import VIRTUAL_PRINTERS as VIRTUAL_PRINTERS
 from .simulate.prints import VirtualPrinter as VirtualPrinter
 from .simulate.prints import stimulus as stimulus
 from .simulate.study import SimulationEstimate as SimulationEstimate
+from .simulate.study import SimulationOptions as SimulationOptions
 from .simulate.study import estimate_simulation as estimate_simulation
 from .simulate.study import paper_study as paper_study
 from .simulate.study import quick_study as quick_study

@@ -63,7 +63,7 @@ PRINTERS = '[printer.mine]\nbed_mm = [200, 210]\nheight_mm = 180\nkeep_out_mm = 
 LAYOUT = "plate,label,texture,preset,scale,key_mm,copy,printer,filament,x_mm,y_mm\n" + (
     "1,4 PAPER,4,paper,1,3,1,ender-3,pla-plus,5.000,6.000\n" * 3
 )
-RECORD = form("A print", "ender-3", "pla-plus").replace('nozzle_mm = ""', "nozzle_mm = 0.4")
+RECORD = form("A print", printer="ender-3", filament="pla-plus").replace('nozzle_mm = ""', "nozzle_mm = 0.4")
 ASCII_STL = "\n".join(
     [
         "solid box",

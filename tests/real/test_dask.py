@@ -248,7 +248,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
     from tacbench_cad.lab.analysis.collection import Collection
     from tacbench_cad.lab.analysis.variance.table import variance_table
-    from tacbench_cad.lab.simulate.study import quick_study, simulate_study
+    from tacbench_cad.lab.simulate.study import images_there, quick_study, simulate_study
     from tacbench_cad.spec.protocol import PressGrid
 
     monkeypatch.chdir(tmp_path)
@@ -261,7 +261,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     with workers(1, elsewhere, [tmp_path]) as executor:
         simulated = simulate_study(study, Path("runs"), progress=progress.append, cluster=executor)
     assert [run.name for run in simulated] == [block.printed.name for block in study.blocks]
-    assert len(progress) == 8 and progress[-1] == sum(run.images for run in simulated)
+    assert len(progress) == 8 and progress[-1] == sum(images_there(run.folder) for run in simulated)
     collection = Collection.open([Path("runs")])
     assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells
     settings = ClassificationSettings(hold_out=("copy",), components=5)

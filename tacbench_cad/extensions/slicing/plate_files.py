@@ -152,4 +152,4 @@ def _record(plate: Plate, filament: str, files: PlateFiles) -> str:
         f"with places and labels in {files.layout.name}.\n"
         "Copy it into each block's run folder as print.toml, and add the scores and photos of that block."
     )
-    return form(about, plate.printer.name, filament)
+    return form(about, printer=plate.printer.name, filament=filament)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from pathlib import Path
@@ -64,18 +65,16 @@ class PrintRecord:
     empty: tuple[str, ...]
 
 
-def form(about: str, printer: str, filament: str) -> str:
-    """Return an empty form, in which only printer and filament are filled in.
+def form(about: str, **known: str | float) -> str:
+    """Return a form in which the known fields are filled in.
 
     Args:
         about: The object that is printed, for the comment at the top (one or several lines).
-        printer: The name of the printer.
-        filament: The name of the filament.
+        **known: The values of fields.
 
     Returns:
         The text of a TOML file.
     """
-    known = {"printer": printer, "filament": filament}
     lines = [
         *(f"# {line}" for line in about.splitlines()),
         '# Fill in what you know, and leave "" for the rest. Reports name the empty fields.',
@@ -86,7 +85,7 @@ def form(about: str, printer: str, filament: str) -> str:
         for step in SCORES.get(name, ()):
             lines.append(f"#   {step}")
         empty = "[]" if name == "photos" else '""'
-        value = f'"{known[name]}"' if name in known else empty
+        value = json.dumps(known[name]) if name in known else empty
         lines.append(f"{name} = {value}  # {meaning}")
     return "\n".join(lines) + "\n"
 

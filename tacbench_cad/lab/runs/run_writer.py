@@ -424,7 +424,9 @@ def _begin(folder: Path, info: RunInfo, durable: bool) -> None:
         raise InputError("run folder", str(folder), "has a targets.csv but no run.json; choose another folder")
     if not (folder / schema.PRINT_FILE).is_file():
         printed = info.printed
-        record = form(f"Record of the print {printed.name}.", printed.printer or "", printed.filament or "")
+        record = form(
+            f"Record of the print {printed.name}.", printer=printed.printer or "", filament=printed.filament or ""
+        )
         write_text(folder / schema.PRINT_FILE, record, durable=durable)
     head = {"schema": SCHEMA, "version": SCHEMA_VERSION, "name": info.printed.name, "simulated": list(info.simulated)}
     write_json(folder / schema.RUN_FILE, {**head, **info.as_dict(), "sessions": []}, durable=durable)

@@ -349,7 +349,7 @@ def test_the_print_record_is_a_form_with_empty_fields(run_folder: Path) -> None:
     text = (run_folder / "print.toml").read_text()
     assert text.count("#   0: ") == text.count("#   3: ") == 2
     name = Run.open(run_folder).info.printed.name
-    assert text == form(f"Record of the print {name}.", "bambu-p1p", "pla-minus")
+    assert text == form(f"Record of the print {name}.", printer="bambu-p1p", filament="pla-minus")
 
 
 def test_a_filled_print_record_is_read(run_folder: Path) -> None:

@@ -24,15 +24,17 @@ from tacbench_cad.cli import main
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.simulate.blockrun import SimulationOptions, other_images, simulate_block
 from tacbench_cad.lab.simulate.study import (
     SimulationEstimate,
+    SimulationOptions,
     estimate_simulation,
     images_there,
+    other_images,
     paper_study,
     quick_study,
     require_room,
     run_infos,
+    simulate_block,
     simulate_study,
     study_of,
 )
@@ -88,7 +90,7 @@ def study_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     counts: list[int] = []
     blocks = simulate_study(_study(), out, SimulationOptions(), jobs=2, progress=counts.append)
     assert [block.presses for block in blocks] == [24, 24]
-    assert [block.images for block in blocks] == [24 + 9, 24 + 9]
+    assert [images_there(block.folder) for block in blocks] == [24 + 9, 24 + 9]
     assert counts and counts[-1] == 66 == sum(images_there(folder) for folder in out.iterdir())
     yield out
 
@@ -188,7 +190,7 @@ def test_a_complete_study_is_not_simulated_again(study_folder: Path, tmp_path: P
     out = tmp_path / "again"
     shutil.copytree(study_folder, out)
     blocks = simulate_study(_study(), out, SimulationOptions(), jobs=1)
-    assert [block.images for block in blocks] == [0, 0]
+    assert [block.presses for block in blocks] == [0, 0]
     assert estimate_simulation(_study(), out, SimulationOptions(), jobs=1).missing == 0
     assert _files(out) == _files(study_folder)
 
@@ -212,8 +214,9 @@ def test_colour_and_another_seed_change_the_images(tmp_path: Path) -> None:
     images = []
     for name, options in (("a", SimulationOptions(colour=True)), ("b", SimulationOptions(colour=True, seed=1))):
         result = simulate_block(tmp_path / name, _infos(study, options)[0], options)
-        assert result.worst_n <= 1e-5
-        images.append(cv2.imread(str(tmp_path / name / result.name / "sensor_images" / "image_1.png"), -1))
+        (row,) = Run.open(result.folder).rows[:1]
+        assert row.measured_force_n == pytest.approx(1.0, abs=1.1e-5)
+        images.append(cv2.imread(str(tmp_path / name / result.folder.name / "sensor_images" / "image_1.png"), -1))
     assert images[0].shape == (480, 640, 3)
     assert not np.array_equal(*images)
 
@@ -235,7 +238,7 @@ def test_references_are_repeated_at_the_interval(tmp_path: Path) -> None:
     result = simulate_block(tmp_path, info, SimulationOptions())
     references = Run.open(tmp_path / info.printed.name).references
     assert [reference.after_press for reference in references] == [0, 7]
-    assert result.images == 12 + other_images(info)
+    assert images_there(result.folder) == 12 + other_images(info)
 
 
 def test_a_press_below_the_depth_limit_is_refused(tmp_path: Path) -> None:
@@ -333,8 +336,8 @@ def test_a_slide_study_has_a_series_of_moving_frames_for_each_press(tmp_path: Pa
     study = replace(study, blocks=(replace(study.blocks[1], levels=(2,)),))
     needed = estimate_simulation(study, tmp_path)
     (block,) = simulate_study(study, tmp_path)
-    folder = tmp_path / block.name
-    assert images_there(folder) == block.images == needed.presses + needed.others
+    folder = block.folder
+    assert images_there(folder) == needed.presses + needed.others
     assert check_run(folder, workers=1).findings == ()
     run = Run.open(folder)
     for row in run.rows:
