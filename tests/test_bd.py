@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
-
 import build123d as bd
 import pytest
 from helpers.solid_reference import block_area_mm2, hole_mm3, kernel_volume_mm3
 
 from tacbench_cad import bd as b3d
-from tacbench_cad import cq as plugin
 from tacbench_cad.bd import TextureBlock
-from tacbench_cad.geometry import brep
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -90,16 +86,6 @@ def test_private_mode_does_not_change_the_builder() -> None:
     assert builder.part.volume == pytest.approx(1.0)
 
 
-def test_parameters_reach_the_block_and_placing_comes_last() -> None:
-    names = list(inspect.signature(TextureBlock.__init__).parameters)
-    assert names[-3:] == ["rotation", "align", "mode"]
-    part = TextureBlock("texture-2", "released", scale=0.9, key_mm=2.0, copy=3)
-    assert part.block.name == "texture-2_released_x0.9_key2_copy03"
-    assert part.scale(2.0).volume == pytest.approx(8 * part.volume, rel=1e-3), (
-        "the method of build123d no longer exists"
-    )
-
-
 def test_bad_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="is a block"):
         TextureBlock(BLOCK, scale=2.0)
@@ -112,14 +98,6 @@ def test_texture_face() -> None:
     assert isinstance(face, bd.Face)
     assert face.is_valid
     assert face.area == pytest.approx(872.517, rel=1e-4)
-
-
-def test_the_solid_is_built_once_for_both_libraries() -> None:
-    brep.solid_block(BLOCK)
-    built = brep._solid.cache_info().misses
-    TextureBlock(BLOCK)
-    plugin.solid(BLOCK)
-    assert brep._solid.cache_info().misses == built
 
 
 def test_a_texture_on_a_face_in_algebra_mode() -> None:

@@ -6,11 +6,9 @@ from collections.abc import Iterator
 
 import cadquery as cq
 import pytest
-from helpers.solid_reference import block_area_mm2, faces, hole_mm3, kernel_volume_mm3
-from OCP.BRep import BRep_Tool
+from helpers.solid_reference import block_area_mm2, hole_mm3, kernel_volume_mm3
 
 from tacbench_cad import cq as plugin
-from tacbench_cad.geometry import brep
 from tacbench_cad.spec.block import Block
 from tacbench_cad.util.errors import InputError
 
@@ -53,20 +51,6 @@ def test_invoke_adds_a_block_at_every_point_in_the_axes_of_the_workplane() -> No
     assert (box.xmin, box.ymin, box.ymax, box.zmin, box.zmax) == pytest.approx((30, 3, 10, 0, 30), abs=1e-3)
 
 
-def test_eachpoint_can_combine() -> None:
-    plate = (
-        cq.Workplane().box(60, 60, 4, centered=(True, True, False)).faces(">Z").workplane(centerOption="CenterOfMass")
-    )
-    combined = plate.eachpoint(plugin.texture_block(BLOCK), useLocalCoordinates=True, combine="a")
-    assert combined.solids().size() == 1
-    assert combined.val().isValid()
-    assert combined.val().Volume() == pytest.approx(60 * 60 * 4 + VOLUME, rel=1e-5)
-
-
-def test_the_methods_must_be_registered() -> None:
-    assert not hasattr(cq.Workplane, "textureBlock")
-
-
 @pytest.mark.usefixtures("registered")
 def test_registered_method_combines_like_box() -> None:
     plate = (
@@ -96,13 +80,6 @@ def test_texture_face() -> None:
     assert isinstance(face, cq.Face)
     assert face.isValid()
     assert face.Area() == pytest.approx(872.517, rel=1e-4)
-
-
-def test_the_geometry_is_shared_with_the_module_brep() -> None:
-    """The geometry is built once and shared, but each solid has its own topology."""
-    plugin_face, brep_face = (next(faces(shape)) for shape in (plugin.solid(BLOCK).wrapped, brep.solid_block(BLOCK)[0]))
-    assert BRep_Tool.Surface_s(plugin_face) == BRep_Tool.Surface_s(brep_face)
-    assert plugin_face.TShape() != brep_face.TShape()
 
 
 def test_label_name_and_colour() -> None:

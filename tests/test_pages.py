@@ -112,12 +112,6 @@ def test_outputs_that_differ_only_in_durations_and_rounding_count_as_equal() -> 
     assert not renew.alike(old, new.replace("1,296", "1,295 of 1,296"))
 
 
-def test_long_outputs_keep_their_first_and_last_lines() -> None:
-    text = "\n".join(map(str, range(10)))
-    assert renew.shortened(f"[1/9] part.stl\n{text}\n", "2+1") == "0\n1\n...\n9"
-    assert renew.shortened(text, "9+1") == text
-
-
 def test_a_page_is_parsed_with_its_outputs() -> None:
     text = (
         "```sh run lines=3\nls\n```\n\n```text output\na\n```\n\n<!-- picture: a/b.png 600 -->\n![b](images/x/b.webp)"
@@ -132,21 +126,3 @@ def test_a_page_is_parsed_with_its_outputs() -> None:
 def test_wrong_marks_are_named(text: str) -> None:
     with pytest.raises(renew.PageError, match=r"page:\d+: "):
         list(renew.parse("page", text.split("\n")))
-
-
-def test_the_examples_that_teach_are_outputs_of_the_analysis_page() -> None:
-    analysis, text = ((DOCS / page).read_text(encoding="utf-8") for page in ("analysis.md", "numbers.md"))
-    block = re.compile(r"^```text(?: output)?\n.*?^```", re.DOTALL | re.MULTILINE)
-    shown = set(re.findall(r"\d+\.\d+", " ".join(block.findall(analysis))))
-    examples = block.findall(text)
-    rows = {section: re.findall(r"^\|.*", body, re.MULTILINE) for section, body in _sections(text)}
-    for section in ("What the numbers mean", "Variance components", "Hold-out levels", "Two sensors"):
-        examples += rows[section]
-    numbers = re.findall(r"\d+\.\d+", re.sub(r"^\| force level .*", "", "\n".join(examples), flags=re.MULTILINE))
-    assert len(numbers) > 50
-    assert set(numbers) <= shown
-
-
-def _sections(text: str) -> list[tuple[str, str]]:
-    """Return the headings of a page, each with the text below it."""
-    return re.findall(r"^#+ (.+)\n((?:(?!#+ ).*\n)*)", text, re.MULTILINE)

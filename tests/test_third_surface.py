@@ -16,7 +16,7 @@ from tacbench_cad import Block, InputError, Surface, Texture, Tolerance, as_part
 from tacbench_cad.lab.runs.info import printed_block_from
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.study.spec import HolderRim, PrintedBlock
-from tacbench_cad.spec import Circle, Domain, Extremes, Region, spectrum
+from tacbench_cad.spec import Circle, Domain, Extremes, Outline, spectrum
 from tacbench_cad.util.types import Floats
 
 
@@ -84,7 +84,7 @@ class Saddle(Surface):
         area = abs((p[1] - p[0])[0] * (p[2] - p[0])[1] - (p[2] - p[0])[0] * (p[1] - p[0])[1]) / 2.0
         return float(area * self(*middle.T).mean())
 
-    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Region | None = None) -> Extremes:
+    def extremes(self, u: tuple[float, float], v: tuple[float, float], region: Outline | None = None) -> Extremes:
         assert region is None
         x, y = np.array([*u, min(max(self.c, u[0]), u[1])]), np.array([*v, min(max(self.d, v[0]), v[1])])
         z = self.grid(x, y)

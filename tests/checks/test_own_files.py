@@ -187,14 +187,6 @@ def test_a_solid_keeps_its_own_tolerance(tmp_path: Path) -> None:
         assert claim.sampling == Tolerance(mm=0.05 if limit == 0.05 else 0.01)
 
 
-def test_a_long_name_in_a_step_file_is_read(tmp_path: Path) -> None:
-    pytest.importorskip("OCP")
-    block = Block.of(1, size_mm=(23.123, 29.456), mm_per_unit=(1.1234567, 1.2345678, 0.9876543), key_mm=2.25)
-    FORMATS["step"].write(block_part(block), tmp_path / "a.step")
-    report = examine(tmp_path / "a.step")
-    assert report.ok, _faults(report)
-
-
 @pytest.mark.parametrize("number", mostly_long(range(1, 7), 2))
 def test_the_mesh_and_the_solid_of_a_released_block_have_the_same_height(number: int, tmp_path: Path) -> None:
     """With a tolerance, the highest point of the paper's formula lies at the height, in the mesh and in the solid."""

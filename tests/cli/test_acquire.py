@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import signal
@@ -14,11 +13,9 @@ from pathlib import Path
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.cli.common import ask_line
 from tacbench_cad.lab.runs.reading import Run
 
 Capture = pytest.CaptureFixture[str]
-Patch = pytest.MonkeyPatch
 
 needs_pty = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"
@@ -54,12 +51,6 @@ def virtual_file(folder: Path, repeats: int = 1, **changes: str) -> Path:
     path = folder / "study.toml"
     path.write_text(text)
     return path
-
-
-def test_the_answers_of_a_script_are_shown(monkeypatch: Patch, capsys: Capture) -> None:
-    monkeypatch.setattr(sys, "stdin", io.StringIO("T1 PAPER X1 01\n"))
-    assert ask_line("Its label: ", err=True) == "T1 PAPER X1 01"
-    assert capsys.readouterr().err == "Its label: T1 PAPER X1 01\n"
 
 
 def test_init_writes_a_file_and_never_overwrites(tmp_path: Path, capsys: Capture) -> None:

@@ -194,19 +194,6 @@ def test_a_lost_terminal_ends_a_run_whose_sensor_blocks(
     assert last["outcome"] == "interrupted" and "the sensor is lifted; 4 of 6 presses are saved" in last["message"]
 
 
-@pytest.mark.long
-def test_a_lost_pipe_does_not_change_the_end_of_a_run(start: Callable[..., Session], tmp_path: Path) -> None:
-    reader, writer = os.pipe()
-    session = start("by_raising", home_every=50, output=writer)
-    os.close(writer)
-    os.close(reader)
-    assert session.process.wait(60.0) == 3
-    assert session.height_mm > TRAVEL_MM - 0.01
-    assert session.run.position_checks[-1].reason == "stopped", "the presses before the error were checked"
-    last = json.loads((tmp_path / "runs" / "progress.jsonl").read_text().splitlines()[-1])
-    assert last["outcome"] == "failed" and "the sensor is lifted" in last["message"]
-
-
 def test_an_exception_of_a_driver_says_what_became_of_the_sensor(start: Callable[..., Session]) -> None:
     session = start("by_raising")
     output = session.end().splitlines()

@@ -181,27 +181,11 @@ def test_a_texture_file_with_a_mistake(
         assert needle in line
 
 
-def test_a_folder_or_a_missing_file_instead_of_a_texture(out: Path, tmp_path: Path, capsys: Capture) -> None:
-    assert "is a folder" in refusal(capsys, "make", *LIGHT, "--texture", str(tmp_path), "--out", str(out))
-    line = refusal(capsys, "make", *LIGHT, "--texture", str(tmp_path / "no.toml"), "--out", str(out))
-    assert "no.toml" in line and "No such file" in line
-
-
 def test_a_tolerance_that_needs_too_many_triangles(out: Path, capsys: Capture) -> None:
     # Texture 1 would be small enough. It must not be written before texture 4 is refused.
     options = ("--texture", "1,4", "--tolerance", "3e-5")
     line = refusal(capsys, "make", *LIGHT, *options, "--out", str(out))
     assert "tolerance" in line and "triangles" in line and "20,000,000" in line
-
-
-def test_a_block_smaller_than_the_press_grid(out: Path, capsys: Capture) -> None:
-    line = refusal(capsys, "make", "--parts", "jig", "--size", "30,20", "--out", str(out))
-    assert "30 x 20 mm" in line and "9 x 23 mm" in line
-
-
-def test_markers_that_merge(out: Path, capsys: Capture) -> None:
-    line = refusal(capsys, "make", "--jig", "all", "--scale", "0.6", "--height", "12", "--out", str(out))
-    assert "jig" in line and "merge" in line and "0.75" in line
 
 
 def test_a_request_for_only_a_solid_that_does_not_exist(out: Path, capsys: Capture) -> None:

@@ -31,14 +31,3 @@ def test_no_word_of_a_wide_table_is_broken(width: int, capsys: Capture, monkeypa
         assert words.count(name) == 1
     parts = out.count("recall")
     assert words.count("forest") == parts > 1
-
-
-def test_a_long_path_may_be_broken_but_its_head_is_not(capsys: Capture) -> None:
-    common.print_table("files", ("file", ">presses"), [("a" * 300, 1234)])
-    out = capsys.readouterr().out
-    assert out.count("a") >= 300 and "presses" in out and "1234" in out
-
-
-def test_a_table_without_rows_has_its_head(capsys: Capture) -> None:
-    common.print_table("empty", ("run", ">left out"), [])
-    assert "left out" in capsys.readouterr().out

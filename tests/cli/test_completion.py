@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,11 +11,10 @@ import pytest
 from click.shell_completion import ShellComplete, get_completion_class
 
 from tacbench_cad import cli
-from tacbench_cad.cli import classify, import_frames, main, options, simulate
-from tacbench_cad.cli.completing import RUN_FILES, VARIABLE
+from tacbench_cad.cli import main
+from tacbench_cad.cli.completing import VARIABLE
 from tacbench_cad.cli.completion import INSTALL
 from tacbench_cad.cli.options import TEXTURES
-from tacbench_cad.extensions.simulators import command as export_simulator
 
 Capture = pytest.CaptureFixture[str]
 
@@ -112,35 +110,6 @@ def test_files_and_folders_are_listed_by_the_shell() -> None:
     assert kinds("make", "-o", "") == {"dir"}
 
 
-def test_an_unknown_or_old_command_completes_to_nothing(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(VARIABLE, "bash_complete")
-    monkeypatch.setenv("COMP_CWORD", "2")
-    for words in ("tacbench mkae ", "tacbench check "):
-        monkeypatch.setenv("COMP_WORDS", words)
-        assert main([]) == 1
-        assert capsys.readouterr() == ("", "")
-
-
-def test_the_completed_words_agree_with_the_program() -> None:
-    from tacbench_cad.extensions.simulators import SIMULATOR_TARGETS
-    from tacbench_cad.formats import FORMATS
-    from tacbench_cad.lab.analysis.classification.splits import HOLD_OUT_LEVELS
-    from tacbench_cad.lab.analysis.classification.sweep import PARAMETERS
-    from tacbench_cad.lab.runs import schema
-    from tacbench_cad.lab.runs.importing.sources import FIELDS
-    from tacbench_cad.lab.simulate.appearances import LOOKS
-    from tacbench_cad.making.request import PARTS
-
-    assert set(options.FILE_FORMATS) == set(FORMATS)
-    assert tuple(PARTS) == options.PART_NAMES
-    assert (*HOLD_OUT_LEVELS, "session") == options.LEVELS
-    assert set(export_simulator.FORMATS) == set(SIMULATOR_TARGETS)
-    assert tuple(LOOKS) == simulate.LOOK_NAMES
-    assert tuple(PARAMETERS) == classify.SWEPT
-    assert RUN_FILES == (schema.RUN_FILE, schema.TARGETS_FILE)
-    assert set(import_frames.COLUMNS) == set(FIELDS) - {"array"}
-
-
 @pytest.mark.parametrize("shell", INSTALL)
 def test_the_script_calls_this_program_and_explains_its_installation(shell: str, capsys: Capture) -> None:
     assert main(["completion", shell]) == 0
@@ -165,24 +134,3 @@ def test_completion_loads_no_heavy_module(folder: Path) -> None:
     process = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert process.stderr == "0\n0\n0\n0\n\n"
     assert "make" in process.stdout and "ender-3" in process.stdout
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-def test_bash_completes_a_line(folder: Path) -> None:
-    """Run the script in bash, with a command ``tacbench`` in the search path."""
-    (folder / "bin").mkdir()
-    command = folder / "bin" / "tacbench"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tacbench_cad "$@"\n')
-    command.chmod(0o755)
-    script = (
-        'eval "$(tacbench completion bash 2>/dev/null)"\n'
-        "complete -p tacbench >/dev/null || exit 9\n"
-        "COMP_WORDS=(tacbench make --texture 1,4,); COMP_CWORD=3; COMP_LINE=x; _tacbench_completion tacbench\n"
-        'printf "%s " "${COMPREPLY[@]}"\n'
-    )
-    path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    process = subprocess.run(
-        ["bash", "--norc", "-c", script], env=os.environ | {"PATH": path}, capture_output=True, text=True
-    )
-    assert process.returncode == 0, process.stderr
-    assert process.stdout.split() == [f"1,4,{name}" for name in TEXTURES if name not in "14"]

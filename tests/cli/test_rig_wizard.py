@@ -167,12 +167,3 @@ def test_the_first_press_is_careful_whatever_the_study_says() -> None:
     assert careful.protocol.targets.forces_n == (0.1,) and careful.protocol.limits.hard_limit_n == 1.0
     assert careful.protocol.positions.grid.positions_mm.tolist() == [[6.5, 20.5]]
     assert careful.protocol.steps.settle_s == study.protocol.steps.settle_s
-
-
-def test_keys_become_comments(tmp_path: Path) -> None:
-    path = tmp_path / "study.toml"
-    path.write_text('[sensor]\ndriver = "opencv"  # ours\nexposure = ""\n')
-    store_keys(path, "sensor", {"driver": 'a "b" c', "exposure": None, "fps": 30})
-    assert path.read_text() == '[sensor]\ndriver = "a \\"b\\" c"  # ours\n# exposure = ""\nfps = 30\n'
-    with pytest.raises(InputError, match=r"cannot be edited safely; write these lines by hand: a = \{b = \[1, 2\]\}"):
-        store_keys(path, "gauge", {"a": {"b": [1, 2]}})

@@ -51,14 +51,6 @@ def test_the_relief_of_the_released_files(capsys: Capture) -> None:
         assert row["relief_mm"] + row["base_mm"] == pytest.approx(7.0)  # type: ignore[operator]
 
 
-def test_the_finest_ridge_is_half_of_the_shortest_wave(capsys: Capture) -> None:
-    rows = catalogue(capsys, "--scale", "2", "--nozzle", "0.4")
-    mm_x, mm_y = 2 * 23.3 / (6 * math.pi + 0.5), 2 * 30.0 / (6 * math.pi + 1.2)
-    assert rows[3]["finest_ridge_mm"] == pytest.approx(math.pi * min(mm_x, mm_y) / 25)
-    printable = sum(math.pi * mm / i >= 0.4 for mm in (mm_x, mm_y) for i in range(1, 26, 2))
-    assert (rows[3]["waves_printable"], rows[3]["waves"]) == (printable, 26)
-
-
 def test_a_texture_file_is_described(capsys: Capture, tmp_path: Path) -> None:
     file = tmp_path / "hex.toml"
     file.write_text(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -40,15 +39,6 @@ def test_the_message_names_the_command_and_the_log(
     assert capsys.readouterr().err == f"{expected} in {log}\n"
     assert "Traceback" in log.read_text() and "in broken" in log.read_text()
     assert log.read_text().startswith(f"tacbench {__version__}: tacbench check-part {part}\n")
-
-
-def test_the_default_log_is_a_new_temporary_file(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
-    monkeypatch.delenv(LOG_VARIABLE, raising=False)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr("tacbench_cad.cli.diagnosis.diagnose", lambda: broken(tmp_path))
-    assert main(["doctor"]) == 1
-    (log,) = tmp_path.glob("tacbench-*.log")
-    assert str(log) in capsys.readouterr().err and "Traceback" in log.read_text()
 
 
 def test_a_log_that_cannot_be_written_causes_no_second_error(

@@ -65,9 +65,3 @@ def test_strings_keep_their_spaces_numbers_and_semicolons() -> None:
         b"#1=PRODUCT('plate #7; it''s  wide','','x',(#2));",
         b"#2=PRODUCT_CONTEXT('',#1,'mechanical');",
     ]
-
-
-def test_long_points_that_the_kernel_divides_into_two_lines() -> None:
-    assert compacted(b"#12 = CARTESIAN_POINT('',(12.345678901234,\n    -1.E-03,5.5));") == [
-        b"#1=CARTESIAN_POINT('',(12.345678901234,-1.E-03,5.5));"
-    ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import subprocess
@@ -87,16 +86,3 @@ def test_the_addon_states_this_version() -> None:
     icons = [icon.text for icon in root.iterfind(".//icon", space)]
     assert len(icons) == 2
     assert all((ROOT / str(icon)).is_file() for icon in icons)
-
-
-def test_every_object_and_button_has_an_icon() -> None:
-    tree = ast.parse((ADDON / "objects.py").read_text(encoding="utf-8"))
-    kinds = {
-        node.name
-        for node in tree.body
-        if isinstance(node, ast.ClassDef) and [ast.unparse(base) for base in node.bases] == ["Parametric"]
-    }
-    icons = {path.stem for path in (ADDON / "icons").glob("*.svg")}
-    assert kinds | {"Export"} == icons
-    for path in (ADDON / "icons").glob("*.svg"):
-        assert ElementTree.parse(path).getroot().get("viewBox") == "0 0 64 64"

@@ -108,12 +108,6 @@ def test_texture_2_takes_few_triangles(tolerance: float) -> None:
     assert len(mesh.faces) < 2.0 * (links + 8.0) ** 2
 
 
-def test_a_flat_axis_takes_two_lines() -> None:
-    block = Block.of(1)
-    mesh, _ = mesh_block(block)
-    assert set(vertices_of_top(mesh, block)[:, 1]) == {0.0, 30.0}
-
-
 @pytest.mark.parametrize("oblique", [hexagonal(), random_texture(np.random.default_rng(3), oblique=True)])
 @pytest.mark.parametrize("key", mostly_long([None, 3.0], 3.0))
 def test_oblique_waves(oblique: Texture, key: float | None) -> None:
@@ -245,18 +239,6 @@ def test_the_part_states_everything_in_plain_values() -> None:
     assert spec["press_grid_mm"]["x"][0] == 8.0
     assert len(spec["waves"]) == 26
     assert spec["formula_above_height_mm"] == 0.0
-
-
-def test_on_a_grid_the_part_states_how_much_higher_the_formula_is() -> None:
-    spec = block_part(Block.of(4, sampling="grid")).spec
-    assert spec["formula_above_height_mm"] == pytest.approx(0.033, abs=5e-4)
-    assert spec["sampling"] == {"grid": [189, 201], "aliases": False}
-
-
-def test_a_missing_solid_has_a_reason() -> None:
-    part = block_part(Block.of(4, "released"))
-    assert part.make_solid is None
-    assert part.no_solid
 
 
 def test_meshing_loads_no_cad_and_no_plotting() -> None:

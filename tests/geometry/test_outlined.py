@@ -10,7 +10,6 @@ from tacbench_cad.checks.meshcheck import edges, solidity
 from tacbench_cad.checks.verify import verify
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry import kernel
-from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.geometry.brep import solid_block, texture_face
 from tacbench_cad.spec.families import plane_waves
@@ -65,7 +64,3 @@ def test_the_surface_alone_ends_at_the_outline() -> None:
     block = Block.of(2, outline="disc:14")
     low, high = kernel.box_mm(texture_face(block))
     assert (high - low)[:2] == pytest.approx([14.0, 14.0], abs=1e-3)
-
-
-def test_the_mesh_of_a_rectangle_has_no_distance_of_the_outline() -> None:
-    assert mesh_block(Block.of(2))[1].outline_mm == 0.0

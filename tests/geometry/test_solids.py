@@ -44,24 +44,6 @@ def test_chords_stay_within_the_deflection(deflection: float) -> None:
     assert 2.0 - chords.min() <= deflection + 1e-6
 
 
-def test_accuracy_is_not_limited() -> None:
-    true = 200.0 - math.pi * 4.0 * 1.75 - math.pi * 0.25 / 3.0 * (6.25 + 5.0 + 4.0)
-    errors = [tessellate(bored_plate(), d).volume_mm3 - true for d in (0.05, 0.005, 0.0005)]
-    assert errors[0] > errors[1] > errors[2] > 0.0
-    assert errors[2] < 0.02
-
-
-def test_same_bytes_every_time_and_after_another_mesh() -> None:
-    shape = bored_plate()
-    first = tessellate(shape, 0.01)
-    tessellate(shape, 0.001)
-    again = tessellate(shape, 0.01)
-    other = tessellate(bored_plate(), 0.01)
-    for mesh in (again, other):
-        assert mesh.vertices.tobytes() == first.vertices.tobytes()
-        assert mesh.faces.tobytes() == first.faces.tobytes()
-
-
 def test_curved_faces_of_other_kinds_are_refused() -> None:
     with pytest.raises(InputError, match="planes, cylinders, cones and splines"):
         tessellate(build123d.Solid.make_sphere(2.0).wrapped)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import shapely
 
 from tacbench_cad.extensions.drawings.ink import drawn
 from tacbench_cad.extensions.drawings.sheet import Callout, Dimension, Drawing, DrawingView, Outlines, Point
@@ -34,30 +35,16 @@ def outlines_of(view: DrawingView, *names: str) -> list[Floats]:
     return [loop for name in names for loop in view.outlines.get(name, ())]
 
 
-def to_outlines(point: Point, loops: Outlines) -> float:
-    """Return the distance from a point to the nearest of the closed outlines."""
-    distance = np.inf
-    for loop in loops:
-        a, b = loop, np.roll(loop, -1, axis=0)
-        edge = b - a
-        fraction = np.clip(((point - a) * edge).sum(1) / np.maximum((edge**2).sum(1), 1e-300), 0.0, 1.0)
-        distance = min(distance, float(np.hypot(*(a + fraction[:, None] * edge - point).T).min()))
-    return distance
+def closed(loops: Outlines) -> shapely.MultiLineString:
+    return shapely.MultiLineString([[*loop, loop[0]] for loop in loops])
 
 
 def first_hits(point: Point, axis: int, loops: Outlines) -> tuple[float, float]:
-    """Return the distances to the first outline below and above a point along an axis."""
-    below, above = np.inf, np.inf
-    other = 1 - axis
-    for loop in loops:
-        a, b = loop, np.roll(loop, -1, axis=0)
-        spans = (a[:, other] > point[other]) != (b[:, other] > point[other])
-        a, b = a[spans], b[spans]
-        fraction = (point[other] - a[:, other]) / (b[:, other] - a[:, other])
-        at = a[:, axis] + fraction * (b[:, axis] - a[:, axis]) - point[axis]
-        below = min(below, float((-at[at < 0.0]).min(initial=np.inf)))
-        above = min(above, float(at[at > 0.0].min(initial=np.inf)))
-    return below, above
+    """Return the distances to the first outline below and above a point along an axis; nan if there is none."""
+    far = 1e4 * np.eye(2)[axis]
+    start, at, rings = np.asarray(point), shapely.Point(point), closed(loops)
+    below, above = (shapely.LineString([start, start + way]).intersection(rings) for way in (-far, far))
+    return at.distance(below), at.distance(above)
 
 
 def faults(drawing: Drawing, within_mm: float) -> list[str]:
@@ -79,9 +66,9 @@ def _dimension(view: DrawingView, dimension: Dimension, within_mm: float) -> lis
             off = min(float(np.hypot(*(point - cross[0]))) for cross in view.outlines["cross"])
         elif kind == "axis":
             below, above = first_hits(point, axis, part)
-            off = abs(below - above) if np.isfinite(below) else np.inf
+            off = np.nan_to_num(abs(below - above), nan=np.inf)
         else:
-            off = to_outlines(point, part if kind == "edge" else outlines_of(view, "other"))
+            off = closed(part if kind == "edge" else outlines_of(view, "other")).distance(shapely.Point(point))
         if not off <= within_mm:
             faults.append(f"{dimension.name}: {point} is {off} from its {kind}")
     return faults
@@ -107,7 +94,7 @@ def clashes(drawing: Drawing) -> list[str]:
         for text in axes.texts:
             text.set_bbox(None)
             texts.append((text.get_text().replace("\n", " "), text.get_window_extent(renderer).transformed(to_mm)))
-        lines = [np.asarray(line.get_xydata()) for line in axes.lines if line.get_linewidth() >= 0.45]
+        lines = [shapely.LineString(line.get_xydata()) for line in axes.lines if line.get_linewidth() >= 0.45]
     faults = []
     for (name, box), (other_name, other) in itertools.combinations(texts, 2):
         if min(box.x1, other.x1) - max(box.x0, other.x0) > 0.05 and min(box.y1, other.y1) - max(box.y0, other.y0) > 0.3:
@@ -115,16 +102,6 @@ def clashes(drawing: Drawing) -> list[str]:
     for name, box in texts:
         if box.x0 < 5.5 or box.x1 > 291.5 or box.y0 < 5.5 or box.y1 > 204.5:
             faults.append(f"{name!r} leaves the frame")
-        inner = (box.x0 + 0.3, box.x1 - 0.3, box.y0 + 0.6, box.y1 - 0.6)
-        faults += [f"{name!r} overlaps a line {line.tolist()}" for line in lines if _meets(line, inner)]
+        inner = shapely.box(box.x0 + 0.3, box.y0 + 0.6, box.x1 - 0.3, box.y1 - 0.6)
+        faults += [f"{name!r} overlaps a line {line.wkt}" for line in lines if inner.intersects(line)]
     return faults
-
-
-def _meets(line: Floats, box: tuple[float, float, float, float]) -> bool:
-    """Return whether a polyline crosses a box, sampled in steps of 0.2 mm."""
-    x0, x1, y0, y1 = box
-    for a, b in itertools.pairwise(line):
-        points = np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 0.2))
-        if ((points[:, 0] > x0) & (points[:, 0] < x1) & (points[:, 1] > y0) & (points[:, 1] < y1)).any():
-            return True
-    return False

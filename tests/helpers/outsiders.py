@@ -18,7 +18,6 @@ from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.interpolation import height_map
-from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.surface import Surface
 from tacbench_cad.spec.textures import Texture
 
@@ -79,7 +78,7 @@ def _net_block(name: str) -> Block:
 
 
 def _block(name: str) -> PrintPart:
-    """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6``, ``fine-4`` or ``keyed-4``.
+    """Return the block of a kind and texture: ``paper-4``, ``released-2``, ``grid-6`` or ``keyed-4``.
 
     ``net-weave`` has oblique waves, and ``net-map`` is a height map with a key and a label. ``disc-2``, ``hexagon-2``
     and ``ring-2`` have other outlines.
@@ -93,8 +92,6 @@ def _block(name: str) -> PrintPart:
         return block_part(Block.of(number, kind))
     if kind == "grid":
         return block_part(Block.of(number, sampling="grid"))
-    if kind == "fine":
-        return block_part(Block.of(number, sampling=Tolerance(mm=0.002)))
     assert kind == "keyed", name
     return block_part(Block.of(number, key_mm=3.0, label=True, copy=12))
 

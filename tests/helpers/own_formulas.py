@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import re
-import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.interpolate import NdBSpline
@@ -154,48 +150,6 @@ def random_case(seed: int) -> Case:
         outline=outline,
     )
     return Case(f"{kind}, {shape}", block, formula, block.mm_per_unit)
-
-
-def triangles_of_stl(path: Path) -> Floats:
-    """Return the triangles of a binary STL file, shape (n, 3, 3), from its bytes."""
-    raw = path.read_bytes()
-    count = int(np.frombuffer(raw, "<u4", 1, 80)[0])
-    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("flags", "<u2")])
-    return np.frombuffer(raw, record, count, 84)["corners"].astype(np.float64)
-
-
-def triangles_of_3mf(path: Path) -> Floats:
-    """Return the triangles of the only object of a 3MF file, shape (n, 3, 3), from its XML."""
-    with zipfile.ZipFile(path) as archive:
-        document = ElementTree.fromstring(archive.read("3D/3dmodel.model"))
-    vertices = [[float(item.attrib[k]) for k in "xyz"] for item in document.iter() if item.tag.endswith("}vertex")]
-    faces = [
-        [int(item.attrib[f"v{k}"]) for k in (1, 2, 3)] for item in document.iter() if item.tag.endswith("}triangle")
-    ]
-    return np.array(vertices)[np.array(faces)]
-
-
-def splines_of_step(path: Path) -> Iterator[tuple[tuple[Floats, Floats], tuple[int, int], Floats]]:
-    """Yield the knots, degrees and poles of the spline faces in a STEP file, from its text.
-
-    The poles have the shape (n, m, 3).
-    """
-    text = re.sub(r"\s+", "", path.read_text("utf-8"))
-    points = {
-        name: [float(value) for value in values.split(",")]
-        for name, values in re.findall(r"(#\d+)=CARTESIAN_POINT\('[^']*',\(([^)]*)\)\)", text)
-    }
-    for degree_u, degree_v, names, times_u, times_v, at_u, at_v in re.findall(
-        r"B_SPLINE_SURFACE_WITH_KNOTS\('[^']*',(\d+),(\d+),\(((?:\([^)]*\),?)+)\),[^()]*?"
-        r"\(([^)]*)\),\(([^)]*)\),\(([^)]*)\),\(([^)]*)\)",
-        text,
-    ):
-        poles = np.array([[points[name] for name in row.split(",")] for row in re.findall(r"\(([^)]*)\)", names)])
-        u, v = (
-            np.repeat([float(value) for value in at.split(",")], [int(count) for count in times.split(",")])
-            for at, times in ((at_u, times_u), (at_v, times_v))
-        )
-        yield (u, v), (int(degree_u), int(degree_v)), poles
 
 
 def top_of(corners: Floats) -> Floats:

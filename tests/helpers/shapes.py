@@ -78,3 +78,24 @@ def changed(mesh: Mesh, change: Callable[[Floats], Floats]) -> Mesh:
     """Return the mesh with changed vertices, rounded to float32."""
     vertices = change(mesh.vertices.copy()).astype(np.float32).astype(np.float64)
     return Mesh(vertices, mesh.faces)
+
+
+def flip_triangle(mesh: Mesh) -> Mesh:
+    triangles = mesh.faces.copy()
+    triangles[11] = triangles[11][::-1]
+    return Mesh(mesh.vertices, triangles)
+
+
+def inside_out(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices, np.ascontiguousarray(mesh.faces[:, ::-1]))
+
+
+def lower_top_vertex(mesh: Mesh) -> Mesh:
+    """Lower one vertex of the top, away from the outline, by 0.05 mm."""
+
+    def move(vertices: Floats) -> Floats:
+        inner = np.all((vertices[:, :2] > 5.0) & (vertices[:, :2] < 20.0), axis=1) & (vertices[:, 2] > 1.0)
+        vertices[np.nonzero(inner)[0][0], 2] -= 0.05
+        return vertices
+
+    return changed(mesh, move)

@@ -1,20 +1,10 @@
-"""Triangles that another program has read: their heights, and the rest position of a ball dropped on them."""
+"""The heights of triangles that another program has read."""
 
 from __future__ import annotations
 
-import sys
-from typing import Any
-
 import numpy as np
-import pytest
 
-from helpers.resting import BALL_MM, steel_kg
 from tacbench_cad.util.types import Floats, Ints
-
-STEP_S = 1.0 / 2000.0
-NO_PYBULLET = "PyBullet is not installed: pip install pybullet" + (
-    "; it has no wheel above Python 3.11" if sys.version_info >= (3, 12) else ""
-)
 
 
 def heights_mm(points: Floats, triangles: Ints, places: Floats) -> Floats:
@@ -41,46 +31,3 @@ def heights_mm(points: Floats, triangles: Ints, places: Floats) -> Floats:
         z = p[:, 2] + s * (q[:, 2] - p[:, 2]) + t * (r[:, 2] - p[:, 2])
         heights.append(float(z[over].max()))
     return np.array(heights)
-
-
-def rest_on_triangles(
-    points: Floats, triangles: Ints, start_mm: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Return the position in mm where a steel ball that is dropped on the triangles comes to rest in PyBullet."""
-    pybullet = pytest.importorskip("pybullet", reason=NO_PYBULLET)
-    world = pybullet.connect(pybullet.DIRECT)
-    try:
-        pybullet.setTimeStep(STEP_S, physicsClientId=world)
-        pybullet.setGravity(0, 0, -9.81, physicsClientId=world)
-        relief = pybullet.createCollisionShape(
-            pybullet.GEOM_MESH,
-            vertices=(points / 1e3).tolist(),
-            indices=triangles.ravel().tolist(),
-            flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
-            physicsClientId=world,
-        )
-        pybullet.createMultiBody(0, relief, physicsClientId=world)
-        return drop(pybullet, world, start_mm, BALL_MM)
-    finally:
-        pybullet.disconnect(world)
-
-
-def drop(engine: Any, world: int, start_mm: tuple[float, float, float], radius_mm: float) -> tuple[float, float, float]:
-    """Drop a steel ball in a world with gravity and return its position a second later, in mm."""
-    shape = engine.createCollisionShape(engine.GEOM_SPHERE, radius=radius_mm / 1e3, physicsClientId=world)
-    start = [coordinate / 1e3 for coordinate in start_mm]
-    ball = engine.createMultiBody(steel_kg(radius_mm), shape, basePosition=start, physicsClientId=world)
-    engine.changeDynamics(
-        ball,
-        -1,
-        linearDamping=5,
-        angularDamping=5,
-        lateralFriction=0.5,
-        rollingFriction=0,
-        restitution=0,
-        physicsClientId=world,
-    )
-    for _ in range(round(1.0 / STEP_S)):
-        engine.stepSimulation(physicsClientId=world)
-    x, y, z = engine.getBasePositionAndOrientation(ball, physicsClientId=world)[0]
-    return 1e3 * x, 1e3 * y, 1e3 * z

@@ -1,4 +1,4 @@
-"""About a hundred hostile files: each command that reads one ends within its limits, with one line and code 1 or 2."""
+"""Hostile files: each command that reads one ends within its limits, with one line and code 1 or 2."""
 
 from __future__ import annotations
 

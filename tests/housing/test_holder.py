@@ -5,9 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import pickle
-import subprocess
-import sys
 
 import manifold3d
 import numpy as np
@@ -262,20 +259,3 @@ _OPTIONS: tuple[dict[str, object], ...] = (
     {"quarter_turns": 1},
     {"slots": 2, "web_mm": 9.0},
 )
-
-
-def test_numbers_need_no_cad_and_travel_to_another_process() -> None:
-    code = (
-        "import pickle, sys\n"
-        "from housing.coupon import Coupon\nfrom housing.holder import Holder\nfrom housing.jig import Jig\n"
-        "from tacbench_cad.spec.block import Block\n"
-        "holder = Holder(block=Block.of(1), slots=2)\n"
-        "for fixture in (holder, Jig(holder=holder), Coupon()):\n"
-        "    str(fixture), fixture.part().spec\n"
-        "    assert str(pickle.loads(pickle.dumps(fixture))) == str(fixture)\n"
-        "heavy = {'OCP', 'cadquery', 'build123d', 'matplotlib', 'scipy.optimize'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-    )
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert process.returncode == 0, process.stderr
-    assert pickle.loads(pickle.dumps(Holder(block=KEYED))).name == "holder_paper_x1_key3"

@@ -26,13 +26,6 @@ def refusal(holder: Holder = HOLDER, **options: object) -> str:
     return str(error.value)
 
 
-def test_a_grid_of_another_size_is_refused() -> None:
-    grid = PressGrid(x_mm=(4.0, 9.0), y_mm=(18.0, 23.0))
-    assert refusal(press_grid=grid) == (
-        "press_grid = '2 x 2': must be 5 x 5 positions, because the jig has marks for this grid only"
-    )
-
-
 @pytest.mark.parametrize(
     "jig",
     [
@@ -108,15 +101,6 @@ def test_every_position_is_a_hole_or_lies_on_the_hairs_of_its_row_and_column(sca
         incomplete += not crossed
     assert incomplete == jig.crossings_cut_short
     assert (incomplete == 0) == (scale == 1.5)
-
-
-@pytest.mark.parametrize("scale", [0.74, 0.8, 1.0, 1.5])
-def test_hairs_keep_one_nozzle_off_the_lead_ins(scale: float) -> None:
-    jig = Jig(holder=Holder(block=Block.of(1, scale=scale)))
-    gaps = [shapely.distance(g, shapely.Point(x, y)) - 1.1 for g in jig.grooves for x, y in jig.holes_mm]
-    assert min(gaps) == pytest.approx(0.4, abs=1e-6)
-    assert jig.walls_mm["wall between markers"] == pytest.approx(min(0.4, *gaps), abs=1e-6)
-    assert jig.min_wall_mm >= 0.4
 
 
 def test_walls_between_markers_are_measured_not_assumed() -> None:

@@ -50,12 +50,6 @@ def test_a_block_is_moved_into_its_slot_from_any_placement(align: object, rotati
         assert not block.is_inside(bd.Vector(*corner, 3.0))
 
 
-def test_the_joint_is_the_block_frame() -> None:
-    block = TextureBlock(BLOCK, rotation=(0, 0, 90), align=bd.Align.CENTER)
-    assert tuple(block.joints["underside"].location.position) == pytest.approx((15.0, -11.65, -3.5))
-    assert tuple(block.joints["underside"].location.orientation) == pytest.approx((0.0, 0.0, 90.0))
-
-
 @pytest.mark.parametrize(
     ("align", "rotation"),
     mostly_long([(None, (0, 0, 0)), (MIDDLE, (0, 0, 0)), (MIDDLE, (0, 10, 90))], (MIDDLE, (0, 10, 90))),
@@ -84,11 +78,6 @@ def test_an_assembly_of_holder_blocks_and_jig() -> None:
     assert box(assembly)[2::3] == pytest.approx((0.0, JIG.seat.roof_mm[1]), abs=1e-4)
     common = assembly.children[0] & assembly.children[1]
     assert common is None or sum(solid.volume for solid in common.solids()) < 1e-6
-
-
-def test_a_different_block_in_every_slot_and_no_jig() -> None:
-    assembly = assembled(TRAY)
-    assert [child.label for child in assembly.children] == [TRAY.name, BLOCK.name, BLOCK.name]
 
 
 def test_parts_that_do_not_fit_together_are_refused() -> None:

@@ -38,12 +38,6 @@ def test_the_rows_of_changed_and_removed_files_are_dropped(tmp_path: Path) -> No
     assert [entry["file"] for entry in manifest.unchanged(tmp_path, rows)] == ["kept.stl"]
 
 
-def test_a_new_row_replaces_the_old_row(tmp_path: Path) -> None:
-    old, other = row(tmp_path, "a.stl", "old"), row(tmp_path, "b.stl")
-    new = row(tmp_path, "a.stl", "new")
-    assert manifest.merge([old, other], [new]) == [new, other]
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -71,12 +65,6 @@ def test_the_old_manifest_is_kept_if_a_row_cannot_be_written(tmp_path: Path) -> 
         manifest.write_manifest(tmp_path, [{"file": "b.stl", "sha256": "0", "volume_mm3": float("nan")}])
     assert path.read_bytes() == before
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.stl", "manifest.json"]
-
-
-def test_a_manifest_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
-    (tmp_path / MANIFEST_NAME).write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match="is not a manifest"):
-        manifest.read_rows(tmp_path)
 
 
 def test_the_manifest_contains_no_folder_and_no_time(tmp_path: Path) -> None:

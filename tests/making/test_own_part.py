@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
@@ -16,7 +15,7 @@ import build123d as bd
 import cadquery as cq
 
 from housing import Holder
-from tacbench_cad import Block, CheckFailedError, InputError, PrintPart, Request, as_part, build, check, export
+from tacbench_cad import Block, CheckFailedError, InputError, PrintPart, Request, as_part, check, export
 from tacbench_cad.cq import textured
 
 HOLDER = Holder(block=Block.of(1))
@@ -50,14 +49,6 @@ def test_it_is_exported_and_checked(ending: str, tmp_path: Path) -> None:
     assert [fault.name for fault in check(path, wrong).faults] == ["genus"]
     with pytest.raises(CheckFailedError, match="volume"):
         export(PrintPart.of_solid(bd.Box(1, 2, 3), name="box", volume_mm3=6.01), tmp_path / f"box.{ending}")
-
-
-def test_it_is_built_together_with_a_block(tmp_path: Path) -> None:
-    result = build(Request(textures=(1,), parts=("blocks", Spacer(HOLDER)), formats=("stl", "step"), out=tmp_path))
-    assert result.ok and result.preview
-    rows = {row["file"]: row for row in json.loads((tmp_path / "manifest.json").read_text())["files"]}
-    assert set(rows) == {"texture-1_paper_x1.stl", "texture-1_paper_x1.step", "spacer.stl", "spacer.step"}
-    assert rows["spacer.stl"]["kind"] == "spacer" and rows["spacer.stl"]["spec"] == {"kind": "example"}
 
 
 def test_it_is_shown_on_the_page_and_in_a_picture(tmp_path: Path) -> None:

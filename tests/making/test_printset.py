@@ -58,23 +58,6 @@ def test_copies_are_separate_parts_with_labels() -> None:
     assert all(source.part.block is not None and source.part.block.label for source in work.sources)
 
 
-def test_copies_share_one_holder_and_one_jig() -> None:
-    needs_cad()
-    files = names(Request(textures=("1",), copies=3, formats=("stl",)))
-    assert [name for name in files if not name.startswith("texture")] == ["holder_paper_x1", "jig_paper_x1"]
-
-
-def test_every_geometry_gets_its_own_holder(tmp_path: Path) -> None:
-    needs_cad()
-    file = tmp_path / "wide.toml"
-    file.write_text(
-        '[texture]\nname = "wide"\nfamily = "series"\nlaw = "triangle"\nN = 3\n[block]\nsize_mm = [40.0, 32.0]\n'
-    )
-    files = names(Request(textures=("1", "2", str(file)), formats=("stl",), parts=("blocks", "holder")))
-    assert files[-2:] == ["holder_paper_x1", "holder_paper_x1_40x32x7"]
-    assert len(set(files)) == len(files) == 5
-
-
 def test_the_preset_released_includes_the_holder_of_the_authors() -> None:
     needs_cad()
     request = Request(preset="released", textures=("1",), formats=("stl",), parts=("holder",))
@@ -275,9 +258,3 @@ def test_a_refused_height_names_a_height_that_suits_all_textures(tmp_path: Path)
     height = float(caught.value.allowed.split("a height of at least ")[1].split(" mm")[0])
     assert plan(replace(LIGHT, height_mm=height)).sources
     assert math.isclose(height, 5.52)
-
-
-def test_an_interruption_before_the_first_file_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        build(replace(LIGHT, textures=("1",), out=tmp_path / "out"), stop_after(0))
-    assert not (tmp_path / "out").exists()

@@ -167,20 +167,6 @@ def test_every_view_is_drawn_and_fits_the_screen(view: BrowserPage) -> None:
     assert all(not np.array_equal(a, b) for i, a in enumerate(pictures) for b in pictures[:i])
 
 
-def test_letters_are_large_enough_to_read(view: BrowserPage) -> None:
-    smallest = view.page.evaluate(
-        "() => Math.min(...[...document.querySelectorAll('aside *, header *, #scale *')]"
-        ".filter((element) => element.offsetParent && element.tagName !== 'PRE' && element.textContent.trim())"
-        ".map((element) => parseFloat(getComputedStyle(element).fontSize)))"
-    )
-    assert smallest >= 13.0
-    small = view.page.evaluate(
-        "() => [...document.querySelectorAll('button, select')].filter((element) => element.offsetParent"
-        " && element.getBoundingClientRect().height < 32).map((element) => element.id || element.textContent)"
-    )
-    assert small == [], "these buttons are too small for a finger"
-
-
 def near_look(view: BrowserPage, thing: Thing, at: tuple[float, float], above: float) -> None:
     """Look straight down on a position of a block from the given height above its top."""
     x, y, z, _ = thing.to_world @ [*at, float(thing.mesh.vertices[:, 2].max()), 1.0]
@@ -246,17 +232,6 @@ def test_colours_are_the_deviation(coarse_blocks: tuple[Scene, BrowserPage], num
     assert np.mean(wrong < 16.0) > 0.95, f"{np.sort(wrong)[-10:]}"
 
 
-def test_the_browser_has_the_meshes_bit_by_bit(coarse_blocks: tuple[Scene, BrowserPage]) -> None:
-    scene, view = coarse_blocks
-    tables = (
-        "(id) => { const json = tacbench.K3D.getWorld().ObjectsListJson[id]; return [Array.from(%s.data), %s.shape]; }"
-    )
-    for thing, number in zip(scene.things, view.page.evaluate("tacbench.things.map((thing) => thing.id)"), strict=True):
-        for name, table in (("vertices", thing.mesh.vertices), ("indices", thing.mesh.faces)):
-            numbers, shape = view.page.evaluate(tables.replace("%s", f"json.{name}"), number)
-            assert np.array_equal(np.reshape(numbers, shape), table), name
-
-
 def test_without_webgl_the_page_shows_a_message_and_the_sizes(browser: Any, print_set: tuple[Scene, Path]) -> None:
     page = browser.new_page()
     page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
@@ -280,25 +255,6 @@ def require_cut_face(colours: Bytes) -> None:
     assert np.mean(brightness > 0.97) > 0.6
 
 
-def test_a_cut_shows_the_inside_filled(coarse_blocks: tuple[Scene, BrowserPage]) -> None:
-    scene, view = coarse_blocks
-    thing = scene.things[1]
-    view.act("tacbench.goTo('block'); tacbench.change({block: 1, colour: 'part', sizes: false, cut: '', flip: false})")
-    view.act("tacbench.look('front')")
-    points = inside_of_the_middle()
-    pixels = np.floor(view.pixels_of((points @ thing.to_world.T)[:, :3])).astype(int)
-    uncut = view.picture()[pixels[:, 1], pixels[:, 0]]
-    view.act("tacbench.change({cut: 'y', at: 0.5})")
-    assert view.page.locator("#cut-value").inner_text() == "y = 15.00 mm"
-    cut = view.picture()[pixels[:, 1], pixels[:, 0]]
-    assert np.ptp(uncut.astype(int), axis=0).max() < 10 < np.ptp(cut.astype(int), axis=0).max(), "the cut is hatched"
-    require_cut_face(cut)
-    view.act("tacbench.change({flip: true})")
-    assert not np.array_equal(view.picture()[pixels[:, 1], pixels[:, 0]], cut)
-    view.act("tacbench.change({cut: '', flip: false})")
-    assert np.array_equal(view.picture()[pixels[:, 1], pixels[:, 0]], uncut)
-
-
 def test_a_block_in_its_pocket_is_cut_with_it(view: BrowserPage, print_set: tuple[Scene, Path]) -> None:
     thing = print_set[0].things[1]
     if thing.set_number is None:
@@ -309,22 +265,6 @@ def test_a_block_in_its_pocket_is_cut_with_it(view: BrowserPage, print_set: tupl
     # Block and pocket share the plane of the floor. In the cut, neither may be visible through the other.
     require_cut_face(view.picture()[pixels[:, 1], pixels[:, 0]])
     view.act("tacbench.change({cut: '', sizes: true})")
-
-
-def test_press_positions_agree_with_the_protocol(coarse_blocks: tuple[Scene, BrowserPage]) -> None:
-    scene, view = coarse_blocks
-    thing = scene.things[0]
-    assert thing.press is not None
-    view.act("tacbench.goTo('block'); tacbench.change({block: 0, colour: 'part', sizes: false, press: false})")
-    near_look(view, thing, (6.5, 20.5), 22.0)
-    ends = np.column_stack([thing.press.positions_mm, np.ones(25)])
-    # The markers themselves are visible: numbers are beside them and contact circles are around them.
-    pixels = np.floor(view.pixels_of((ends @ thing.to_world.T)[:, :3])).astype(int)
-    before = view.picture()[pixels[:, 1], pixels[:, 0]].max(axis=1)
-    view.act("tacbench.change({press: true})")
-    after = view.picture()[pixels[:, 1], pixels[:, 0]].max(axis=1)
-    assert before.min() > 100 and after.max() < 90
-    assert "25 positions" in view.page.locator("#legend").inner_text()
 
 
 def test_the_view_turns_with_the_mouse_and_the_keyboard(coarse_blocks: tuple[Scene, BrowserPage]) -> None:

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import csv
-import os
 import pickle
 import shutil
-import signal
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -72,28 +68,6 @@ def test_the_convolutional_network_learns_and_is_reproducible(runs: Path, folder
     files[1].unlink()
     assert main(words(runs, NETWORK, trials=2)) == 0
     assert predictions("out") == first and files[0].stat().st_mtime_ns == stamp and files[1].is_file()
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process")
-def test_an_interrupted_network_is_resumed(runs: Path, folder: Path) -> None:
-    command = words(runs, NETWORK, trials=3)
-    program = [sys.executable, "-c", "import sys; from tacbench_cad.cli import main; sys.exit(main())", *command]
-    # More epochs make the training slow enough for a signal during the training.
-    source = (folder / "convolutional.py").read_text()
-    (folder / "convolutional.py").write_text(source.replace("epochs: int = 40", "epochs: int = 240"))
-    process = subprocess.Popen(program, cwd=folder, env=dict(os.environ), stderr=subprocess.PIPE, text=True)
-    trials = folder / "out" / "trials"
-    deadline = time.monotonic() + 200
-    while not list(trials.glob("leak-free-*.json")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
-    files = {path: path.stat().st_mtime_ns for path in trials.iterdir()}
-    assert 1 <= len(files) < 3
-    assert main(command) == 0
-    assert len(list(trials.iterdir())) == 3
-    assert all(path.stat().st_mtime_ns == stamp for path, stamp in files.items())
 
 
 def test_trials_depend_on_the_weights(runs: Path, folder: Path) -> None:

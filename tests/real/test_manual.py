@@ -146,10 +146,3 @@ def test_a_browser_shows_the_pages(html: Path, browser: Any, folder: str, width:
     window.close()
     assert wrong == []
     assert formulas > 0 or folder, "no formula anywhere"
-
-
-def test_the_search_finds_a_page(html: Path, browser: Any) -> None:
-    window = browser.new_page()
-    window.goto(f"{(html / 'search.html').as_uri()}?q=holder", timeout=MAX_PAGE_MS)
-    window.wait_for_selector("#search-results li a[href^='holder.html']", timeout=MAX_PAGE_MS)
-    window.close()

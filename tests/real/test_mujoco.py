@@ -12,11 +12,7 @@ from helpers.cases import mostly_long
 from helpers.resting import BALL_MM, NEAR_MM, Exported, centre_height_mm, places_mm, steel_kg, valley_mm
 
 from tacbench_cad.extensions.simulators.asset import SimulatorAsset
-from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sines import Wave
-from tacbench_cad.spec.textures import Texture
-from tacbench_cad.spec.waves import WaveSum
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
 pytestmark = pytest.mark.real
@@ -88,24 +84,6 @@ def test_contact_of_a_ball(number: str, kind: str, exported: Exported) -> None:
     position = rest_of_ball(exported(number, "mjcf") / f"texture-{number}{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))
     assert position[2] == pytest.approx(z, abs=NEAR_MM)
     assert position[2] == pytest.approx(centre_height_mm(block, position[0], position[1]), abs=NEAR_MM)
-
-
-def test_contact_of_a_ball_on_oblique_waves_at_twice_the_size(tmp_path: Path) -> None:
-    """The texture has three waves at 60 degrees, so it is not the sum of a profile along x and a profile along y."""
-    waves = WaveSum(tuple(Wave(amplitude=0.4, f=f, g=g) for f, g in ((1.0, 0.0), (-0.5, 0.866), (-0.5, -0.866))))
-    block = Block.of(Texture(name="hexagonal", equation="three waves", surface=waves), scale=2.0)
-    folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
-    x, y, z = valley_mm(block)
-    for kind in FILES:
-        position = rest_of_ball(folder / f"hexagonal{kind}.xml", (x + 0.05, y + 0.03, z + 0.3))
-        assert position[2] == pytest.approx(z, abs=NEAR_MM)
-
-
-@pytest.mark.parametrize("number", mostly_long("24", "2"))
-def test_contact_of_a_dome_on_tiles(number: str, exported: Exported) -> None:
-    path = exported(number, "mjcf") / f"texture-{number}-tiles.xml"
-    sinking, speed = sinking_of_dome(path, Block.of(number))
-    assert abs(sinking) < NEAR_MM and abs(speed) < 1e-6
 
 
 def test_a_soft_dome_runs_out_of_contacts_on_one_field(exported: Exported) -> None:

@@ -116,15 +116,6 @@ def test_default_files(prusa_slicer: Run, written: Written, tmp_path: Path, numb
     assert np.abs(deviation).max() < LAYER_MM / 2 + certificate.vertical_mm + slope * PIXEL_MM / 4
 
 
-@pytest.mark.parametrize("number", [4, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3, 5, 6))])
-def test_fine_files_leave_only_the_layers(prusa_slicer: Run, written: Written, tmp_path: Path, number: int) -> None:
-    """With a tolerance of 0.002 mm, only the rounding to layers remains, even for the steepest texture."""
-    block = part_named(f"fine-{number}").block
-    assert block is not None
-    sliced = slices(prusa_slicer, written(f"fine-{number}", "stl"), block, tmp_path / "part.sl1")
-    assert rms(sliced.deviation_mm(block, block.datum_mm)) == pytest.approx(ROUNDING_MM, rel=0.15)
-
-
 def test_key_and_label_are_sliced(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
     """The corner of the key stays empty, and the pockets of the label are open only in the first eight layers."""
     part = part_named("keyed-4")

@@ -69,29 +69,12 @@ def test_prusaslicer_relative_turned_and_on_supports(prusa_slicer: Run, written:
     require_like_expected(comparison, 0.2)
 
 
-@pytest.mark.long
-def test_prusaslicer_loses_the_ripples_of_texture_4(prusa_slicer: Run, written: Written, tmp_path: Path) -> None:
-    comparison = checked(by_prusa(prusa_slicer, written("paper-4", "stl"), tmp_path / "a.gcode", 0.1), 4)
-    assert comparison.peaks.missed > 100 and comparison.valleys.missed > 100
-    assert comparison.rms_mm is not None and comparison.ideal_rms_mm is not None
-    assert comparison.rms_mm > 1.5 * comparison.ideal_rms_mm
-    assert comparison.sideways is not None and comparison.sideways.rms_mm < 0.2
-
-
 @pytest.mark.parametrize("layer_mm", HEIGHTS)
 def test_curaengine(cura_engine: Run, written: Written, tmp_path: Path, layer_mm: float) -> None:
     comparison = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", layer_mm))
     assert comparison.sliced.dialect == "Cura" and comparison.sliced.filament_assumed
     assert comparison.sliced.left_out.keys() == {"before the first feature", "SKIRT"}
     require_like_expected(comparison, layer_mm)
-
-
-@pytest.mark.long
-def test_curaengine_relative_with_a_raft(cura_engine: Run, written: Written, tmp_path: Path) -> None:
-    options = ("relative_extrusion=true", "adhesion_type=raft")
-    comparison = checked(by_cura(cura_engine, written("paper-2", "stl"), tmp_path / "a.gcode", 0.2, options))
-    assert comparison.sliced.floor_mm > 0.3
-    assert comparison.rms_mm == pytest.approx(EXPECTED[0.2][0], abs=0.01)
 
 
 @pytest.mark.parametrize("name", ["disc-2", "ring-2"])

@@ -6,13 +6,12 @@ file and fills its height map (480 x 640 pixels of 0.0295 mm; points below 0.2 m
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
-from helpers.resting import BALL_MM, NEAR_MM, Exported, valley_mm
+from helpers.resting import Exported
 
 from tacbench_cad.spec.block import Block
 
@@ -56,22 +55,3 @@ def test_heights(number: str, exported: Exported) -> None:
     above = block.datum_mm + block.surface.grid(*mid).T
     assert np.abs(heights[1:, 1:] - above).max() <= steepest * PIXEL_MM
     assert np.abs(heights[1:, 1:] - above).mean() < 0.1 * block.relief_mm
-
-
-@pytest.mark.parametrize("number", mostly_long("24", "2"))
-def test_contact_of_a_ball(number: str, exported: Exported) -> None:
-    """A ball in the lowest position near a valley that touches the height map is at the height of the formula."""
-    block = Block.of(number)
-    heights, corner = map_of(points_of(exported(number, "taxim") / f"texture-{number}.ply"))
-    x, y, z = valley_mm(block, margin_mm=9.0)
-    reach = math.floor(BALL_MM / PIXEL_MM)
-    away = PIXEL_MM * np.arange(-reach, reach + 1)
-    cap = BALL_MM**2 - away[:, None] ** 2 - away[None, :] ** 2
-    cap = np.where(cap >= 0.0, np.sqrt(np.maximum(cap, 0.0)), -np.inf)
-    column, row = (int((place - low) / PIXEL_MM) for place, low in zip((x, y), corner, strict=True))
-    centres = [
-        (heights[i - reach : i + reach + 1, j - reach : j + reach + 1] + cap).max()
-        for i in range(row - 4, row + 5)
-        for j in range(column - 4, column + 5)
-    ]
-    assert min(centres) == pytest.approx(z, abs=NEAR_MM)

@@ -1,9 +1,7 @@
-"""The watch page in a real browser: a whole study, Stop, Pause, a closed browser, the keyboard, names, a phone."""
+"""The watch page in a real browser: a whole study, a kill, the keyboard, Pause, names, a phone."""
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -18,8 +16,6 @@ from helpers.served_pages import address_of, command, served
 pytest.importorskip("starlette", reason="the watch page needs the extra web")
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
 
-from tacbench_cad.extensions.watch.events import ProgressReader
-from tacbench_cad.lab.acquire.events import PROGRESS_FILE
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.reading import Run, find_runs
 
@@ -145,52 +141,6 @@ def test_a_study_by_the_page_survives_a_kill_and_a_dead_stage(browser: Any, tmp_
         assert check_run(folder).findings == ()
 
 
-def test_stop_in_the_middle_of_an_approach_is_ctrl_c(browser: Any, tmp_path: Path) -> None:
-    with pressing(tmp_path, 4.0) as (process, address):
-        tab = open_tab(browser, address)
-        confirm(tab, "T1 PAPER X1 01")
-        reader = ProgressReader(tmp_path / "runs" / PROGRESS_FILE)
-
-        def in_contact() -> bool:
-            progress = reader.read()
-            return progress is not None and progress.press > 1 and any(n > 0.1 for _, n in progress.curve)
-
-        until(in_contact)
-        tab.get_by_role("button", name="Stop").click()
-        assert process.wait(timeout=MAX_S) == 130
-        assert process.stderr is not None
-        error = process.stderr.read()
-        saved = rows(tmp_path)
-        assert f"error: interrupted; the sensor is lifted; {saved} of 16 presses are saved\nresume with" in error
-        tab.locator("#status", has_text=f"(interrupted): the sensor is lifted; {saved} of 16 presses").wait_for()
-        assert not tab.get_by_role("button", name="Stop").is_visible() or tab.locator("#stop").is_disabled()
-    events = (tmp_path / "runs" / PROGRESS_FILE).read_text().splitlines()
-    last = [line.split('"')[3] for line in events]
-    assert last[-2:] == ["end", "over"] and last[-3] == "felt", "no press was saved after the signal"
-    assert len(Run.open(find_runs([tmp_path / "runs"])[0]).rows) == saved
-
-
-def test_the_run_goes_on_when_the_browser_or_the_page_goes_away(browser: Any, tmp_path: Path) -> None:
-    with pressing(tmp_path, 25.0) as (process, address):
-        tab = open_tab(browser, address)
-        confirm(tab, "T1 PAPER X1 01")
-        tab.locator("#newest").wait_for()
-        tab.close()
-        before = rows(tmp_path)
-        until(lambda: rows(tmp_path) > before)
-        again = open_tab(browser, address)
-        confirm(again, "T4 PAPER X1 01")
-        again.locator("#status", has_text="Pressing").wait_for()
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        (page,) = [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
-        os.kill(page, signal.SIGKILL)
-        again.get_by_role("alert").filter(has_text="A run that is under way goes on").wait_for()
-        assert process.wait(timeout=MAX_S) == 0
-        assert process.stderr is not None
-        assert "the page has ended; the run goes on" in process.stderr.read()
-    assert rows(tmp_path) == 16
-
-
 def test_the_keyboard_pauses_and_continues_and_controls_have_names(browser: Any, tmp_path: Path) -> None:
     with pressing(tmp_path, 10.0) as (_, address):
         tab = open_tab(browser, address)
@@ -229,25 +179,6 @@ def test_the_keyboard_pauses_and_continues_and_controls_have_names(browser: Any,
         tab.keyboard.press("Space")
         tab.get_by_role("button", name="Pause").wait_for()
         until(lambda: rows(tmp_path) > held)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="Linux has many addresses of its own")
-def test_another_machine_can_only_watch(browser: Any, tmp_path: Path) -> None:
-    with command("acquire", str(file_of(tmp_path, 25.0)), "--page", "--host", "127.0.0.2") as process:
-        try:
-            address = address_of(process)
-            assert process.stderr is not None
-            line = process.stderr.readline()
-            assert line.startswith("for others, who can only watch: http://127.0.0.2:")
-            phone, tab = open_tab(browser, line.split()[-1]), open_tab(browser, address)
-            phone.get_by_text("Put the block with the label T1 PAPER X1 01 into the holder").wait_for()
-            phone.get_by_text("Confirm it where the run was started").wait_for()
-            assert [phone.locator(name).is_visible() for name in ("#buttons", "#confirm")] == [False, False]
-            confirm(tab, "T1 PAPER X1 01")
-            phone.locator("#newest").wait_for()
-            assert not phone.locator("#stop").is_visible()
-        finally:
-            process.kill()
 
 
 def test_watch_shows_a_study_that_is_over_without_buttons(browser: Any, tmp_path: Path) -> None:

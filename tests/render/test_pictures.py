@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from tacbench_cad.render.raster import BELOW, Body, Camera, extent_mm, render
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
 from tacbench_cad.spec.protocol import contact_radius_mm
-from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.types import Bools, Bytes
@@ -137,24 +135,6 @@ def test_a_texture_with_a_tolerance_is_shaded_like_its_formula(block: Block) -> 
     assert np.percentile(difference, 90) <= 3
 
 
-def test_a_relief_is_rotated_with_its_body() -> None:
-    """If the block and the camera are both turned by 90 degrees, the picture stays the same."""
-    body = body_of(Block.of(2))
-    turn = np.array([[0.0, -1.0, 0.0, 3.0], [1.0, 0.0, 0.0, 4.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]])
-    plain = render([body], 200, 160, Camera(azimuth_deg=-62.0))
-    turned = render([replace(body, matrix=turn)], 200, 160, Camera(azimuth_deg=28.0))
-    assert np.mean(np.abs(plain.astype(int) - turned.astype(int)) > 3) < 0.002
-
-
-@pytest.mark.parametrize(
-    "block",
-    [Block.of(4, "released"), Block.of(2, sampling="grid"), Block.of(1, sampling=Tolerance(mm=0.2))],
-    ids=["preset released", "sample grid", "coarse tolerance"],
-)
-def test_printed_facets_are_shown(block: Block) -> None:
-    assert relief_of(block) is None and body_of(block).relief is None
-
-
 def test_a_relief_has_the_heights_and_slopes_of_the_formula() -> None:
     x, y = np.random.default_rng(1).uniform(0.0, 20.0, (2, 500))
     for block in (Block.of(2), Block.of(4), Block.of(OWN)):
@@ -164,15 +144,6 @@ def test_a_relief_has_the_heights_and_slopes_of_the_formula() -> None:
         scale = max(1.0, block.surface.bound(1, 0), block.surface.bound(0, 1))
         for values, reference in zip(relief(x, y), expected, strict=True):
             assert np.allclose(values, reference, atol=2e-3 * scale)
-
-
-def test_long_thin_triangles_leave_no_gaps() -> None:
-    """Texture 6 consists of narrow triangles as long as the block. The picture has no gaps between them."""
-    image = render([body_of(Block.of(6))], 420, 320)
-    shown = ink(image)
-    inside = shown[1:-1, 1:-1] | ~(shown[:-2, 1:-1] & shown[2:, 1:-1] & shown[1:-1, :-2] & shown[1:-1, 2:])
-    assert inside.all(), "white pixels between drawn pixels"
-    assert shown.mean() > 0.35
 
 
 def test_sheet_has_a_tile_and_a_caption_for_each_part(tmp_path: Path) -> None:
@@ -283,14 +254,6 @@ def test_contact_circles_are_at_the_positions_of_the_grid(tmp_path: Path) -> Non
     middle = 2 * contact_radius_mm(1.91295)
     assert np.ptp(blue[1]) / np.ptp(orange[1]) == pytest.approx(corners / middle, rel=0.02)
     assert np.ptp(blue[0]) / np.ptp(orange[0]) == pytest.approx(corners / middle, rel=0.02)
-
-
-def test_picture_of_the_catalogue(tmp_path: Path) -> None:
-    pictures.catalogue_picture([Block.of(number) for number in range(1, 7)], tmp_path / "six.png")
-    shown = ink(pixels(tmp_path / "six.png"))
-    assert shown.shape[1] > 1200
-    thirds = np.array_split(shown, 3, axis=1)
-    assert all(part[: len(part) // 2].mean() > 0.2 and part[len(part) // 2 :].mean() > 0.2 for part in thirds)
 
 
 def test_the_users_matplotlib_settings_have_no_effect(tmp_path: Path) -> None:

@@ -72,14 +72,6 @@ def test_children_have_their_colours_and_places(tmp_path: Path) -> None:
     assert green < SIZE[0] / 3 < 2 * SIZE[0] / 3 < red
 
 
-def test_an_assembly_of_cadquery_has_colours_and_places(tmp_path: Path) -> None:
-    box = cq.Workplane().box(2, 2, 2)
-    pair = cq.Assembly(box, loc=cq.Location(cq.Vector(-5, 0, 0)), color=cq.Color(0.8, 0.1, 0.1))
-    pair.add(box, loc=cq.Location(cq.Vector(10, 0, 0)), color=cq.Color(0.1, 0.8, 0.1))
-    red, green = red_and_green_places(pair, tmp_path)
-    assert red < SIZE[0] / 3 < 2 * SIZE[0] / 3 < green
-
-
 @pytest.mark.parametrize(
     ("shape", "message"),
     [

@@ -11,7 +11,6 @@ from tacbench_cad.geometry.brep import solid_refusal
 from tacbench_cad.spec.authors_later import LATER, later_surface
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, TOLERANCE_MM, Tolerance
-from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.spec.wavelengths import error_note
 from tacbench_cad.util.types import Floats
 
@@ -63,12 +62,6 @@ def test_measured_errors_hold_next_to_cones_and_creases(name: str) -> None:
     assert np.abs(surface(*points) - heights(name, points)).max() <= 1.2 * surface.error
 
 
-def test_names_and_numbers() -> None:
-    assert find_texture("z13") is find_texture("dunes")
-    assert find_texture("Z19").name == "coral"
-    assert Block.of("dunes").texture.equation == "exp(sin u) cos v"
-
-
 @pytest.mark.parametrize("name", LATER)
 def test_default_tolerances_are_large_enough_for_the_texture_itself(name: str) -> None:
     block = Block.of(name)
@@ -79,12 +72,3 @@ def test_default_tolerances_are_large_enough_for_the_texture_itself(name: str) -
     assert solid_refusal(block) is None
     coarse = 2.0 * error > TOLERANCE_MM
     assert (block.sampling.mm > TOLERANCE_MM) == coarse == bool(error_note(block))
-
-
-@pytest.mark.parametrize("name", ["dunes", "diamond", "rings"])
-def test_the_extremes_over_a_block(name: str) -> None:
-    block = Block.of(name)
-    x, y = (np.linspace(0.0, side, 700) for side in block.size_mm)
-    z = block.surface.grid(x, y)
-    assert block.extremes.low - block.extremes.error <= z.min() <= block.extremes.low + 0.01
-    assert block.extremes.high - 0.01 <= z.max() <= block.extremes.high + block.extremes.error

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.lab.runs.info import printed_block_from
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import MIN_BASE_MM, Block
@@ -249,19 +248,3 @@ def test_names_state_what_differs_from_the_texture_file(
     assert own.name == f"slider-bumps_paper_x1{rest}"
     stored = printed_block_from(PrintedBlock(block=own, printer="ender-3", filament="pla").as_dict())
     assert (stored.block, stored.block.name) == (own, own.name)
-
-
-def test_the_report_of_a_block_has_a_line_for_each_fact() -> None:
-    title, *lines = str(Block.of(2, scale=1.5, key_mm=3.0, copy=7)).splitlines()
-    values = {line[:15].strip(): line[15:] for line in lines}
-    assert "34.95 x 45 x 10.5 mm" in title and values["size"] == "34.95 x 45 x 10.5 mm"
-    assert values["z"] == "sin u + sin(v + pi/2)" and values["label"] == "T2 PAPER X1.5 07"
-    assert "too coarse for the finest wave" in str(Block.of(6, "released"))
-
-
-@pytest.mark.parametrize(("size", "text"), [(38.0 * 0.8, "30.4"), (23.3 * 1.1, "25.63")])
-def test_the_rounding_of_a_product_is_left_out_of_names(size: float, text: str) -> None:
-    block = Block.of(4, size_mm=(size, 40.0))
-    assert len(repr(size)) > 16
-    assert block.name == f"texture-4_paper_x1_{text}x40x7"
-    assert block_part(block).stem("mesh") == block.name

@@ -1,7 +1,5 @@
 """Outlines of blocks: discs, polygons and rings, their extremes, integrals and names, and what they refuse."""
 
-import math
-
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
@@ -39,25 +37,6 @@ def test_extremes_and_volume_agree_with_dense_samples(outline: Outline, texture:
     assert inside.sum() * cell == pytest.approx(outline.area_mm2, rel=2e-3)
     expected = block.datum_mm * outline.area_mm2 + float(heights.sum()) * cell
     assert block.volume_mm3(block.datum_mm) == pytest.approx(expected, rel=3e-3)
-
-
-def test_the_integral_over_a_disc_equals_that_over_a_fine_polygon() -> None:
-    surface = Block.of(WEAVE, outline="disc:30").surface
-    disc = Disc(diameter_mm=30)
-    chords = disc.chords(1e-5)
-    assert chords.integral(surface) == pytest.approx(disc.integral(surface), abs=0.01)
-    assert chords.distance_mm <= 1e-5
-
-
-def test_chords_touch_the_box_and_go_through_a_given_point_of_the_circle() -> None:
-    at = (15.0 + 15.0 * math.cos(0.7), 15.0 + 15.0 * math.sin(0.7))
-    chords = Disc(diameter_mm=30).chords(0.01, at)
-    points = chords.loops[0].array
-    assert points.min(axis=0).tolist() == [0.0, 0.0]
-    assert points.max(axis=0).tolist() == [30.0, 30.0]
-    assert np.linalg.norm(points - np.array(at), axis=1).min() < 1e-9
-    middles = (points + np.roll(points, -1, axis=0)) / 2.0
-    assert (15.0 - np.linalg.norm(middles - 15.0, axis=1)).max() == pytest.approx(chords.distance_mm)
 
 
 @pytest.mark.parametrize(
@@ -114,14 +93,3 @@ def test_labels_stay_away_from_the_outline() -> None:
     assert block.engraving is not None and block.outline is not None
     points = np.concatenate(block.engraving.contours)
     assert float(block.outline.distance(*points.T).max()) < -1.5
-
-
-def test_the_last_cells_of_the_search_can_lie_outside_of_the_outline() -> None:
-    ring = Ring(outer_mm=4.438025553307217, inner_mm=1.331407665992165)
-    block = Block.of(2, mm_per_unit=(1.0, 1.0, 1.0), height_mm=30.0, outline=ring)
-    angle = np.linspace(0.0, 2.0 * np.pi, 2000)[:, None]
-    radius = np.linspace(ring.inner_mm / 2.0, ring.outer_mm / 2.0, 300)
-    x, y = (ring.outer_mm / 2.0 + radius * part for part in (np.cos(angle), np.sin(angle)))
-    height = np.sin(x) + np.cos(y)
-    assert block.extremes.high == pytest.approx(height.max(), abs=1e-5)
-    assert block.extremes.low == pytest.approx(height.min(), abs=1e-5)

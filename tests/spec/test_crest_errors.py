@@ -34,11 +34,3 @@ def test_a_valley_that_is_too_high_is_filled() -> None:
     result = valleys(WAVE, lowered(4.0, -0.5), INSIDE, X, Y, 0.2)
     assert (result.count, result.missed) == (6, 1)  # also the valleys at both sides
     assert result.worst_mm == pytest.approx(0.5)
-
-
-def test_what_was_not_seen_does_not_count() -> None:
-    printed = lowered(5.0, 0.3)
-    printed[X > 6.0] = np.nan
-    result = peaks(WAVE, printed, INSIDE, X, Y, 0.2)
-    assert (result.count, result.missed) == (3, 1)
-    assert peaks(WAVE, np.full(WAVE.shape, np.nan), INSIDE, X, Y, 0.2).count == 0

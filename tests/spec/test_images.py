@@ -13,7 +13,6 @@ from scipy.ndimage import gaussian_filter
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.images import image_texture, read_heights
 from tacbench_cad.spec.texture_files import read_texture
-from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.waves import WaveSum
 from tacbench_cad.util.errors import InputError, MissingToolError
 from tacbench_cad.util.types import Floats
@@ -129,9 +128,3 @@ def test_missing_numbers_are_named(relief: Floats, tmp_path: Path) -> None:
         image_texture("own", path, height_mm=(0.0, 1.0))
     with pytest.raises(InputError, match=r"height_mm: is missing"):
         image_texture("own", path, mm_per_pixel=0.1)
-
-
-def test_a_texture_from_a_picture_is_a_texture(relief: Floats, tmp_path: Path) -> None:
-    texture = image_texture("own", write(relief, tmp_path / "a.npy"), mm_per_pixel=0.5, repeats=True)
-    assert isinstance(texture, Texture)
-    assert Block.of(texture, size_mm=(70.0, 10.0)).relief_mm == pytest.approx(1.0, abs=0.02)

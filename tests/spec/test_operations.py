@@ -44,11 +44,6 @@ def test_a_crease_is_followed() -> None:
     assert np.abs(surface(U, V) - roof(U, V)).max() <= surface.error
 
 
-def test_a_function_of_single_numbers_works() -> None:
-    surface = sampled(lambda u, v: math.sin(u) * v, u=(0.0, 6.0), v=(0.0, 6.0), error=1e-3)
-    np.testing.assert_allclose(surface(U, V), np.sin(U) * V, atol=1e-3)
-
-
 @pytest.mark.parametrize(
     ("function", "message"),
     [
@@ -134,22 +129,17 @@ def test_a_window_keeps_the_creases() -> None:
     assert faded.poles.size < 10_000
 
 
-def test_lines_of_a_window_that_lie_on_a_crease_or_on_each_other_are_one_line() -> None:
-    kinks = sampled(lambda u, v: np.abs(u - 1.0) + 0.0 * v, u=(0.0, 6.0), v=(0.0, 6.0), creases=([1.0], []))
-    assert kinks.windowed(1.0 + 1e-9).creases[0].tolist() == pytest.approx([1.0, 5.0], abs=1e-6)
-    assert WAVES.windowed(3.0, ((0.0, 6.0), (0.0, 6.0))).creases[0].tolist() == [3.0]
-
-
 @pytest.mark.parametrize("unit", mostly_long(["units", "mm"], "mm"))
 def test_every_operation_keeps_the_unit(unit: Literal["units", "mm"]) -> None:
     waves, spline = replace(WAVES, unit=unit), replace(height_map(TABLE), unit=unit)
     ends = ((0.0, 6.0), (0.0, 6.0))
+    tile = replace(spline, poles=np.ones_like(spline.poles) + _bump(spline.poles.shape))
     for surface in (
         *(waves.mapped((2.0, 3.0), 0.5), spline.mapped((2.0, 3.0), 0.5), spline.over((1.0, 5.0), (2.0, 6.0))),
         *(2.0 * waves, spline * 2.0, waves + waves, spline - spline),
         *(waves + spline, waves.turned(20.0), waves.windowed(1.0, ends), spline.windowed(1.0)),
         *(spline.masked(lambda u, v: np.exp(-u) + 0.0 * v), spline.derivative((0, 0))),
-        replace(spline, poles=np.ones_like(spline.poles) + _bump(spline.poles.shape)).repeated().turned(30.0, ends),
+        tile.repeated().turned(30.0, ((0.0, 1.0), (0.0, 1.0))),
         surface_from(surface_values(waves)),
         surface_from(surface_values(spline)),
     ):
@@ -160,10 +150,3 @@ def test_every_operation_keeps_the_unit(unit: Literal["units", "mm"]) -> None:
 def _bump(shape: tuple[int, int]) -> np.ndarray:
     """A table that is 0 at its edge."""
     return np.multiply.outer(*(np.sin(np.linspace(0.0, math.pi, n)) ** 2 for n in shape))
-
-
-def test_a_stored_surface_states_a_known_unit() -> None:
-    values = surface_values(replace(WAVES, unit="mm"))
-    assert surface_from(values) == replace(WAVES, unit="mm") != WAVES
-    with pytest.raises(InputError, match=r"run.json: \[block\] unit = 'inch'"):
-        surface_from(values | {"unit": "inch"}, "run.json: ")

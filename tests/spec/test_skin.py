@@ -60,7 +60,3 @@ def test_the_sensor_feels_the_errors_of_every_virtual_printer() -> None:
         shifts[name] = float(np.sqrt(np.mean(pin_shifts_px(printed - formula, cell_of(block))[inside] ** 2)))
     assert shifts["form-3"] == pytest.approx(0.3, abs=0.05)
     assert max(shifts.values()) == pytest.approx(1.1, abs=0.1) and min(shifts.values()) > FELT_PX
-
-
-def test_an_empty_map_has_no_shifts() -> None:
-    assert np.isnan(pin_shifts_px(np.full((5, 5), np.nan), STEP_MM)).all()

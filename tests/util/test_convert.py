@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import pytest
 from annotated_types import Interval, Len
 
@@ -104,15 +103,6 @@ def test_a_document_becomes_a_dataclass_and_is_restored_from_it() -> None:
     plain = to_plain(document)
     assert from_plain(Document, json.loads(json.dumps(plain))) == document
     assert plain["N"] == 25 and plain["side"] == "right" and "terms" not in plain and "cached" not in plain
-
-
-def test_defaults_and_none_can_be_left_out() -> None:
-    document = Document(protocol=Protocol(repeats=4))
-    assert to_plain(document, without_defaults=True) == {"protocol": {"repeats": 4}}
-    assert "size_mm" not in to_plain(document, without_none=True)
-    assert to_plain({"a": np.float64(0.5), "b": np.arange(2), 3: {Path("x")}}) == {"a": 0.5, "b": [0, 1], "3": ["x"]}
-    with pytest.raises(AttributeError, match="tolist"):
-        to_plain(object())
 
 
 def changed(**values: Any) -> dict[str, Any]:

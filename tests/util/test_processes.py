@@ -82,11 +82,6 @@ def test_an_error_of_the_file_system_keeps_its_number() -> None:
     assert caught.value.errno == errno.ENOSPC
 
 
-def test_a_bug_shows_the_traceback_of_the_child() -> None:
-    with Workers(1) as workers, pytest.raises(RuntimeError, match="a bug in the child"):
-        workers.submit(fail).result()
-
-
 def test_a_lost_child_is_a_failed_check_and_is_replaced() -> None:
     with Workers(1) as workers:
         with pytest.raises(CheckFailedError, match="crash ended with code 7"):
@@ -141,12 +136,6 @@ def test_stray_modules_of_the_current_folder_are_not_imported(tmp_path: Path) ->
     assert (completed.returncode, completed.stdout, "HOSTILE" in completed.stderr) == (0, "", False), completed.stderr
 
 
-def test_the_output_of_a_child_is_discarded(capfd: pytest.CaptureFixture[str]) -> None:
-    with Workers(1) as workers:
-        assert workers.submit(chatter).result() == "heard"
-    assert capfd.readouterr().out == ""
-
-
 def test_closing_ends_a_child_during_its_work() -> None:
     workers = Workers(1)
     child = workers.submit(process).result()
@@ -185,14 +174,6 @@ def test_the_system_ends_a_child_whose_parent_was_killed() -> None:
     )
     completed = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
     assert completed.returncode == -signal.SIGXCPU
-
-
-def test_a_child_that_ended_between_two_calls_is_replaced() -> None:
-    with Workers(1) as workers:
-        child = workers.submit(process).result()
-        os.kill(child, signal.SIGKILL)
-        time.sleep(2.0)  # until the library has noticed it
-        assert workers.submit(double, 3).result() == 6
 
 
 def test_a_script_without_a_guard_is_not_run_again_in_a_child(tmp_path: Path) -> None:

@@ -54,10 +54,6 @@ def test_a_number_with_a_decimal_comma_is_written_with_a_point(text: str, hint: 
     assert decimal_hint(text) == hint
 
 
-def test_an_interval_of_a_difference_has_signs() -> None:
-    assert interval(-1.25, 3.4567, signed=True) == "-1.25 to +3.46"
-
-
 def test_long_names_of_files_are_cut_off_and_stay_unique() -> None:
     corners = "x".join(f"{number}.25" for number in range(60))
     names = [short_name(f"texture-2_paper_x1_poly{corners}x{last}") for last in (1, 2)]

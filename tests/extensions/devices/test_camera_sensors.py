@@ -99,12 +99,6 @@ def test_a_gelsight_mini_is_found_by_its_product_name(usb: UsbCapture) -> None:
         assert sensor.name == "GelSight Mini 28F5K4RR" and sensor.settings["actual"]["exposure"] == 120.0
 
 
-def test_a_control_that_stays_automatic_is_recorded(usb: UsbCapture) -> None:
-    usb.keeps = {21, 44}
-    with opened("digit") as sensor:
-        assert sensor.settings["actual"]["automatic"] == ["white_balance", "exposure"]
-
-
 @pytest.mark.parametrize(("prop", "name"), [(15, "exposure"), (45, "white balance")])
 def test_a_setting_that_the_camera_changes_is_noticed(usb: UsbCapture, prop: int, name: str) -> None:
     with opened("digit") as sensor:

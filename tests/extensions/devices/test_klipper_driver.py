@@ -73,15 +73,6 @@ def test_a_slip_shows_when_the_stage_is_homed_again(stage: KlipperStage, moonrak
     assert stage.home_offset_mm() is None, "without a way, the length of a step is unknown"
 
 
-def test_a_slip_is_not_measured_where_steps_say_nothing(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
-    stage.move((50.0, 60.0, 40.0), 100.0)
-    moonraker.homed, moonraker.zero_mm = "", [1.0, 2.0, 3.0]
-    assert stage.home_offset_mm() is None, "after a restart, the steps are counted from another place"
-    stage.move((50.0, 60.0, 40.0), 100.0)
-    moonraker.motor_mm = 30.0
-    assert stage.home_offset_mm() is None, "the motors do not belong to axes"
-
-
 def test_klippers_own_limits_are_an_error(stage: KlipperStage) -> None:
     with pytest.raises(OutOfRangeError, match=r"Move out of range: 0\.000 0\.000 500\.000"):
         stage.move((0.0, 0.0, 500.0), 20.0)
@@ -111,11 +102,6 @@ def test_a_stop_halts_klipper_and_homing_restarts_it(stage: KlipperStage, moonra
     with pytest.raises(PositionLostError):
         stage.position()
     stage.home()
-    assert moonraker.state == "ready" and stage.position() == (0.0, 0.0, 10.0)
-
-
-def test_a_stop_at_rest_does_not_halt_klipper(stage: KlipperStage, moonraker: EmulatedMoonraker) -> None:
-    stage.stop()
     assert moonraker.state == "ready" and stage.position() == (0.0, 0.0, 10.0)
 
 

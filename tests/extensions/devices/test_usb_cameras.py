@@ -31,13 +31,6 @@ def test_cameras_are_described_without_opening_them(sysfs: Path) -> None:
     ]
 
 
-def test_a_camera_that_is_not_on_usb_has_its_name_only(sysfs: Path) -> None:
-    (sysfs / "video3").mkdir()
-    (sysfs / "video3" / "name").write_text("unicam-image\n")
-    (node,) = usb_sensors.video_nodes()
-    assert (node.product, node.serial_number) == ("unicam-image", "")
-
-
 def test_a_camera_is_found_by_its_serial_number(sysfs: Path) -> None:
     plug_camera(sysfs, 0, "DIGIT", serial="D20001")
     plug_camera(sysfs, 2, "DIGIT", serial="D20002")

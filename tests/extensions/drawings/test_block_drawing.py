@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.cases import mostly_long
 
@@ -15,7 +14,6 @@ from helpers.drawing_measure import clashes, faults
 from PIL import Image
 
 from tacbench_cad.extensions.drawings import Drawing, block_drawing, save_drawing
-from tacbench_cad.extensions.drawings.sheet import length
 from tacbench_cad.geometry.block_mesh import mesh_block
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import SampleGrid
@@ -68,18 +66,6 @@ def test_the_press_grid_agrees_with_the_protocol() -> None:
     assert "first press row" not in {dimension.name for dimension in block_drawing(block).plan.dimensions}
     with pytest.raises(InputError, match="press grid"):
         block_drawing(Block.of(2, size_mm=(8.0, 11.0)), press=True)
-
-
-def test_the_label_is_drawn_where_it_is_engraved() -> None:
-    block = BLOCKS["keyed and labelled"]
-    assert block.engraving is not None
-    hidden = drawing_of("keyed and labelled").plan.outlines["hidden"]
-    drawn_mm2 = sum(float(np.sum(p[:, 0] * np.roll(p[:, 1], -1) - np.roll(p[:, 0], -1) * p[:, 1])) for p in hidden) / 2
-    assert abs(drawn_mm2) == pytest.approx(block.engraving.area_mm2, rel=1e-6)
-
-
-def test_lengths_have_two_decimals() -> None:
-    assert [length(value) for value in (23.3, 30.0, 2.2849, -0.001, 0.15)] == ["23.3", "30", "2.28", "0", "0.15"]
 
 
 def test_files_of_every_format_are_complete_and_equal_on_every_run(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-import numpy as np
 import pytest
 from helpers.cases import mostly_long
 
@@ -15,14 +14,11 @@ pytest.importorskip("build123d", reason="fixtures need the extra cad")
 from helpers.drawing_measure import clashes, faults
 
 from housing.coupon import Coupon
-from housing.fits import FITS
 from housing.fixture import CHORD_MM
 from housing.holder import Holder
 from housing.jig import Jig
 from tacbench_cad.extensions.drawings import Drawing
 from tacbench_cad.extensions.drawings.fixtures import coupon_drawing, holder_drawing, jig_drawing
-from tacbench_cad.extensions.drawings.fixtures.shared import accepted_mm
-from tacbench_cad.extensions.drawings.sheet import DrawnCircle
 from tacbench_cad.spec.block import Block
 
 _PAPER = Block.of(4)
@@ -79,30 +75,3 @@ def test_all_four_screw_holes_of_the_authors_are_placed() -> None:
     numbers = drawing_of("holder, released").plan.dimensions
     distances = [dimension for dimension in numbers if dimension.name.startswith("screw to screw")]
     assert {(line.axis, round(end[line.axis], 6)) for line in distances for end in (line.start, line.end)} == places
-
-
-def test_the_other_part_has_its_true_size() -> None:
-    """The thin outlines in a holder's section show its blocks, up to their highest points."""
-    holder = Holder(block=_KEYED, slots=6)
-    boxes = drawing_of("tray").front.outlines["other"]
-    assert len(boxes) == 3
-    for box, place in zip(boxes, holder.block_placements(), strict=False):
-        assert box.min(axis=0) == pytest.approx([place.origin_mm[0], place.origin_mm[2]])
-        assert np.ptp(box, axis=0) == pytest.approx([_KEYED.size_mm[0], _KEYED.height_mm])
-
-
-def test_a_jig_is_drawn_in_its_position_of_use() -> None:
-    jig = _JIG
-    points = np.concatenate(jig_drawing(jig).front.outlines["cut"])
-    assert points[:, 1].min() == pytest.approx(jig.seat.bottom_mm, abs=1e-5)
-    assert points[:, 1].max() == pytest.approx(jig.seat.roof_mm[1], abs=1e-5)
-
-
-def test_the_tolerances_leave_a_third_of_the_clearance() -> None:
-    for clearance in (*FITS.values(), 0.2):
-        assert 2.0 * accepted_mm((clearance, clearance))[0] <= 4.0 / 3.0 * clearance + 0.01
-    assert (accepted_mm((0.15, 0.3)), accepted_mm((0.05, 0.0))) == ((0.1, 0.1), (0.03, 0.02))
-
-
-def test_a_detail_has_the_largest_scale_that_fits() -> None:
-    assert [DrawnCircle((0.0, 0.0), radius).scale for radius in (3.0, 6.0, 1000.0)] == [10.0, 5.0, 0.1]

@@ -78,12 +78,6 @@ def test_invalid_boxes_are_refused(bbox: tuple[int, int, int, int]) -> None:
         Processing(bbox=bbox)
 
 
-def test_a_box_beyond_the_image_is_refused(run_folder: Path) -> None:
-    with pytest.raises(InputError, match="must lie within the image of 32 x 24 pixels"):
-        export_tactile_data(run_folder, processing=Processing(bbox=(0, 0, 33, 24)))
-    assert not (run_folder / "targets_images.csv").exists()
-
-
 def test_a_changed_image_stops_the_export(run_folder: Path) -> None:
     path = run_folder / "sensor_images" / "image_3.png"
     path.write_bytes((run_folder / "sensor_images" / "image_4.png").read_bytes())
@@ -97,14 +91,6 @@ def test_a_sensor_without_images_is_refused(tmp_path: Path, make_info: Any, fill
         filled(writer)
     with pytest.raises(InputError, match="is for sensors whose frames are images"):
         export_tactile_data(tmp_path / "run")
-
-
-def test_the_command_exports_every_run(run_folder: Path, tmp_path: Path, capsys: Capture) -> None:
-    out = tmp_path / "out"
-    words = ["export-runs", str(run_folder), "--to", "tactile-data", "--out", str(out), "--size", "64x48"]
-    assert main(words) == 0
-    assert "1 run, 16 images of 64x48 pixels" in capsys.readouterr().out
-    assert image_of(out / "run" / "processed_images" / "image_7.png").shape == (48, 64)
 
 
 @pytest.mark.parametrize(

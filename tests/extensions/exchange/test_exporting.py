@@ -5,12 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
-import shutil
 import subprocess
 import sys
 import tarfile
-import tracemalloc
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -19,15 +16,12 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.exchange.export_command import command
-from tacbench_cad.extensions.exchange.exporting import export_formats, hugging_face, npz, web_dataset, zarr_group
-from tacbench_cad.extensions.exchange.exporting.columns import COLUMNS, values_of
-from tacbench_cad.extensions.exchange.exporting.export_formats import TACTILE_DATA, ExportFormat, export_runs
+from tacbench_cad.extensions.exchange.exporting import export_formats, npz, web_dataset
+from tacbench_cad.extensions.exchange.exporting.export_formats import ExportFormat, export_runs
 from tacbench_cad.extensions.exchange.exporting.exported_frames import Samples
-from tacbench_cad.extensions.exchange.exporting.image_folder import UNLABELLED, folder_names
+from tacbench_cad.extensions.exchange.exporting.image_folder import folder_names
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_writer import RunWriter
-from tacbench_cad.lab.runs.schema import Row, columns
 from tacbench_cad.util import entries as entry_points
 from tacbench_cad.util.entries import entries
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -46,27 +40,6 @@ def needs(to: str) -> None:
 
 def rows_of(folder: Path) -> list[Any]:
     return sorted(Run.open(folder).rows, key=lambda row: row.number)
-
-
-def test_the_columns_come_from_the_table_and_the_run() -> None:
-    assert [column.name for column in COLUMNS] == [
-        *("run", "label", "object_label", "printer", "filament", "copy", "preset", "scale"),
-        *columns(Row),
-        "simulated",
-    ]
-    assert all(column.description for column in COLUMNS)
-    kinds = {column.name: column.kind for column in COLUMNS}
-    assert (kinds["object_label"], kinds["repeat"], kinds["in_band"], kinds["pose_z"]) == (str, int, bool, float)
-
-
-def test_unknown_values_are_none(run_folder: Path) -> None:
-    from dataclasses import replace
-
-    run = Run.open(run_folder)
-    row = replace(rows_of(run_folder)[0], pose_z=float("nan"), measured_force_n=None)
-    values = values_of("a", row, run.info)
-    assert values["pose_z"] is None and values["measured_force_n"] is None
-    assert values["object_label"] == "4" and values["simulated"] == "stage: stage model"
 
 
 def test_the_tar_contains_each_images_bytes_and_a_document(run_folder: Path, tmp_path: Path) -> None:
@@ -104,11 +77,6 @@ def test_the_folder_of_each_label_contains_the_unchanged_images(run_folder: Path
         assert float(line["pose_x"]) == row.pose_x and line["simulated"] == SIMULATED
 
 
-@pytest.mark.parametrize(("label", "name"), [("texture-4", "texture-4"), (None, UNLABELLED)])
-def test_a_label_names_its_folder(label: str | None, name: str) -> None:
-    assert folder_names([label]) == {label: name}
-
-
 @pytest.mark.parametrize("label", ["..", "a/b", "../../x", " ", "a\\b", ".hidden", "ß" * 300])
 def test_a_label_that_is_not_a_folder_name_stays_inside_the_output(label: str, tmp_path: Path) -> None:
     names = folder_names([label, label + "x", label.upper()])
@@ -117,16 +85,6 @@ def test_a_label_that_is_not_a_folder_name_stays_inside_the_output(label: str, t
         assert path.parent == tmp_path.resolve() and not path.name.startswith(".")
         path.mkdir()
     assert len({name.lower() for name in names.values()}) == len(names)
-
-
-def test_folder_names_stay_readable_unless_they_collide() -> None:
-    assert folder_names(["material_1", "Filz, grün", "a b"]) == {
-        "material_1": "material_1",
-        "Filz, grün": "Filz-grün",
-        "a b": "a-b",
-    }
-    names = folder_names(["a b", "a/b", "A-B", "c"])
-    assert len(set(names.values())) == 4 and names["c"] == "c" and all("-" in names[label] for label in ("a b", "a/b"))
 
 
 def test_numpy_reads_frames_and_columns(run_folder: Path, tmp_path: Path) -> None:
@@ -185,13 +143,6 @@ def test_parquet_contains_the_images_bytes_and_typed_columns(run_folder: Path, t
     assert table.schema.metadata[b"simulated"] == SIMULATED.encode()
 
 
-def test_parquet_files_are_divided_at_the_given_size(run_folder: Path, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    hugging_face.write(Samples([run_folder]), tmp_path, shard_bytes=5000)
-    sizes = [parquet.ParquetFile(path).metadata.num_rows for path in sorted((tmp_path / "data").iterdir())]
-    assert len(sizes) > 2 and sum(sizes) == 16 and 0 not in sizes
-
-
 @pytest.mark.parametrize("to", FORMATS)
 def test_a_readme_is_written_next_to_the_data(to: str, run_folder: Path, tmp_path: Path) -> None:
     needs(to)
@@ -246,14 +197,6 @@ def test_existing_output_is_not_overwritten(run_folder: Path, tmp_path: Path, ca
     assert (tmp_path / "out" / npz.FILE).read_bytes() == before
 
 
-def test_runs_of_the_same_name_are_distinguished_by_their_folders(run_folder: Path, tmp_path: Path) -> None:
-    for study in ("a", "b"):
-        shutil.copytree(run_folder, tmp_path / "studies" / study / "run")
-    samples = Samples([tmp_path / "studies"])
-    assert samples.runs == ("a/run", "b/run")
-    assert {sample.values["run"] for sample in samples} == {"a/run", "b/run"} and len(samples) == 32
-
-
 def test_frames_of_another_shape_are_refused_as_arrays(
     run_folder: Path, tmp_path: Path, make_info: Any, filled: Any
 ) -> None:
@@ -280,34 +223,6 @@ def test_frames_that_are_not_images_are_exported_to_arrays_and_tars(
     with tarfile.open(tmp_path / "tar" / "frames-000000.tar") as shard:
         member = shard.extractfile("00000001.npy")
         assert member is not None and np.load(io.BytesIO(member.read())).shape == (16,)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("to", FORMATS)
-def test_memory_does_not_grow_with_the_frames(
-    to: str, tmp_path: Path, make_info: Any, filled: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    needs(to)
-    shape = (150, 200)
-    monkeypatch.setattr(hugging_face, "GROUP_BYTES", 100_000)
-    monkeypatch.setattr(zarr_group, "CHUNK_BYTES", 100_000)
-    for name in ("a", "b", "c"):
-        with RunWriter.open(tmp_path / "runs" / name, make_info(shape=shape), durable=False) as writer:
-            filled(writer)
-    export_runs([tmp_path / "runs" / "a"], to, tmp_path / "first")  # imports, whose memory stays allocated
-    peaks = []
-    for folders in (["a"], ["a", "b", "c"]):
-        tracemalloc.start()
-        export_runs([tmp_path / "runs" / name for name in folders], to, tmp_path / f"of-{len(folders)}")
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] - peaks[0] < 16 * shape[0] * shape[1], peaks
-
-
-def test_the_help_lists_every_format(capsys: Capture) -> None:
-    assert main(["export-runs", "--help"]) == 0
-    (to,) = (parameter for parameter in command.params if parameter.name == "to")
-    assert re.findall(r"[a-z-]+", to.help.removesuffix(".").replace(" or ", ", ")) == [*FORMATS, TACTILE_DATA]
 
 
 @pytest.mark.parametrize(

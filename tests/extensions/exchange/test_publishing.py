@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -79,14 +78,6 @@ def test_the_crate_contains_everything(run_folder: Path, about: Path, tmp_path: 
         assert (out / name).exists()
     copies = {path.relative_to("runs/run") for path in files if path.parts[0] == "runs"}
     assert copies == {path.relative_to(run_folder) for path in run_folder.rglob("*") if path.is_file()}
-
-
-def test_the_checksums_cover_every_other_file(run_folder: Path, about: Path, tmp_path: Path) -> None:
-    files = published(run_folder, about, tmp_path / "out")
-    lines = (tmp_path / "out" / "SHA256SUMS").read_text().splitlines()
-    assert sorted(line[66:] for line in lines) == sorted(str(path) for path in files if path.name != "SHA256SUMS")
-    end = subprocess.run(["sha256sum", "--quiet", "-c", "SHA256SUMS"], cwd=tmp_path / "out", capture_output=True)
-    assert end.returncode == 0, end.stderr
 
 
 def test_the_metadata_match_datacites_schema(run_folder: Path, about: Path, tmp_path: Path) -> None:
@@ -195,15 +186,6 @@ def test_the_licences_text_and_a_doi_are_included(run_folder: Path, about: Path,
     assert datacite(publication, "", [])["doi"] == "10.5281/zenodo.1234567"
 
 
-@pytest.mark.long
-def test_the_command_exports_the_blocks(run_folder: Path, about: Path, tmp_path: Path, capsys: Capture) -> None:
-    out = tmp_path / "out"
-    assert main(["publish", str(run_folder), "--about", str(about), "--no-report", "-o", str(out)]) == 0
-    assert "nothing was uploaded" in capsys.readouterr().out
-    assert (out / "parts" / f"{Block.of(4).name}.stl").stat().st_size > 100_000
-    assert not (out / "report.html").exists()
-
-
 def test_the_command_includes_existing_files_and_a_report(
     run_folder: Path, about: Path, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -216,19 +198,6 @@ def test_the_command_includes_existing_files_and_a_report(
     assert main([*words, "--report", str(tmp_path / "r.html"), "-o", str(tmp_path / "out"), "--json"]) == 0
     files = json.loads(capsys.readouterr().out)["files"]
     assert {"parts/x.step", "report.html", "report_files/t.csv"} <= set(files)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--about", "x.toml", "-o", "y"], "RUNS: is missing"),
-        (["runs", "-o", "y"], "write the form with --init FILE.toml"),
-        (["runs", "--about", "x.toml"], "--out DIR: is missing"),
-    ],
-)
-def test_missing_arguments_are_reported(words: list[str], message: str, capsys: Capture) -> None:
-    assert main(["publish", *words]) == 2
-    assert message in capsys.readouterr().err
 
 
 def test_unknown_properties_of_imported_images_are_not_stated(about: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -14,8 +14,6 @@ from tacbench_cad.formats.step import read_step
 from tacbench_cad.formats.stl import write_stl
 from tacbench_cad.formats.threemf import write_3mf
 from tacbench_cad.geometry import kernel
-from tacbench_cad.making.texturing import textured
-from tacbench_cad.util.errors import InputError
 
 Capture = pytest.CaptureFixture[str]
 
@@ -123,16 +121,13 @@ def test_bad_input_for_a_step_file_ends_in_one_line(
     assert message in error
 
 
-def test_only_parts_are_accepted(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="must end in"):
-        textured(tmp_path / "a.obj", (0, 0, 0), 2)
-    with pytest.raises(InputError, match="or an object with vertices and faces"):
-        textured(3, (0, 0, 0), 2)
-
-
-@pytest.mark.parametrize("suffix", [".stl", ".3mf", ".step"])
 @pytest.mark.parametrize(
-    "content", [b"", b"a shopping list\n", b"ISO-10303-21;\nEND-ISO-10303-21;\n", b"PK\x03\x04" + b"\0" * 90]
+    ("content", "suffix"),
+    [
+        (b"a shopping list\n", ".stl"),
+        (b"PK\x03\x04" + b"\0" * 90, ".3mf"),
+        (b"ISO-10303-21;\nEND-ISO-10303-21;\n", ".step"),
+    ],
 )
 def test_a_file_that_cannot_be_read_ends_with_2_as_in_other_commands(
     content: bytes, suffix: str, tmp_path: Path, capsys: Capture

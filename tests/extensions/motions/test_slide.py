@@ -15,7 +15,7 @@ from helpers.emulated import emulated_study
 from helpers.fakes import Plate, SlidingStage
 from helpers.rigs import AT_ONCE, FakeRig, info_of, small_protocol, study_of
 
-from tacbench_cad.extensions.motions.slide import Recorder, nearest_frames
+from tacbench_cad.extensions.motions.slide import nearest_frames
 from tacbench_cad.extensions.motions.track import StageTrack
 from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.person import Typing
@@ -105,18 +105,6 @@ def test_each_press_has_frames_at_equal_distances_along_the_line(tmp_path: Path)
         # The block rises along the slide, so the force grows.
         rise_n = slope.force_n((0.0, 4.0 + row.pose_mm[1], row.pose_mm[2])) - row.measured_force_n
         assert series.force_n[-1] - series.force_n[0] == pytest.approx(rise_n, abs=0.01)
-
-
-def test_the_sensor_is_lifted_at_the_end_of_each_slide(tmp_path: Path) -> None:
-    rig = FakeRig(slides=True)
-    pressed(rig, tmp_path / "run")
-    path = np.array(rig.stage.path)
-    ends = [index for index in range(1, len(path)) if path[index - 1, 2] < 0.0 and path[index, 2] > 0.0]
-    lifted = path[ends]
-    assert np.all(lifted[:, 2] == TRAVEL_MM)
-    # The stationary frames are taken without a slide. All other presses end 4 mm further along y.
-    assert sorted(lifted[:, 1] - path[np.array(ends) - 1, 1]) == [0.0] * len(ends)
-    assert sum(y in (22.0, 27.0) for y in lifted[:, 1]) == 4
 
 
 def test_without_reports_the_poses_are_computed_from_the_time(tmp_path: Path) -> None:
@@ -241,29 +229,6 @@ def track(count: int) -> tuple[StageTrack, np.ndarray]:
 @pytest.mark.parametrize(("count", "expected"), [(101, [10, 30, 50, 70, 90]), (11, [1, 3, 5, 7, 9])])
 def test_the_frames_nearest_to_the_places_are_kept(count: int, expected: list[int]) -> None:
     assert list(nearest_frames(*track(count), 5)) == expected
-
-
-def test_two_places_must_not_have_the_same_frame() -> None:
-    message = nearest_frames(*track(6), 9)
-    assert isinstance(message, str) and "delivered 4 frames during a slide of 8 mm, too few for frames = 9" in message
-
-
-def test_a_recorder_keeps_few_values_spread_over_the_time_and_the_last_one() -> None:
-    count = 0
-
-    def read() -> tuple[float, int]:
-        nonlocal count
-        count += 1
-        return float(count), count
-
-    with Recorder(read, lambda: None, 8) as recorder:
-        while count < 1000:
-            pass
-    assert 4 <= len(recorder.values) <= 9
-    assert recorder.values[0] == 1 and recorder.values[-1] == count
-    assert recorder.times_s == [float(value) for value in recorder.values]
-    steps = np.diff(recorder.values[:-1])
-    assert len(set(steps.tolist())) == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows")

@@ -57,15 +57,6 @@ def test_without_reports_on_the_way_the_speed_counts_as_constant_until_the_arriv
     np.testing.assert_allclose(places[:, 0], [0.0, 0.0, 5.0, 10.0, 10.0], atol=1e-9)
 
 
-def test_a_stage_that_is_faster_than_requested_moves_in_all_the_time() -> None:
-    track = track_of()
-    at(100.0)
-    track.begin()
-    at(101.0)  # twice as fast as requested, for a clock that is too coarse
-    track.end()
-    np.testing.assert_allclose(track.at_mm(np.array([100.5]))[:, 0], [5.0])
-
-
 def test_the_present_position_is_estimated_from_the_last_report_and_the_speed() -> None:
     track = track_of()
     assert track.now_mm() == track.start_mm

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.printers import PRINTER, points
 
 from tacbench_cad.extensions.printer_models.correction import corrected_for
 from tacbench_cad.extensions.printer_models.fitting import print_scan, printer_model
-from tacbench_cad.extensions.printer_models.model import Measured, PrinterModel
-from tacbench_cad.extensions.printer_models.prediction import Print
+from tacbench_cad.extensions.printer_models.model import PrinterModel
 from tacbench_cad.extensions.scan import Cloud, PrintOrigin, ScanOptions, analyse, fit_scan
 from tacbench_cad.extensions.scan.pose import Pose
 from tacbench_cad.extensions.scan.simulating import ScanTruth, simulate_scan, stretch
@@ -62,28 +58,6 @@ def test_one_round_of_scan_and_correction_reduces_the_deviation_by_more_than_3_t
     assert np.allclose(model.scale, SCALE, atol=1e-3)
     file = corrected_for(block, model).file
     assert deviation(file, 2) < deviation(block, 3) / 3.0
-
-
-def test_a_free_relief_corrects_the_waves_that_the_nozzle_can_print() -> None:
-    block = Block.of("5", key_mm=3.0)
-    model = measured_model(block)
-    exact = Measured(value=SCALE, low=SCALE, high=SCALE)
-    lengths = np.geomspace(0.1, 50.0, 200).tolist()
-    curve = points(*((length, SCALE * transfer(length)) for length in lengths))
-    real = replace(PRINTER, scale_x=exact, scale_y=exact, scale_z=exact, offset_mm=None, transfer_x=curve)
-
-    def error(file: Block, printable: bool) -> float:
-        return float(np.nanstd(Print(file=file, model=real).deviation_mm(block, printable=printable)))
-
-    formula, free = (
-        corrected_for(block, replace(model, relief_rule=rule)).file
-        for rule in ("formula", "free")  # type: ignore[arg-type]
-    )
-    assert error(free, True) < error(block, True) / 10.0 and error(free, True) < error(formula, True) / 3.0
-    # The waves below the nozzle stay. What they lost is nearly all of the remaining error.
-    narrow = [w for w in block.surface.waves if w.f > math.pi / 0.4]  # type: ignore[attr-defined]
-    lost = math.sqrt(sum((w.amplitude * (1.0 - SCALE * transfer(2.0 * math.pi / w.f))) ** 2 / 2.0 for w in narrow))
-    assert error(free, False) == pytest.approx(lost, rel=0.1)
 
 
 @pytest.mark.long

@@ -5,40 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import manifold3d
 import numpy as np
 import pytest
 from helpers.cases import mostly_long
 from helpers.fixture_measure import manifold
-from helpers.printers import PRINTER, points, write_corrected
+from helpers.printers import PRINTER, write_corrected
 
 from tacbench_cad.cli import main
-from tacbench_cad.extensions.printer_models.correct_command import show_effects
-from tacbench_cad.extensions.printer_models.correction import corrected_for
-from tacbench_cad.extensions.printer_models.effect import effect_of
 from tacbench_cad.extensions.printer_models.model import write_printer_model
 from tacbench_cad.formats.stl import read_stl
 from tacbench_cad.spec.block import Block
-
-
-@pytest.mark.parametrize(
-    ("rule", "texture", "needle"),
-    [
-        ("formula", "6", "With a free relief they are "),
-        ("free", "4", "the correction does not reduce both errors"),
-        ("formula", "2", ""),
-    ],
-)
-def test_a_larger_error_is_named_with_the_rule_that_helps(
-    rule: Literal["formula", "free"], texture: str, needle: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    curve = points(*((length, 0.7 ** ((0.8 / length) ** 2)) for length in (0.2, 0.4, 0.6, 0.8, 1.2, 2.0, 4.0, 8.0)))
-    model = replace(PRINTER, transfer_x=curve, transfer_y=curve, relief_rule=rule)
-    show_effects([effect_of(corrected_for(Block.of(texture), model))])
-    printed = capsys.readouterr().out
-    assert needle in printed and ("both errors" in printed) == bool(needle)
 
 
 @pytest.mark.parametrize(
@@ -65,14 +43,6 @@ def test_a_block_with_an_outline_is_made_and_checked(
     if not word.startswith("polygon"):  # the offset moves the tip of a pointed corner further
         assert sides == pytest.approx(row["spec"]["print"]["size_mm"], abs=0.02)
     assert main(["check-part", str(tmp_path / row["file"]), "--texture", str(tmp_path / "texture-3.toml")]) == 0
-
-
-def test_a_disc_that_would_become_an_oval_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_printer_model(PRINTER, tmp_path / "a.toml")
-    made = ["correct", str(tmp_path / "a.toml"), "--texture", "3", "--outline", "disc:25"]
-    assert main([*made, "--out", str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "disc of 25 mm as an oval whose sides differ by 0.025 mm" in error
 
 
 def test_blocks_holder_and_jig_are_made_with_the_texture_file(

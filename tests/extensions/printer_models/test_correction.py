@@ -64,14 +64,6 @@ def test_no_wave_is_changed_beyond_the_limit_or_below_the_nozzle() -> None:
     assert notes == {"", "limit 2", "narrower than the nozzle"}
 
 
-def test_a_lost_wave_stays_as_it_is() -> None:
-    texture = Texture(name="two", surface=plane_waves((1.0, 1.0, 0.0), (0.2, 0.0, 4.0)))
-    lost = replace(PRINTER, transfer_y=points((1.0, 0.02), (2.0, 0.05)))
-    effect = effect_of(corrected_for(Block.of(texture), lost))
-    assert [wave.note for wave in effect.waves] == ["", "lost by the printer"]
-    assert effect.waves[1].file_mm == pytest.approx(0.2)
-
-
 def test_the_effect_has_the_amplitudes_and_the_deviation_before_and_after() -> None:
     effect = effect_of(corrected_for(Block.of("5"), PRINTER))
     first = effect.waves[0]
@@ -90,11 +82,6 @@ ROUNDING_MM = 1e-4
 LOW = replace(PRINTER, transfer_x=points((0.3, 0.1), (0.8, 0.7), (8.0, 1.0)), transfer_y=points((0.3, 0.1), (8.0, 1.0)))
 
 
-def test_a_texture_of_waves_below_the_nozzle_is_said_not_to_profit() -> None:
-    assert not effect_of(corrected_for(Block.of("6"), LOW)).helps
-    assert effect_of(corrected_for(Block.of("1"), LOW)).helps
-
-
 def test_with_a_free_relief_each_wave_is_only_corrected_for_its_own_error() -> None:
     block = Block.of("4", key_mm=3.0)
     file = corrected_for(block, replace(LOW, relief_rule="free")).file
@@ -106,15 +93,6 @@ def test_with_a_free_relief_each_wave_is_only_corrected_for_its_own_error() -> N
     printed = Print(file=file, model=LOW)
     assert printed.height_mm == pytest.approx(block.height_mm, abs=ROUNDING_MM)
     assert printed.relief_mm < block.relief_mm - 0.1
-
-
-def test_the_effect_has_the_errors_with_a_free_relief() -> None:
-    fine = points((0.8, 0.8), (4.0, 0.95), (8.0, 1.0))
-    model = replace(PRINTER, transfer_x=fine, transfer_y=())
-    effect = effect_of(corrected_for(Block.of("6"), model))
-    free = effect_of(corrected_for(Block.of("6"), replace(model, relief_rule="free")))
-    assert (effect.helps, free.helps) == (False, True)
-    assert effect.free == free.corrected == free.free and effect.plain == free.plain
 
 
 def test_an_oblique_wave_gets_the_mean_of_both_directions() -> None:
@@ -145,14 +123,6 @@ def test_names_and_labels_say_that_a_block_is_corrected() -> None:
     part = corrected.part()
     assert part.spec["corrected_for"] == PRINTER.fingerprint and part.spec["print"]["size_mm"] == [23.3, 30.0]
     assert part.name == file.name and "corrected for ender-3_pla-plus" in part.title
-
-
-def test_all_textures_share_the_fixtures_of_the_corrected_sides() -> None:
-    corrections = [corrected_for(Block.of(texture, key_mm=3.0), PRINTER) for texture in ("1", "4", "ridges")]
-    assert len({correction.for_fixtures.silhouette for correction in corrections}) == 1
-    for correction in corrections:
-        assert correction.for_fixtures.size_mm == correction.file.size_mm
-        assert correction.for_fixtures.height_mm == pytest.approx(7.0 / 1.004)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +172,7 @@ OUTLINES = {
     ("name", "texture", "scale"),
     mostly_long(
         product(OUTLINES, ["2", "4", "ridges"], [1.0, 1.5]),
-        *[("disc", "2", 1.5), ("ring", "ridges", 1.0), ("arrow", "4", 1.0)],
+        *[("disc", "2", 1.5), ("ring", "ridges", 1.0), ("arrow", "2", 1.0)],
     ),
 )
 def test_the_print_of_an_outline_has_its_sides_and_the_height_of_the_formula(
@@ -224,15 +194,6 @@ def test_the_print_of_an_outline_has_its_sides_and_the_height_of_the_formula(
     if texture == "2":
         assert effect.plain is not None and effect.corrected is not None
         assert effect.corrected.rms_mm < 1e-4 < 0.01 < effect.plain.rms_mm
-
-
-def test_the_walls_of_a_plain_print_with_an_outline_are_outside_by_the_offset() -> None:
-    block = Block.of("2", outline=OUTLINES["arrow"])
-    printed = Print(file=block, model=PRINTER)
-    assert printed.outline is not None
-    inner = OUTLINES["arrow"].stretched(0.996, 0.995).loops[0]
-    x, y = (np.array(printed.outline.loops[0].points) - printed.corner_mm).T  # type: ignore[union-attr]
-    assert inner.distance((x + np.roll(x, 1)) / 2.0, (y + np.roll(y, 1)) / 2.0) == pytest.approx(0.05, abs=1e-5)
 
 
 @pytest.mark.parametrize(

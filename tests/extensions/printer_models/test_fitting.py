@@ -65,6 +65,7 @@ def test_the_model_corrects_the_print_that_it_was_measured_on(tmp_path: Path) ->
     assert np.std(printed) < np.std(plain) / 5.0
 
 
+@pytest.mark.long
 def test_intervals_contain_the_difference_between_prints_and_cover_the_truth() -> None:
     covered = []
     for study in range(60):

@@ -47,12 +47,6 @@ def test_a_model_is_the_same_after_writing_and_reading(tmp_path: Path) -> None:
     assert path.read_text().startswith('format = "tacbench-printer-model-1"\nname = "ender-3_pla-plus"\n')
 
 
-def test_the_transfer_function_is_interpolated_on_a_logarithmic_scale_and_keeps_its_ends() -> None:
-    assert MODEL.transfer(2.0, 0.0) == pytest.approx(0.85)
-    assert MODEL.transfer(0.1, 0.0) == MODEL.transfer(1.0, 180.0) == pytest.approx(0.7)
-    assert MODEL.transfer(50.0, 0.0) == pytest.approx(1.0)
-
-
 def test_an_axis_without_measured_waves_has_the_factor_1_and_an_oblique_wave_the_weighted_mean() -> None:
     assert MODEL.transfer(1.0, 90.0) == pytest.approx(1.0)
     assert MODEL.transfer(1.0, 45.0) == pytest.approx(0.85)
@@ -81,10 +75,3 @@ def test_errors_name_the_file_and_the_field(tmp_path: Path, old: str, new: str, 
     with pytest.raises(InputError, match=r"my-printer\.toml") as error:
         read_printer_model(path)
     assert message in str(error.value)
-
-
-def test_errors_of_objects_made_in_code() -> None:
-    with pytest.raises(InputError, match="from -1 to 1 mm"):
-        replace(MODEL, offset_mm=Measured(value=3.0, low=2.0, high=4.0))
-    with pytest.raises(InputError, match="at least 0 mm"):
-        replace(MODEL, repeatability_mm=Measured(value=-1.0, low=-2.0, high=0.0))

@@ -32,20 +32,6 @@ def test_a_folder_of_scans_gives_a_model_and_a_picture(tmp_path: Path, capsys: C
     assert json.loads(capsys.readouterr().out)["scale_x"]["value"] == model.scale_x.value  # type: ignore[union-attr]
 
 
-def test_scans_of_two_printers_are_refused(tmp_path: Path, capsys: Capture) -> None:
-    first = write_scan(tmp_path / "a", scan_document(Block.of(1), PRINTER))
-    second = write_scan(tmp_path / "b", scan_document(Block.of(1), PRINTER) | {"printer": "form-3"})
-    assert main(["printer-model", str(first), str(second), "-o", str(tmp_path / "a.toml")]) == 2
-    assert "printer = 'form-3': differs from 'ender-3' (" in capsys.readouterr().err
-    assert not (tmp_path / "a.toml").exists()
-
-
-def test_a_model_is_a_toml_file(tmp_path: Path, capsys: Capture) -> None:
-    scan = write_scan(tmp_path / "a", scan_document(Block.of(1), PRINTER))
-    assert main(["printer-model", str(scan), "-o", str(tmp_path / "model.png")]) == 2
-    assert "must end in .toml" in capsys.readouterr().err and not (tmp_path / "model.png").exists()
-
-
 def test_the_relief_of_corrected_prints_is_a_choice(tmp_path: Path, capsys: Capture) -> None:
     scan = write_scan(tmp_path / "a", scan_document(Block.of(4), PRINTER))
     for rule in ("formula", "free"):

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.scans import foreign_scan, true_scan
+from helpers.scans import true_scan
 
-from tacbench_cad.extensions.scan.cloud import HeightGrid
-from tacbench_cad.extensions.scan.deviations import Summary, noise_of_flat, noise_of_repeat, top_map, wall_points
+from tacbench_cad.extensions.scan.deviations import noise_of_repeat, top_map, wall_points
 from tacbench_cad.extensions.scan.fitting import fit_scan
 from tacbench_cad.extensions.scan.simulating import (
     ScanTruth,
@@ -36,13 +35,6 @@ def test_the_map_of_an_exact_print_is_the_noise_of_its_cells() -> None:
     assert walls is not None and walls.rms_mm == pytest.approx(0.01, rel=0.1)
 
 
-def test_pixels_at_the_rim_of_a_height_map_are_not_walls() -> None:
-    cloud, fit = true_scan(BLOCK, TRUTH)
-    grid = HeightGrid(heights_mm=np.ones((2, 2)), step_mm=(0.1, 0.1))
-    walls = wall_points(replace(cloud, grid=grid), BLOCK, fit)
-    assert (walls.summary, walls.outward_95_mm) == (None, None)
-
-
 def test_a_repeated_scan_gives_the_noise_of_the_map() -> None:
     first = top_map(*_scan(TRUTH), layer_mm=0.2)
     second = top_map(*_scan(replace(TRUTH, seed=6)), layer_mm=0.2, cell_mm=first.cell_mm)
@@ -50,10 +42,6 @@ def test_a_repeated_scan_gives_the_noise_of_the_map() -> None:
     other = top_map(*_scan(TRUTH), layer_mm=0.2, cell_mm=2.0 * first.cell_mm)
     with pytest.raises(InputError, match="same grid"):
         noise_of_repeat(first, other)
-
-
-def test_a_flat_gives_the_noise_of_single_points() -> None:
-    assert noise_of_flat(foreign_scan("flat", noise_mm=0.03)) == pytest.approx(0.03, rel=0.1)
 
 
 def test_a_lost_wave_lowers_the_crests_and_moves_the_pins() -> None:
@@ -96,13 +84,6 @@ def test_an_unseen_part_is_unknown() -> None:
     assert wall_points(cloud, block, fit).summary is None
     with pytest.raises(InputError, match="no point on the top"):
         top_map(cloud, block, replace(fit, on_top=np.zeros(len(cloud), dtype=bool)), layer_mm=0.2)
-
-
-def test_a_summary_leaves_out_what_is_unknown() -> None:
-    summary = Summary.of(np.array([3.0, -4.0, np.nan]))
-    assert summary is not None
-    assert (summary.count, summary.mean_mm, summary.largest_mm) == (2, -0.5, 4.0)
-    assert Summary.of(np.array([np.nan])) is None
 
 
 def _scan(truth: ScanTruth):  # type: ignore[no-untyped-def]

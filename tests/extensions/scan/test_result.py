@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from helpers.scans import true_scan
 
-from tacbench_cad.extensions.scan.colours import coloured, reach_mm
 from tacbench_cad.extensions.scan.comparison import Views
 from tacbench_cad.extensions.scan.deviations import top_map, wall_points
-from tacbench_cad.extensions.scan.limits import limits_of
 from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.extensions.scan.result import Noise, PrintOrigin, ScanResult, wave_table
 from tacbench_cad.extensions.scan.result_files import (
@@ -62,13 +60,6 @@ def test_the_table_has_the_shrinkage_the_skew_and_what_is_not_determined() -> No
     assert wave_table((reference,))[0][-1] == "sets the position"
 
 
-def test_the_verdict_is_that_of_the_limits() -> None:
-    strict = replace(result(), limits=limits_of(["scale_error=0.001"]))
-    assert not strict.verdict.ok and "error of the scale 0.4 % (limit 0.1 %)" in str(strict.verdict)
-    words = ["scale_error=0.01", "pin_shift_px=none", "skew_deg=0.2", "amplitude_error=1", "lost_fraction=1"]
-    assert replace(result(), limits=limits_of(words)).verdict.ok
-
-
 def test_the_files_agree_with_the_result(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     paths = write_result(result(), tmp_path / "out")
@@ -108,13 +99,6 @@ def test_another_document_is_not_the_record_of_a_scan(tmp_path: Path, text: str)
         read_scan_record(path, ScanRecord)
 
 
-def test_colours_are_symmetric_and_their_reach_is_round() -> None:
-    assert reach_mm(np.linspace(-0.118, 0.118, 500)) == pytest.approx(0.15)
-    assert reach_mm(np.array([np.nan])) > 0.0
-    blue, white, red = coloured(np.array([-1.0, 0.0, 1.0]), 0.5).tolist()
-    assert blue[2] > blue[0] and red[0] > red[2] and len(set(white)) == 1
-
-
 def test_the_views_have_the_same_numbers_on_the_same_grid() -> None:
     top = result().top
     views = _views()
@@ -138,17 +122,6 @@ def test_a_picture_says_that_the_scan_is_simulated(tmp_path: Path, name: str) ->
     else:
         {"deviation": deviation_picture, "waves": waves_picture}[name](result(), path)
     assert "simulated scan" in path.read_text(encoding="utf-8")
-
-
-def test_the_picture_counts_all_lost_crests_and_marks_some(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    from tacbench_cad.extensions.scan.scan_pictures import deviation_picture
-
-    many = replace(result().top, height_error_mm=result().top.height_error_mm - 1.0)
-    places = np.tile([[1.0, 2.0]], (450, 1))
-    many.__dict__["peaks"] = replace(many.peaks, missed=450, missed_mm=places)
-    deviation_picture(replace(result(), top=many), tmp_path / "deviation.svg")
-    assert "450 crests lost, 1 of 3 marked" in (tmp_path / "deviation.svg").read_text(encoding="utf-8")
 
 
 def _views() -> Views:

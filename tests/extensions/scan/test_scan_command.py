@@ -15,7 +15,7 @@ from helpers.studies import write_study
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.scan import Cloud, analysing, fit_scan, read_scan
 from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
-from tacbench_cad.extensions.scan.result_files import write_ply, write_simulated
+from tacbench_cad.extensions.scan.result_files import write_simulated
 from tacbench_cad.extensions.scan.simulating import ScanTruth, low_pass, simulate_scan
 from tacbench_cad.spec.block import Block
 
@@ -101,13 +101,6 @@ def test_a_run_folder_names_the_block_and_receives_the_numbers(folder: Path) -> 
     assert document["printer"] and document["copy"] == 1
 
 
-def test_a_simulated_scan_can_be_tried_at_once(folder: Path, capsys: Capture) -> None:
-    assert main(["scan", "--simulate", "try.ply", "--block", "2"]) == 0
-    captured = capsys.readouterr()
-    assert "simulated scan of texture-2_paper_x1, 200,000 points" in captured.err
-    assert captured.out == "Next: tacbench scan try.ply --block 2\n"
-
-
 def test_a_copy_of_a_simulated_scan_has_other_points_and_the_next_command_names_the_same_block(
     folder: Path, capsys: Capture
 ) -> None:
@@ -136,21 +129,6 @@ def test_a_simulated_scan_of_a_corrected_file_shows_its_print(folder: Path) -> N
     )
 
 
-def test_a_second_scan_in_the_same_folder_leaves_no_old_pictures(scan: Path, folder: Path) -> None:
-    (folder / "top_scan").mkdir()
-    (folder / "top_scan" / "comparison.png").write_bytes(b"old")
-    main(["scan", str(scan), *HALF, "--no-picture"])
-    assert not (folder / "top_scan" / "comparison.png").exists()
-
-
-def test_a_wrong_scan_for_the_noise_is_refused(scan: Path, folder: Path, capsys: Capture) -> None:
-    assert main(["scan", str(scan), *HALF, "--repeat", str(scan)]) == 2
-    assert "has the same points as the scan" in capsys.readouterr().err
-    assert main(["scan", str(scan), *HALF, "--flat", str(scan)]) == 2
-    assert "scan a flat plate" in capsys.readouterr().err
-    assert not (folder / "top_scan").exists()
-
-
 def test_points_without_a_value_are_counted_and_a_cloud_has_no_pixels(
     scan: Path, folder: Path, capsys: Capture
 ) -> None:
@@ -161,20 +139,6 @@ def test_points_without_a_value_are_counted_and_a_cloud_has_no_pixels(
     assert "Without a valid value and left out: 7 points." in capsys.readouterr().err
     assert main(["scan", "top.xyz", *HALF, "--unit", "mm", "--mm-per-pixel", "0.1"]) == 2
     assert "top.xyz is not a height map" in capsys.readouterr().err
-
-
-def test_other_poses_that_fit_as_well_are_named(folder: Path, capsys: Capture) -> None:
-    truth = ScanTruth(points=15_000, noise_mm=0.01, walls=(), top_fraction=0.5, seed=1).with_random_pose()
-    write_simulated(simulate_scan(Block.of(2), truth), folder / "half.ply")
-    main(["scan", "half.ply", "--block", "2", "--no-picture"])
-    assert "The scan fits the block in " in capsys.readouterr().err
-
-
-def test_the_unit_is_checked_without_the_name_of_the_block(folder: Path, capsys: Capture) -> None:
-    cloud = simulate_scan(Block.of(2), ScanTruth(points=2_000, noise_mm=0.01))
-    write_ply(folder / "metres.ply", cloud.points_mm / 1000.0)
-    assert main(["scan", "metres.ply", "--unit", "mm"]) == 2
-    assert "the unit is probably m" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

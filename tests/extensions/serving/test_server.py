@@ -52,13 +52,6 @@ def test_the_page_is_served_with_a_policy_that_forbids_all_other_addresses(clien
         assert answer.headers["referrer-policy"] == "no-referrer"
 
 
-def test_a_framed_page_may_be_shown_by_pages_of_this_server_only(client: TestClient) -> None:
-    answer = client.get(f"/{TOKEN}/frame.html", headers=HERE)
-    assert answer.headers["content-security-policy"] == "frame-ancestors 'self'"
-    assert answer.headers["referrer-policy"] == "no-referrer" and "in a frame" in answer.text
-    assert client.get("/frame.html", headers=HERE).status_code == 403
-
-
 @pytest.mark.parametrize(
     "path", ["/", f"/{TOKEN[:-1]}/", f"/{TOKEN}x/", "/%F0%9F%98%80/", f"//{TOKEN}/", "/x/../page.css"]
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -14,11 +13,11 @@ from helpers.tops import random_texture
 from PIL import Image
 
 from tacbench_cad.extensions.simulators import asset as assets
-from tacbench_cad.extensions.simulators.asset import SimulatorAsset, sampled
+from tacbench_cad.extensions.simulators.asset import SimulatorAsset
 from tacbench_cad.extensions.simulators.folder import export_to_simulators
 from tacbench_cad.extensions.simulators.taxim import PIXEL_MM
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.sampling import SampleGrid, Tolerance
+from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.util.errors import InputError
 
 
@@ -58,14 +57,6 @@ def test_grids_follow_the_formula_within_the_proved_error(block: Block) -> None:
         assert field.certificate.distance_mm <= assets.GRID_DISTANCE_MM
 
 
-def test_a_grid_of_too_many_samples_is_refused() -> None:
-    with pytest.raises(InputError, match="samples"):
-        sampled(Block.of("1"), SampleGrid(nx=5000, ny=5000))
-    # no finer grid than the first is tried if it would exceed the limit
-    block = Block.of("4", size_mm=(1500.0, 1800.0), mm_per_unit=(5.0, 5.0, 1.0))
-    assert SimulatorAsset(block).heights.z_mm.size <= assets.MAX_SAMPLES
-
-
 @pytest.mark.parametrize("block", [Block.of("4"), oblique(), Block.of("5", scale=0.3)])
 def test_mujocos_fields_hold_the_heights_and_their_sizes(block: Block, tmp_path: Path) -> None:
     folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
@@ -90,14 +81,6 @@ def test_mujocos_fields_hold_the_heights_and_their_sizes(block: Block, tmp_path:
             covered += 4.0 * rx * ry
         assert covered == pytest.approx(block.size_mm[0] * block.size_mm[1], rel=1e-6)
         assert len(names) == count
-
-
-def test_a_tile_without_relief_and_a_side_of_few_cells(tmp_path: Path) -> None:
-    block = Block.of("5", sampling=SampleGrid(nx=4, ny=6))
-    folder = export_to_simulators([block], ["mjcf"], tmp_path)[0].folder
-    fields = ElementTree.parse(folder / "texture-5-tiles.xml").getroot().findall("asset/hfield")
-    assert len(fields) == 3 * 5
-    assert all(float(str(field.get("size")).split()[2]) > 0.0 for field in fields)
 
 
 def test_the_array_and_the_picture_agree_with_the_formula(tmp_path: Path) -> None:
@@ -157,14 +140,3 @@ def test_the_obj_is_the_printed_mesh_bit_by_bit(tmp_path: Path) -> None:
     mesh = SimulatorAsset(block).mesh
     np.testing.assert_array_equal(np.float32([row[1:] for row in rows if row[0] == "v"]), mesh.vertices)
     np.testing.assert_array_equal(np.int64([row[1:] for row in rows if row[0] == "f"]) - 1, mesh.faces)
-
-
-def test_glb_is_laid_out_in_aligned_chunks(tmp_path: Path) -> None:
-    folder = export_to_simulators([Block.of("5")], ["glb"], tmp_path)[0].folder
-    data = (folder / "texture-5.glb").read_bytes()
-    magic, version, total, length = np.frombuffer(data, dtype="<u4", count=4)
-    assert (data[:4], version, total) == (b"glTF", 2, len(data)) and magic and length % 4 == 0
-    document = json.loads(data[20 : 20 + length])
-    assert document["buffers"][0]["byteLength"] == len(data) - 28 - length
-    points = document["accessors"][0]
-    assert points["max"][1] == pytest.approx(0.007) and points["min"][2] == pytest.approx(-0.03)

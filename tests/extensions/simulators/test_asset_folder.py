@@ -42,15 +42,8 @@ def test_every_target_lists_and_describes_its_files(target: str, tmp_path: Path)
         assert name in note or "tiles/" in name
     for words in ("scale 0.5", "Block frame", "lower corner of the underside", "Formula"):
         assert words in note
-    assert max(map(len, note.splitlines())) < 260
-
-
-@pytest.mark.parametrize("target", SIMULATOR_TARGETS)
-def test_the_same_block_gives_the_same_bytes(target: str, tmp_path: Path) -> None:
-    block = Block.of("1", scale=0.3)
-    for name in "ab":
-        export_to_simulators([block], [target], tmp_path / name)
-    assert hashes_below(tmp_path / "a") == hashes_below(tmp_path / "b")
+    export_to_simulators([Block.of("5", scale=0.5)], [target], tmp_path / "again")
+    assert hashes_below(tmp_path / "again" / "texture-5") == hashes
 
 
 def test_another_target_is_added_and_the_users_files_are_kept(tmp_path: Path) -> None:
@@ -73,17 +66,6 @@ def test_another_target_is_added_and_the_users_files_are_kept(tmp_path: Path) ->
         True,
         False,
     ]
-
-
-def test_a_second_export_removes_the_old_files_of_its_target(tmp_path: Path) -> None:
-    export_to_simulators([Block.of("5")], ["mjcf"], tmp_path)
-    record = tmp_path / "texture-5" / RECORD
-    document = json.loads(record.read_text(encoding="utf-8"))
-    (tmp_path / "texture-5" / "old.hf").write_text("of an older version")
-    document["targets"]["mjcf"]["files"]["old.hf"] = "0" * 64
-    record.write_text(json.dumps(document), encoding="utf-8")
-    export_to_simulators([Block.of("5")], ["mjcf"], tmp_path)
-    assert not (tmp_path / "texture-5" / "old.hf").exists()
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from helpers.cases import mostly_long
 from helpers.gcode_writer import write_gcode
 
 from tacbench_cad.extensions.slicing.comparison import AsSliced, compare
-from tacbench_cad.extensions.slicing.gcode import Sliced, read_gcode
+from tacbench_cad.extensions.slicing.gcode import read_gcode
 from tacbench_cad.extensions.slicing.printed_surface import BedPlace, staircase
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sines import Wave
@@ -116,12 +115,6 @@ def test_the_sideways_error_is_the_shift_of_a_wall(printed: AsSliced, shift: flo
     assert comparison.sideways.rms_mm == pytest.approx(abs(shift), rel=0.01)
 
 
-def test_heights_outside_the_range_of_the_formula_are_counted(printed: AsSliced) -> None:
-    six = Block.of(6)
-    high = with_heights(printed, np.full((len(points_of(six)[0]), len(points_of(six)[1])), 20.0), six)
-    assert high.sideways is not None and high.sideways.missing_fraction == 1.0
-
-
 def test_a_lost_peak_and_a_filled_valley(printed: AsSliced) -> None:
     peak, valley = (np.unravel_index(k, printed.formula_mm.shape) for k in _middle_extremes(printed))
     heights = printed.printed_mm.copy()
@@ -142,20 +135,6 @@ def _middle_extremes(comparison: AsSliced) -> tuple[int, int]:
     middle = (np.abs(x - 10.0) < 6.0) & (np.abs(y - 15.0) < 6.0)
     high = int(np.argmax(np.where(middle, comparison.formula_mm, -np.inf)))
     return high, int(np.argmin(np.where(middle, comparison.formula_mm, np.inf)))
-
-
-def test_a_ridge_counts_as_one_peak(printed: AsSliced) -> None:
-    block = Block.of(1)
-    x, y = points_of(block)
-    comparison = with_heights(printed, block.datum_mm + block.surface.grid(x, y), block)
-    assert (comparison.peaks.count, comparison.valleys.count) == (3, 3)
-
-
-def test_a_gentle_texture_has_no_steep_walls(printed: AsSliced) -> None:
-    block = Block.of(wave(0.3, 1.0))
-    comparison = with_heights(printed, block.height_at(*np.meshgrid(*points_of(block), indexing="ij")), block)
-    assert comparison.sideways is None and comparison.flat_fraction == 1.0 and comparison.rms_mm == pytest.approx(0.0)
-    assert json.loads(json.dumps(comparison.as_dict(), allow_nan=False))["sideways"] is None
 
 
 def test_missing_tops_are_lost_peaks(tmp_path: Path) -> None:
@@ -185,15 +164,9 @@ def test_the_key_is_left_out(coarse: AsSliced) -> None:
     assert keyed.rms_mm == pytest.approx(coarse.rms_mm, rel=0.02)
 
 
-@pytest.mark.parametrize("texture", [1, 3, 4, 5, 6])
-def test_another_texture_is_refused_and_the_correct_one_is_named(printed: AsSliced, texture: int) -> None:
+def test_another_texture_is_refused_and_the_correct_one_is_named(printed: AsSliced) -> None:
     with pytest.raises(InputError, match=r"two\.gcode.*another part.*mm from texture-2"):
-        compare(printed.sliced, Block.of(texture))
-
-
-def test_a_frame_beside_the_print_is_refused(printed: AsSliced) -> None:
-    with pytest.raises(InputError, match=r"prints nothing there; slice the plate without moving"):
-        compare(printed.sliced, TWO, BedPlace(x_mm=300.0, y_mm=300.0))
+        compare(printed.sliced, Block.of(3))
 
 
 def test_a_low_block_is_compared_although_the_six_textures_do_not_fit_it(tmp_path: Path) -> None:
@@ -202,9 +175,3 @@ def test_a_low_block_is_compared_although_the_six_textures_do_not_fit_it(tmp_pat
     path = write_gcode(tmp_path / "low.gcode", block, layer_mm=0.1)
     comparison = compare(read_gcode(path), block)
     assert comparison.rms_mm == pytest.approx(0.1 / np.sqrt(12.0), rel=0.15)
-
-
-def test_the_comparison_converts_to_json(printed: AsSliced) -> None:
-    document = json.loads(json.dumps(printed.as_dict(), allow_nan=False))
-    assert document["frame"]["source"] == "outer walls" and document["height"]["misplaced_by_mm"] == 0.1
-    assert document["block"] == TWO.name and isinstance(printed.sliced, Sliced)

@@ -186,15 +186,6 @@ def test_bad_files_are_refused(tmp_path: Path, content: bytes, needle: str) -> N
     assert needle in str(refused.value) and "bad.gcode" in str(refused.value)
 
 
-def test_a_missing_file_a_folder_and_an_impossible_filament_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No such file"):
-        read_gcode(tmp_path / "none.gcode")
-    with pytest.raises(InputError, match="is a folder"):
-        read_gcode(tmp_path)
-    with pytest.raises(InputError, match=r"filament = 0\.1"):
-        sliced(tmp_path, _layers(0.2), 0.1)
-
-
 @pytest.mark.parametrize(
     ("text", "needle"),
     [

@@ -29,12 +29,6 @@ def test_a_slanted_wall_has_an_overhang_of_its_angle() -> None:
         assert (overhang.ceiling_mm2, overhang.widest_mm) == (0.0, 0.0)
 
 
-def test_a_wall_that_leans_inwards_has_no_overhang() -> None:
-    overhang = overhangs(prism([(0.0, 0.0), (9.0, 0.0), (5.0, 10.0), (2.0, 10.0)], 8.0))
-    assert (overhang.steepest_deg, overhang.ceiling_mm2, overhang.widest_mm) == (0.0, 0.0, 0.0)
-    assert str(overhang) == "no overhangs"
-
-
 def test_the_width_of_a_ceiling_is_the_diameter_of_the_largest_circle_in_it() -> None:
     """On each side of its foot, the plate has a ceiling of 12 x 30 mm."""
     foot = prism([(12.0, 0.0), (20.0, 0.0), (20.0, 5.0), (12.0, 5.0)], 30.0)
@@ -63,20 +57,3 @@ def test_only_the_label_of_a_block_is_an_overhang(number: int, preset: str) -> N
     assert overhang.ceiling_mm2 == pytest.approx(block.engraving.area_mm2, rel=1e-5)
     # Where two strokes meet, the largest circle is wider than one stroke.
     assert STROKE_MM < overhang.widest_mm < 2.0 * STROKE_MM
-
-
-def test_the_fixtures_bridge_the_stated_widths() -> None:
-    pytest.importorskip("build123d", reason="fixtures need the extra cad")
-    from helpers.fixtures import JIG, KEYED
-
-    from housing.coupon import GAP_MM, TAB_MM, Coupon
-
-    overhang = overhangs(KEYED.part().mesh[0])
-    assert (overhang.steepest_deg, overhang.ceiling_mm2) == (0.0, 0.0)
-    tab = overhangs(Coupon().part().mesh[0])
-    assert (tab.steepest_deg, tab.ceiling_mm2) == (0.0, pytest.approx(TAB_MM[0] * GAP_MM, rel=1e-5))
-    assert tab.widest_mm == pytest.approx(2.0, abs=2e-3)
-    # Grooves are 0.4 mm wide. Lead-ins are cones of 45 degrees; the angles of their facets differ a little from that.
-    marks = overhangs(JIG.part().mesh[0])
-    assert marks.steepest_deg == pytest.approx(45.0, abs=2.0)
-    assert 0.4 < marks.widest_mm < 0.7

@@ -12,7 +12,6 @@ from helpers.gcode_writer import write_gcode
 from tacbench_cad.extensions.slicing.gcode import Beads, Sliced, read_gcode
 from tacbench_cad.extensions.slicing.printed_surface import BedPlace, frames_of, printed_heights, staircase
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.top_points import points_of
 from tacbench_cad.util.errors import InputError
 
 SMALL = Block.of(2, scale=0.5)
@@ -55,25 +54,6 @@ def test_the_profile_of_one_bead() -> None:
     assert heights[clear] == pytest.approx(np.where(distance < 0.3, 0.6 - shoulder, 0.0)[clear], abs=1e-9)
 
 
-def test_the_order_of_the_beads_does_not_change_the_heights() -> None:
-    rng = np.random.default_rng(5)
-    ends = rng.uniform(0.0, 11.0, (60, 4))
-    rows = [(*bead, float(top), 0.2, 0.08) for bead, top in zip(ends, rng.choice([0.2, 0.4, 0.6], 60), strict=True)]
-    x, y = points_of(SMALL, 0.1)
-    frame = BedPlace(x_mm=0.0, y_mm=0.0)
-    together = printed_heights(of_beads(rows, [0.2, 0.4, 0.6]), SMALL, frame, x, y)
-    backwards = printed_heights(of_beads(rows[::-1], [0.2, 0.4, 0.6]), SMALL, frame, x, y)
-    single = [printed_heights(of_beads([row], [0.2, 0.4, 0.6]), SMALL, frame, x, y) for row in rows]
-    assert np.array_equal(together, backwards)
-    assert together == pytest.approx(np.max(single, axis=0), abs=1e-12)
-
-
-def test_a_bead_outside_the_block_changes_no_height() -> None:
-    rows = [(-9.0, -9.0, -3.0, 40.0, 0.2, 0.2, 0.08), (100.0, 3.0, 200.0, 3.0, 0.2, 0.2, 0.08)]
-    x, y = points_of(SMALL, 0.1)
-    assert not printed_heights(of_beads(rows, [0.2]), SMALL, BedPlace(x_mm=0.0, y_mm=0.0), x, y).any()
-
-
 @pytest.mark.parametrize("quarters", range(4))
 def test_the_frame_is_found_in_every_orientation(tmp_path: Path, quarters: int) -> None:
     path = write_gcode(tmp_path / "a.gcode", SMALL, corner_mm=(41.3, 77.7), quarters=quarters, highest_mm=1.2)
@@ -112,9 +92,3 @@ def test_the_ideal_staircase() -> None:
     assert staircase(sliced, heights) == pytest.approx([0.0, 0.0, 0.3, 0.3, 0.5, 0.7, 0.7, 0.9, 1.3])
     raised = Sliced(**{**vars(sliced), "floor_mm": 0.1})
     assert staircase(raised, np.array([0.09, 0.11, 0.29, 0.31])) == pytest.approx([0.0, 0.2, 0.2, 0.4])
-
-
-@pytest.mark.parametrize("wrong", [{"x_mm": math.nan, "y_mm": 0.0}, {"x_mm": 0.0, "y_mm": 0.0, "quarters": 4}])
-def test_an_impossible_frame(wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="frame"):
-        BedPlace(**wrong)  # type: ignore[arg-type]

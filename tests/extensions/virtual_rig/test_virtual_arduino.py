@@ -25,14 +25,6 @@ def test_reset_homes_and_done_is_sent_on_arrival() -> None:
     assert host.ask(b"SHOW\n") == b"4000,8000,-400\ndone\n"
 
 
-def test_buffers_64_bytes_during_a_motion() -> None:
-    host = homed("arduino")
-    host.send(b"MOVE,40000,0,0,10\n")
-    host.wait(0.5)
-    host.send(b"SHOW\n" * 30)
-    assert host.wait(20.0) == b"done\n" + b"40000,0,0\ndone\n" * 12
-
-
 def test_carriage_runs_into_the_frame() -> None:
     host = homed("arduino")
     assert host.ask(b"MOVE,-4000,0,0,10\n", 5.0) == b"done\n"

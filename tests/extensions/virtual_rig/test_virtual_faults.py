@@ -41,15 +41,6 @@ def test_silence_blocks_both_directions_for_its_duration(kind: str) -> None:
     assert host.ask(ASK[kind]) != b""
 
 
-def test_random_faults_are_seeded() -> None:
-    reports = []
-    for seed in (1, 1, 2):
-        host = homed("grbl", seed=seed)
-        host.inject("drop", chance=0.2, direction="both")
-        reports.append(host.ask(b"$$\n", 1.0))
-    assert reports[0] == reports[1] != reports[2]
-
-
 def test_faults_begin_at_the_given_time_or_byte() -> None:
     host = Host("grbl", faults=(Fault(kind="reset", at_s=10.0), Fault(kind="drop", after_bytes=6, count=2)))
     assert host.ask(b"$G\n", 0.1).startswith(b"[GC:")
@@ -75,15 +66,6 @@ def test_slip_changes_only_the_true_position() -> None:
     host.inject("slip", axis="z", mm=-1.5)
     assert b"|MPos:0.000,0.000,-20.000|" in host.ask(b"?")
     assert near(host.true, (0.0, 0.0, -21.5), 0.01)
-
-
-def test_stall_ends_after_its_duration() -> None:
-    host = homed("grbl")
-    host.inject("stall", axis="x", seconds=5.0)
-    host.ask(b"G1 X10 F3000\n", 6.0)
-    assert near(host.true, (0.0, 0.0, 0.0), 0.01)
-    host.ask(b"G1 X11\n", 2.0)
-    assert near(host.true, (1.0, 0.0, 0.0), 0.01)
 
 
 def test_unplugging_blocks_the_line_while_the_firmware_keeps_running() -> None:

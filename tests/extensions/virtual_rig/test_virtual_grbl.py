@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from helpers.firmware_host import Host, homed, near
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -36,19 +35,6 @@ def test_closed_end_stop_sends_alarm_1_and_silences_until_reset() -> None:
     assert host.ask(b"????", 3.0) == b""
     assert host.ask(b"\x18", 0.1) == BANNER + b"[MSG:Check Limits]\r\n" + LOCKED
     assert b"|Pn:X" in status(host)
-
-
-# 3: homing
-
-
-def test_homing_answers_only_one_query_and_late() -> None:
-    host = Host("grbl")
-    assert host.ask(b"$H\n", 0.1) == b""
-    for _ in range(8):
-        assert host.ask(b"?", 0.5) == b""
-    end = host.until(b"ok")
-    assert end == b"<Home|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\nok\r\n"
-    assert near(host.true, (0.0, 0.0, 0.0), 0.005)
 
 
 # 4: the reset button
@@ -89,33 +75,6 @@ def test_ctrl_x_in_motion_sends_alarm_3_and_a_banner_half_a_second_later() -> No
     assert status(host).startswith(b"<Alarm|MPos:")
 
 
-# 6: errors
-
-
-def test_errors_and_their_causes() -> None:
-    host = Host("grbl")
-    assert host.ask(b"G1 X1 F100\n") == b"error:9\r\n"
-    assert host.ask(b"$J=G91 X1 F100\n") == b"error:8\r\n"
-    host = homed("grbl")
-    assert host.ask(b"$J=G91 X500 F600\n") == b"error:15\r\n"
-    assert status(host).startswith(b"<Idle|")
-    assert host.ask(b"$22=0\n") == b"ok\r\n"
-    assert host.ask(b"$20=1\n") == b"error:10\r\n"
-    assert host.ask(b"$22=1\n$20=1\n") == b"ok\r\nok\r\n"
-
-
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        (b"5X1", 1), (b"G1 X", 2), (b"$abc", 3), (b"$20=-1", 4), (b"G2 X1 I1", 20), (b"G0 G1 X1", 21), (b"G1 X1", 22),
-        (b"X1 X2", 25), (b"G92", 26), (b"G4", 28), (b"$J=G1 X1 F1", 16), (b"$J=X1", 22), (b"X" + b"1" * 90, 11),
-    ],
-)  # fmt: skip
-def test_refused_lines(line: bytes, code: int) -> None:
-    host = homed("grbl")
-    assert host.ask(line + b"\n") == b"error:%d\r\n" % code
-
-
 # 7: the reset on open
 
 
@@ -126,23 +85,6 @@ def test_reset_on_open_loses_the_first_second_and_no_reset_means_no_banner() -> 
     assert host.wait(1.0) == BANNER + LOCKED
     host.board.opened(resets=False, now_s=host.now_s)
     assert host.wait(5.0) == b""
-
-
-# 8: the receive buffer
-
-
-def test_buffer_holds_128_bytes() -> None:
-    host = homed("grbl")
-    for i in range(16):
-        host.ask(b"G1 X%d F60\n" % (i + 1), 0.02)
-    host.send(b"\n" * 300)
-    assert host.wait(60.0).count(b"ok") == 128 + 1
-
-
-# 9: real-time bytes
-
-
-# 10: damaged lines
 
 
 # 11: shortly before arrival
@@ -160,19 +102,6 @@ def test_status_after_ok_is_run_and_speed_is_0_before_arrival() -> None:
         if b"<Run|" in report and b"|FS:0,0" in report:
             still.append(report)
     assert still and b"MPos:5.000," not in still[0]
-
-
-# Lines
-
-
-def test_settings_and_identity() -> None:
-    host = homed("grbl")
-    listed = host.ask(b"$$\n", 1.0)
-    assert b"$100=400.000\r\n" in listed and b"$130=200.000\r\n" in listed and listed.endswith(b"ok\r\n")
-    assert host.ask(b"$I\n") == b"[VER:1.1h.20190830:SIMULATED]\r\n[OPT:VZ,15,128]\r\nok\r\n"
-    assert b"[G54:0.000,0.000,0.000]\r\n" in host.ask(b"$#\n", 0.2)
-    host.ask(LONG, 0.5)
-    assert host.ask(b"$$\n") == b"error:8\r\n"
 
 
 # 22 and 23: motors at rest, and limits

@@ -188,10 +188,3 @@ def test_program_reports_that_it_simulates(end: signal.Signals, code: int) -> No
     assert process.wait(10) == code
     process.stderr.close()
     assert not Path(first.split()[-1]).parent.exists()
-
-
-def test_help_and_invalid_options_of_the_program() -> None:
-    helped = subprocess.run([sys.executable, "-m", MODULE, "--help"], capture_output=True, text=True, check=True)
-    assert "Simulated stage firmware" in helped.stdout and "saturated" in helped.stdout
-    refused = subprocess.run([sys.executable, "-m", MODULE, "--fault", "fire"], capture_output=True, text=True)
-    assert refused.returncode == 2 and refused.stderr.count("\n") == 1 and "fire" in refused.stderr

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacbench_cad.extensions.virtual_rig.machine import MotorAxis, Stroke, VirtualCarriage
-from tacbench_cad.util.errors import InputError
 
 AXIS = MotorAxis(low_mm=0.0, high_mm=100.0, home=-1, switch_mm=1.0, steps_per_mm=100.0)
 
@@ -77,8 +76,3 @@ def test_end_stop_closes_at_its_position_and_the_frame_stops_the_carriage() -> N
     body.go((-15.0, 0.0, 0.0), 5.0, 1e6, 100.0)
     run(body, 200.0)
     assert body.true(200.0)[0] == 2.0, "steps against the frame are lost"
-
-
-def test_start_position_beyond_an_axis_is_refused() -> None:
-    with pytest.raises(InputError, match="start z"):
-        carriage((0.0, 0.0, 500.0))

@@ -39,22 +39,6 @@ def test_ok_and_m114_are_sent_when_a_move_is_queued() -> None:
 # 15: end stops
 
 
-@pytest.mark.parametrize(
-    ("order", "axes"), [(b"G28 X Y\n", "xy"), (b"G28XZ\n", "xz"), (b"G28 Z0\n", "z"), (b"G28\n", "xyz")]
-)
-def test_only_named_axes_are_homed(order: bytes, axes: str) -> None:
-    host = Host("marlin")
-    host.ask(order + b"M400\n", 60.0)
-    ends = {"x": 0.0, "y": 0.0, "z": 100.0}
-    assert {name for name, at in zip("xyz", host.true, strict=True) if abs(at - ends[name]) <= STEP} == set(axes)
-
-
-def test_soft_end_stops_clamp_without_a_message() -> None:
-    host = homed("marlin")
-    assert host.ask(b"G1 X-20 Y300 Z-5 F6000\n", 0.05) == b"ok\n"
-    assert where(host).startswith(b"X:0.00 Y:200.00 Z:0.00 ")
-
-
 # 16: line numbers
 
 
@@ -94,13 +78,6 @@ def test_m410_stops_at_once_and_then_ignores_input_for_a_second() -> None:
 
 
 # 18: unknown commands, M112, reset
-
-
-def test_unknown_commands_are_echoed_with_ok() -> None:
-    host = homed("marlin")
-    assert host.ask(b"M9999\n") == b'echo:Unknown command: "M9999"\nok\n'
-    assert host.ask(b"hello\n") == b'echo:Unknown command: "hello"\nok\n'
-    assert host.ask(b"\n ; only words\n") == b""
 
 
 @pytest.mark.parametrize("emergency_parser", [False, True])
@@ -164,6 +141,3 @@ def test_idle_motors_are_switched_off_after_two_minutes_and_z_drops() -> None:
     host.wait(5.0)
     assert host.true[2] == pytest.approx(89.7, abs=STEP)
     assert b" Z:90.00 " in where(host), "the firmware does not notice it"
-
-
-# Other commands

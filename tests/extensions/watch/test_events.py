@@ -15,7 +15,6 @@ from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.presses import plan_presses
-from tacbench_cad.util.errors import InputError
 
 PROTOCOL = small_protocol(repeats=2, stationary_frames=1)
 
@@ -106,12 +105,6 @@ def test_incomplete_and_foreign_lines_are_ignored(tmp_path: Path) -> None:
     assert list(progress.messages) == ["hello"]
 
 
-def test_a_missing_folder_does_not_stop_the_run(tmp_path: Path) -> None:
-    file = ProgressFile(tmp_path / "missing")
-    file.start(study_of(PROTOCOL, 1), 0)
-    file.felt(1.0, 0.0)
-
-
 def is_t(glyph: list[list[float]]) -> bool:
     """Return whether the upper quarter of a glyph is its widest part, and the lower half is in the middle."""
     (left, right), (top, bottom) = ((min(side), max(side)) for side in zip(*glyph, strict=True))
@@ -131,11 +124,3 @@ def test_the_picture_of_a_label_is_upright() -> None:
         for glyph in picture["path"].strip("Z").split("Z")
     ]
     assert is_t(min(glyphs, key=lambda glyph: (round(min(y for _, y in glyph)), min(x for x, _ in glyph))))
-
-
-def test_a_label_that_does_not_fit_has_no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise InputError("label", "T1", "does not fit")
-
-    monkeypatch.setattr("tacbench_cad.lab.acquire.events.engrave", refuse)
-    assert label_picture(printed(1)) is None

@@ -23,7 +23,6 @@ import pytest
 pytest.importorskip("starlette", reason="the watch page needs the extra web")
 pytest.importorskip("httpx2", reason="the test client of Starlette needs httpx2")
 
-from helpers.file_kinds import make_taxel_run
 from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_of
 from helpers.studies import write_study
 from starlette.applications import Starlette
@@ -145,13 +144,6 @@ def test_after_the_end_all_findings_and_the_outcome_are_shown(session: tuple[Pat
     assert len(complete["points"]) == 8, "the forces of a run that is over are those in its rows"
 
 
-def test_a_run_folder_is_shown_with_the_progress_of_its_session(session: tuple[Path, Watched, dict[str, Any]]) -> None:
-    out, _, _ = session
-    state = Watched(out / printed(4).name).state(wait=True)
-    assert [line["name"] for line in state["runs"]] == [printed(4).name]
-    assert state["session"]["over"]["outcome"] == "failed" and len(state["run"]["curves"]) == 3
-
-
 def test_the_page_works_without_the_extension_for_markers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_study(tmp_path, textures=(1,), copies=1, levels=(1,))
     monkeypatch.setitem(sys.modules, "tacbench_cad.extensions.markers", None)
@@ -159,47 +151,11 @@ def test_the_page_works_without_the_extension_for_markers(tmp_path: Path, monkey
     assert run["newest"]["image"] and run["markers"] is None and run["findings"]
 
 
-def test_values_of_a_sensor_without_images_are_shown(tmp_path: Path) -> None:
-    make_taxel_run(tmp_path)
-    watched = Watched(tmp_path)
-    run = watched.state(wait=True)["run"]
-    assert run["newest"]["image"] is False and run["markers"] == {"path": run["newest"]["path"], "lines": []}
-    values = Run.open(tmp_path).read(run["newest"]["path"]).ravel()
-    assert run["newest"]["values"] == pytest.approx(values.tolist(), rel=1e-4)
-    with pytest.raises(InputError, match="does not exist"):
-        watched.frame(tmp_path.name, "newest")
-
-
-def test_many_runs_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_study(tmp_path, textures=(1, 2, 3), copies=2)
-    opened: list[Path] = []
-    original = Run.open
-
-    def counted(folder: Path) -> Run:
-        if threading.current_thread() is threading.main_thread():  # the checks in the background open runs, too
-            opened.append(folder)
-        return original(folder)
-
-    monkeypatch.setattr(Run, "open", counted)
-    watched = Watched(tmp_path)
-    state = watched.state()
-    assert watched.state()["runs"] == state["runs"]
-    assert len(state["runs"]) == len(opened) == 12
-    assert all(line["done"] == line["total"] == 8 for line in state["runs"])
-
-
 def test_a_damaged_run_is_named(session: tuple[Path, Watched, dict[str, Any]], tmp_path: Path) -> None:
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "run.json").write_text("{}")
     state = Watched(tmp_path).state(wait=True)
     assert "does not describe a run" in state["fault"] and state["run"] is None
-
-
-def test_nothing_is_written(session: tuple[Path, Watched, dict[str, Any]]) -> None:
-    out, _, _ = session
-    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
-    Watched(out).state(wait=True)
-    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
 
 
 def client_of(watched: Watched, order: Any = None) -> TestClient:
@@ -290,13 +246,6 @@ def test_the_address_for_watching_has_no_buttons_and_takes_no_order(asking: Watc
     assert orders == []
 
 
-def test_a_page_that_only_watches_takes_no_message(session: tuple[Path, Watched, dict[str, Any]]) -> None:
-    page = WatchPage(session[1])
-    for do in ("stop", "pause", "continue", "in"):
-        with pytest.raises(InputError, match="is not allowed, because this page only watches"):
-            page.obey(json.dumps({"do": do}))
-
-
 def test_orders_of_any_kind_never_print_a_traceback(tmp_path: Path) -> None:
     """Wrong orders, wrong frames, and clients that go away before the answer, at the real server."""
     (tmp_path / "serve.py").write_text(SERVER)
@@ -385,15 +334,6 @@ def later(delay_s: float, action: Any, *values: Any) -> None:
 PRESS = plan_presses(PROTOCOL, (1, 2), "a")[0]
 
 
-def test_a_block_is_confirmed_by_its_label(page: Page) -> None:
-    start = time.monotonic()
-    later(0.1, page.order, "in", "T4 PAPER X1 01")
-    later(0.4, page.order, "in", "t1 paperx1 01")
-    page.link.put_in(printed(1), "T1 PAPER X1 01", 2)
-    assert time.monotonic() - start >= 0.35, "the label of another block does not confirm this one"
-    assert page.said == ["put T1 PAPER X1 01 into slot 2, and type its label on the page"] and page.typed == []
-
-
 def test_what_a_library_prints_in_the_process_of_the_page_is_no_output_of_the_run() -> None:
     program = """
 import multiprocessing, os, pathlib, sys
@@ -442,15 +382,6 @@ def test_the_run_goes_on_if_the_process_of_the_page_dies(page: Page) -> None:
     page.link.put_in(printed(1), "T1 PAPER X1 01", None)
     assert page.typed == ["Its label (T1 PAPER X1 01): "], "the question is asked in the terminal"
     assert page.said[0] == "the page has ended; the run goes on"
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals that interrupt a system call")
-def test_stop_is_ctrl_c(page: Page) -> None:
-    later(0.1, page.order, "stop")
-    start = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        time.sleep(20.0)
-    assert time.monotonic() - start < 10.0
 
 
 def test_stop_in_a_session_lifts_the_sensor(page: Page, tmp_path: Path) -> None:

@@ -97,13 +97,6 @@ def test_the_constant_of_the_rest() -> None:
     assert 0.999 * REST < largest < REST
 
 
-def test_a_proof_with_too_many_parts_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(certify_triangles, "MAX_PARTS", 100)
-    surface = rough()
-    with pytest.raises(InputError, match=r"too rough, so its proof .* use a larger tolerance"):
-        prove(surface, bounds_of(surface), triangles(surface, 150, 1.5, 7), 0.004)
-
-
 def test_a_long_proof_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     surface = rough()
     x, y = triangles(surface, 150, 1.5, 7)[..., :2].transpose(2, 0, 1)

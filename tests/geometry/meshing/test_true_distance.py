@@ -14,18 +14,16 @@ from helpers.own_formulas import (
     largest_distance,
     points_of,
     random_case,
-    splines_of_step,
     top_of,
-    triangles_of_3mf,
-    triangles_of_stl,
     waves,
 )
-from scipy.interpolate import NdBSpline
+from helpers.solid_reference import points_of_top
 from scipy.spatial import KDTree
 
-from tacbench_cad.formats.step import write_step
+from tacbench_cad.checks.meshcheck import read_mesh
+from tacbench_cad.formats import FORMATS
+from tacbench_cad.formats.step import read_step, write_step
 from tacbench_cad.formats.stl import write_stl
-from tacbench_cad.formats.threemf import write_3mf
 from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import plane_waves
@@ -41,13 +39,9 @@ def check(case: Case, path: Path) -> None:
     part, block = block_part(case.block), case.block
     certificate = part.mesh[1].certificate
     assert certificate is not None
-    if path.suffix == ".stl":
-        write_stl(part, path)
-    else:
-        write_3mf(part, path)
-    triangles = triangles_of_stl(path) if path.suffix == ".stl" else triangles_of_3mf(path)
+    FORMATS[path.suffix[1:]].write(part, path)
     distance, at = largest_distance(
-        points_of(top_of(triangles)),
+        points_of(top_of(read_mesh(path).triangle_points)),
         lambda x, y: case.height(x, y, block.datum_mm),
         block.size_mm,
         certificate.distance_mm,
@@ -96,7 +90,7 @@ def test_no_part_of_a_formula_is_left_out(seed: int, tmp_path: Path) -> None:
     assert block.surface.is_separable
     part = block_part(block)
     write_stl(part, tmp_path / "block.stl")
-    top = top_of(triangles_of_stl(tmp_path / "block.stl"))
+    top = top_of(read_mesh(tmp_path / "block.stl").triangle_points)
     rng = np.random.default_rng(seed)
     x, y = (np.append(rng.uniform(0.0, side, 20_000), side * rng.integers(0, 2, 1000)) for side in block.size_mm)
     formula = np.stack([x, y, case.height(x, y, block.datum_mm)], axis=1)
@@ -115,7 +109,7 @@ def test_no_part_of_a_formula_is_left_out(seed: int, tmp_path: Path) -> None:
     "seed", [1, 2, 10, 13, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(3000, 3060))]
 )
 def test_random_solids(seed: int, tmp_path: Path) -> None:
-    """The poles in the STEP file, evaluated by SciPy."""
+    """Points of the faces in the STEP file."""
     case = random_case(seed)
     block = replace(case.block, sampling=Tolerance(mm=0.2), step_tolerance_mm=max(case.block.step_tolerance_mm, 0.002))
     part = block_part(block)
@@ -124,12 +118,6 @@ def test_random_solids(seed: int, tmp_path: Path) -> None:
     certificate = part.solid[1].certificate
     assert certificate is not None
     write_step(part, tmp_path / "block.step")
-    t = np.concatenate([np.linspace(0.0, 1.0, 61), np.random.default_rng(seed).uniform(0.0, 1.0, 40)])
-    worst, faces = 0.0, 0
-    for knots, degrees, poles in splines_of_step(tmp_path / "block.step"):
-        u, v = (own[0] + t * (own[-1] - own[0]) for own in knots)
-        x, y, z = np.moveaxis(NdBSpline(knots, poles, degrees)(np.stack(np.meshgrid(u, v, indexing="ij"), -1)), -1, 0)
-        worst = max(worst, float(np.abs(z - case.height(x, y, block.solid_datum_mm)).max()))
-        faces += 1
-    assert faces
+    points = points_of_top(read_step(tmp_path / "block.step"), 61)
+    worst = np.abs(points[:, 2] - case.height(points[:, 0], points[:, 1], block.solid_datum_mm)).max()
     assert worst <= certificate.distance_mm + ROUNDING_MM, f"{case.kind}: {worst} mm"

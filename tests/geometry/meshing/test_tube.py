@@ -46,27 +46,3 @@ def test_stays_inside_with_no_more_links_than_any_path_on_the_samples(seed: int)
     assert np.all(fit >= np.interp(everywhere, t, low) - 1e-9)
     assert np.all(fit <= np.interp(everywhere, t, high) + 1e-9)
     assert len(at) - 1 <= links_of_any_path(t, low, high, levels=9)
-
-
-@pytest.mark.parametrize("half", [0.3, 0.021, 0.0011])
-def test_number_of_links_of_a_parabola_agrees_with_theory(half: float) -> None:
-    t = np.linspace(0.0, 10.0, 20_000)
-    at, _ = fewest_links(t, t**2 - half, t**2 + half)
-    # the error of the best line over a length h is |f''| h^2 / 16
-    assert len(at) - 1 == np.ceil(10.0 / np.sqrt(16.0 * half / 2.0))
-
-
-def test_a_straight_tube_takes_one_link() -> None:
-    t = np.linspace(0.0, 3.0, 100)
-    at, height = fewest_links(t, 2.0 * t - 0.1, 2.0 * t + 0.1)
-    assert len(at) == 2
-    assert np.allclose(height, 2.0 * at, atol=0.1)
-
-
-def test_goes_through_a_pinch() -> None:
-    t = np.linspace(-1.0, 1.0, 201)
-    low, high = np.full(201, -1.0), np.zeros(201)
-    low[100] = 0.0
-    at, height = fewest_links(t, low, high)
-    assert np.interp(0.0, at, height) == pytest.approx(0.0, abs=1e-12)
-    assert height.max() <= 1e-12

@@ -14,9 +14,10 @@ pytest.importorskip("cadquery")
 pytest.importorskip("lib3mf")
 
 import cadquery as cq
-from helpers.own_formulas import largest_distance, points_of, top_of, triangles_of_stl, waves
+from helpers.own_formulas import largest_distance, points_of, top_of, waves
 
 from tacbench_cad import InputError, PrintPart, Texture, check, export, textured
+from tacbench_cad.checks.meshcheck import read_mesh
 from tacbench_cad.cli import main
 from tacbench_cad.geometry.mesh import Mesh
 
@@ -56,7 +57,7 @@ def test_the_measured_distance_is_that_of_an_own_formula(tmp_path: Path, capsys:
     assert main([*command, "--out", str(tmp_path / "out.stl"), "--json"]) == 0
     measured = json.loads(capsys.readouterr().out)["deviation_mm"]
     square = waves([(4.0 / np.pi / i, f * i, (1 - f) * i, 0.0) for i in range(1, 26, 2) for f in (0, 1)])
-    triangles = top_of(triangles_of_stl(tmp_path / "out.stl"))
+    triangles = top_of(read_mesh(tmp_path / "out.stl").triangle_points)
     # the texture begins 1 mm from the sides of the box and 0.2 mm above it, and is 1 mm high
     points = points_of(triangles[triangles[:, :, 2].min(axis=1) > 3.1]) + np.array([4.0, 5.0, -3.7])
     largest, at = largest_distance(

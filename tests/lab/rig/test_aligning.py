@@ -156,14 +156,6 @@ def test_steps_are_read(line: str, step: Point) -> None:
     assert parse_step(line.split()) == step
 
 
-@pytest.mark.parametrize(
-    "line", ["", "x", "1", "x one", "x 1 2", "w 1", "x 1e9", "x nan", "x 20.1", "z -2.1", "okay", "z --1"]
-)
-def test_other_lines_are_refused(line: str) -> None:
-    with pytest.raises(InputError, match="step"):
-        parse_step(line.split())
-
-
 @given(st.text(max_size=20))
 def test_any_line_is_a_short_step_or_is_refused(line: str) -> None:
     try:
@@ -313,23 +305,6 @@ def test_a_step_that_presses_too_hard_is_undone() -> None:
 # --- the file ---
 
 FRAME = WorkFrame(origin_mm=(80.5, -79.12345, 1.0), quarter_turns=3)
-FILE = """# my study
-out = "runs"
-
-[block] # the one
-texture = 1
-
-[stage]            # the mill
-driver = "grbl"
-origin_mm = [1, 2,  # old
-   3.0]  # taught in May
-quarter_turns = 0   # none
-limits_mm = [[0, 1], [0, 1], [0, 1]]
-
-[sensor]
-driver = "opencv"
-origin_mm = "not this one"
-"""
 
 
 def stored(tmp_path: Path, text: str) -> str:
@@ -337,11 +312,6 @@ def stored(tmp_path: Path, text: str) -> str:
     path.write_bytes(text.encode())
     store_frame(path, FRAME)
     return path.read_bytes().decode()
-
-
-def test_only_the_two_values_change(tmp_path: Path) -> None:
-    expected = FILE.replace("[1, 2,  # old\n   3.0]", "[80.5, -79.1234, 1.0]").replace("turns = 0 ", "turns = 3 ")
-    assert stored(tmp_path, FILE) in (expected, expected.replace("79.1234", "79.1235"))
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
@@ -382,15 +352,6 @@ def test_a_file_that_cannot_be_edited_safely_is_not_changed(tmp_path: Path, text
     ):
         store_frame(path, FRAME)
     assert path.read_text() == text
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows needs permissions for links")
-def test_a_link_stays_a_link(tmp_path: Path) -> None:
-    (tmp_path / "real.toml").write_text(FILE)
-    link = tmp_path / "link.toml"
-    link.symlink_to(tmp_path / "real.toml")
-    store_frame(link, FRAME)
-    assert link.is_symlink() and tomllib.loads((tmp_path / "real.toml").read_text())["stage"]["quarter_turns"] == 3
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no named pipes in folders")

@@ -66,15 +66,6 @@ def test_limits_are_compared_with_the_travel(limits: tuple[tuple[float, float], 
     assert sum(bool(row.reason) for row in rows.values()) == 1
 
 
-def test_a_coarse_z_axis_is_named() -> None:
-    assert "10.0 micrometres is too coarse" in checked({**PREPARED, 102: 100})["$102"].reason
-
-
-def test_settings_that_the_firmware_does_not_list_are_unknown() -> None:
-    rows = {row.name: row for row in grbl_settings({}, counts_from_switch=None)}
-    assert rows["$1"].value == "unknown" and rows["$1"].change == "$1=255"
-
-
 #: The answer to M211 of Marlin 2.0 and of 2.1.
 MARLIN_20 = ["echo:Soft endstops: On  Min:  X:0.00 Y:0.00 Z:0.00   Max:  X:220.00 Y:220.00 Z:250.00"]
 MARLIN_21 = [

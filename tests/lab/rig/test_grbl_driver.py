@@ -13,7 +13,6 @@ from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
     DeviceLostError,
-    NoAnswerError,
     OutOfRangeError,
     PositionLostError,
     RigError,
@@ -170,20 +169,6 @@ def test_trait_03_homing_waits_despite_silence_and_an_old_report() -> None:
         assert stage.position() == (-1.0, -1.0, -1.0)
 
 
-def test_trait_03_endless_homing_causes_a_timeout() -> None:
-    script = ScriptedGrbl()
-
-    def on_home() -> Iterator[bytes]:
-        script.deaf = True
-        return iter(())
-
-    script.on_home = on_home
-    with script.peer() as peer:
-        stage = GrblStage(peer.port, timeout_s=TIMEOUT_S, home_timeout_s=0.5)
-        with stage, pytest.raises(NoAnswerError, match="homing did not end"):
-            stage.home()
-
-
 def test_trait_04_a_reset_without_a_banner_is_detected_by_the_position() -> None:
     script = ScriptedGrbl()
     with opened(script) as stage:
@@ -225,13 +210,6 @@ def test_trait_21_an_empty_line_precedes_the_repetition_of_a_refused_move() -> N
     with opened(script) as stage:
         assert stage.move(THERE, 20.0) == THERE
         assert moves == 2
-
-
-def test_a_hint_that_comes_late_after_our_own_reset_is_not_another_reset() -> None:
-    script = ScriptedGrbl()
-    script.on_reset = lambda: [script.banner, 0.15, b"[MSG:'$H'|'$X' to unlock]\r\n"]
-    with opened(script) as stage:
-        assert stage.move(THERE, 20.0) == THERE
 
 
 def test_a_hold_is_left_when_the_stage_is_opened() -> None:
@@ -388,33 +366,6 @@ def test_a_carriage_that_leaves_its_line_is_stopped() -> None:
             stage.move((-1.0, -1.0, -2.0), 20.0)
         stage.position()
         assert b"!" in bytes(peer.received)
-
-
-def test_unplugging_in_motion_is_detected() -> None:
-    script = ScriptedGrbl()
-    with script.peer() as peer, GrblStage(peer.port, timeout_s=TIMEOUT_S) as stage:
-        stage.home()
-        moving(script)
-        clock().after(0.1, peer.unplug)
-        with pytest.raises(DeviceLostError, match="gone"):
-            stage.move(THERE, 20.0)
-        with pytest.raises(DeviceLostError):
-            stage.home()
-        stage.stop()
-
-
-def test_a_dead_device_is_not_an_alarm() -> None:
-    script = ScriptedGrbl()
-    with opened(script) as stage:
-        script.on_reset = list
-
-        def on_move(target: Point) -> Iterator[bytes | float]:
-            script.deaf = True
-            return iter(())
-
-        script.on_move = on_move
-        with pytest.raises(NoAnswerError, match="no answer"):
-            stage.move(THERE, 20.0)
 
 
 def test_an_interruption_in_a_move_stops_the_carriage() -> None:

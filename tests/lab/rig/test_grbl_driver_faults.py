@@ -48,14 +48,6 @@ def test_open_stage_homes_moves_and_keeps_its_limits() -> None:
             assert rig.true_position() == before
 
 
-def test_steps_of_a_micrometre_are_made() -> None:
-    with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
-        stage.home()
-        stage.move(CENTER, 20.0)
-        heights = [stage.move((50.0, 60.0, -30.0 - 0.001 * step), 2.0)[2] for step in range(1, 9)]
-        assert heights == pytest.approx([-30.0 - 0.001 * step for step in range(1, 9)], abs=0.001)
-
-
 def test_a_stop_in_motion_keeps_the_position(rig_time: FakeTime) -> None:
     with launch("grbl", speed=SPEED) as rig, opener(rig.port) as stage:
         stage.home()
@@ -230,13 +222,3 @@ def test_a_disturbed_byte_in_a_check_at_the_end_stops_is_survived(kind: str, dir
             assert stage._link.settings() == kept
         with opener(rig.port) as stage:
             assert stage._link.marked == ()
-
-
-def test_a_disturbed_line_is_named() -> None:
-    with launch("grbl", speed=SPEED, resets_on_open=False) as rig, opener(rig.port) as stage:
-        stage.home()
-        rig.inject(Fault(kind="garble", chance=0.5, direction="out"))
-        with pytest.raises(
-            (AlarmError, NoAnswerError), match=r"the line is disturbed: '.*' was received; check the cable"
-        ):
-            stage.move(CENTER, 20.0)

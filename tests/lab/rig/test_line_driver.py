@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from tacbench_cad.lab.rig import arduino, grbl_replies, marlin_replies
 from tacbench_cad.lab.rig import line as line_module
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError
-from tacbench_cad.lab.rig.line import MAX_LINE, Line
+from tacbench_cad.lab.rig.line import Line
 from tacbench_cad.util.errors import InputError
 
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
@@ -70,13 +70,6 @@ def test_a_pause_of_this_program_is_not_a_silence_of_the_device(
     before = line.now_s()
     assert line.read_line(1.0) == "late"
     assert line.now_s() - before == pytest.approx(4 * line_module.WAIT_S + line_module.MAX_COUNTED_S, abs=0.02)
-
-
-def test_noise_without_ends_is_cut(wire: tuple[Line, int]) -> None:
-    line, far = wire
-    threading.Thread(target=os.write, args=(far, b"x" * MAX_LINE + b"yz\n"), daemon=True).start()
-    assert line.read_line(2.0) == "x" * MAX_LINE
-    assert line.read_line(2.0) == "yz"
 
 
 def test_writing_to_a_device_that_reads_nothing_ends() -> None:
@@ -142,22 +135,6 @@ def test_an_unreachable_url_is_an_input_error(port: str) -> None:
         Line(port, baud=115200, what="stage")
 
 
-def test_a_socket_can_be_a_port() -> None:
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        Line(f"socket://127.0.0.1:{server.getsockname()[1]}", baud=115200, what="stage") as line,
-    ):
-        far, _ = server.accept()
-        with far:
-            far.sendall(b"hello\n")
-            assert line.read_line(1.0) == "hello"
-            line.write(b"?")
-            line.write_now(b"!")
-            assert far.recv(1) + far.recv(1) == b"?!"
-        with pytest.raises(DeviceLostError):
-            line.read_line(1.0)
-
-
 @pytest.mark.filterwarnings("ignore:set:DeprecationWarning")
 def test_a_port_over_rfc_2217_is_stopped_without_its_lock() -> None:
     import serial
@@ -191,7 +168,6 @@ arbitrary = st.one_of(st.binary(max_size=120).map(lambda raw: raw.decode("ascii"
 number = st.integers(-999_999, 999_999).map(lambda micro: micro / 1000.0)
 point = st.tuples(number, number, number)
 REPORT = "<Run|MPos:1.000,-2.500,3.125|FS:500,0|WCO:0.000,0.000,0.000>"
-PLACE = "X:1.00 Y:-2.50 Z:3.12 E:0.00 Count X:80 Y:-200 Z:1250"
 
 
 @given(arbitrary)
@@ -266,21 +242,3 @@ def test_a_frames_checksum_is_the_exclusive_or_of_its_bytes(line: int, command: 
     for byte in body:
         value ^= byte
     assert int(checksum) == value and checksum.endswith(b"\n")
-
-
-def test_known_lines() -> None:
-    assert grbl_replies.status(REPORT) is not None
-    assert grbl_replies.is_banner("GrblHAL 1.1f ['$' or '$HELP' for help]")
-    assert grbl_replies.is_banner("[MSG:'$H'|'$X' to unlock]")
-    assert not grbl_replies.is_banner("[MSG:Caution: Unlocked]")
-    assert grbl_replies.alarm("ALARM:3") == 3 and grbl_replies.alarm("ALARM:x") == 0
-    assert grbl_replies.settings(["$100=250.000", "$13=0 (report inches)", "ok"]) == {100: 250.0, 13: 0.0}
-    assert marlin_replies.place(PLACE) is not None
-    assert marlin_replies.resend("Resend: 12") == 12 and marlin_replies.resend("rs N3") == 3
-    assert marlin_replies.per_axis(" M203 X300.00 Y300.00 Z5.00 E25.00") == ("M203", (300.0, 300.0, 5.0))
-    assert marlin_replies.per_axis("echo:  M92 X80.00 Y80.00 Z400.00") == ("M92", (80.0, 80.0, 400.0))
-    assert marlin_replies.unknown('echo:Unknown command: "M9 S1"') == "M9 S1" and marlin_replies.unknown("ok") is None
-    assert not marlin_replies.is_banner("FIRMWARE_NAME:Marlin 2.1.2.7 (x) SOURCE_CODE_URL:y")
-    assert marlin_replies.framed(3, "T0") == b"N3 T0*57\n"
-    assert arduino.counters("x: 10 y: -20 z: 30") == (10, -20, 30)
-    assert arduino.counters("1.5,2.5,3.5") is None

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import os
-import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit, write_calibration
+from tacbench_cad.lab.rig.calibration import Calibration, CalibrationPoint, fit
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import open_gauge
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
@@ -23,8 +18,6 @@ from tacbench_cad.lab.rig.gauge import Gauge
 from tacbench_cad.lab.rig.loadcell import LoadCell, LoadCellOptions
 from tacbench_cad.lab.study.spec import GaugeSettings
 from tacbench_cad.util.errors import InputError
-
-pty_only = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 
 #: The counts per newton and the counts without load of the cell of these tests.
 SLOPE = 400_000.0
@@ -116,14 +109,6 @@ def test_the_load_cell_is_a_gauge_in_newtons() -> None:
     assert cell.closed == 2
 
 
-def test_newtons_need_no_calibration() -> None:
-    cell = Cell(Time())
-    cell.alter = lambda i, line: f"{1.5 + int(line) * 1e-8:.6f}"
-    cell_gauge = load_cell(cell, unit="newtons")
-    assert cell_gauge.read(0.1).mean_n == pytest.approx(1.5, abs=0.01)
-    assert cell_gauge.calibration == {}
-
-
 def test_the_window_begins_at_the_call() -> None:
     cell = Cell(Time(), lambda t: 0.0 if t < 5.0 else 2.0)
     cell_gauge = gauge(cell)
@@ -132,22 +117,6 @@ def test_the_window_begins_at_the_call() -> None:
     force = cell_gauge.read(0.1)
     assert force.mean_n == pytest.approx(2.0, abs=1e-3) and force.samples >= 8
     assert cell.forgotten == before + 1
-
-
-def test_a_short_window_has_some_samples() -> None:
-    assert gauge(Cell(Time())).read(0.0).samples == 2
-    assert gauge(Cell(Time()), least_samples=10).read(0.001).samples == 10
-
-
-def test_a_column_can_be_the_temperature_of_the_room() -> None:
-    cell = Cell(Time(), lambda t: 2.0)
-    cell.alter = lambda _, line: f"{line} 21.25"
-    force = gauge(cell, columns=2, temperature_column=2).read(0.1)
-    assert force.mean_n == pytest.approx(2.0, abs=1e-3) and force.temperature_c == 21.25
-    assert gauge(Cell(Time())).read(0.0).temperature_c is None
-    for column in (1, 3):
-        with pytest.raises(InputError, match=r"temperature_column = \d: must be from 1 to 2"):
-            LoadCellOptions(columns=2, temperature_column=column)
 
 
 @pytest.mark.parametrize("line", ["8100", "810000"])
@@ -191,33 +160,6 @@ def test_garbled_lines_alone_are_an_error(line: str) -> None:
         cell_gauge.read(0.1)
 
 
-def test_a_stuck_cell_is_detected_in_one_or_several_windows() -> None:
-    for window_s in (1.0, 0.01):
-        cell = Cell(Time(), lambda t: 1.0)
-        cell_gauge = gauge(cell)
-        cell_gauge.read(0.1)
-        cell.alter = lambda i, line: "481000"
-        with pytest.raises(RigError, match="20 samples in a row are 481000, so the device is stuck"):
-            for _ in range(20):
-                cell_gauge.read(window_s)
-
-
-def test_a_device_that_rounds_may_repeat_values() -> None:
-    cell = Cell(Time())
-    cell.alter = lambda i, line: "0.00"
-    cell_gauge = load_cell(cell, unit="newtons", stuck_samples=0)
-    assert cell_gauge.read(1.0).mean_n == 0.0
-
-
-@pytest.mark.parametrize("end", [2**23 - 1, -(2**23)])
-def test_a_saturated_cell_is_detected(end: int) -> None:
-    cell = Cell(Time())
-    cell_gauge = gauge(cell)
-    cell.alter = lambda i, line: str(end)
-    with pytest.raises(RigError, match=rf"saturated at {end} counts"):
-        cell_gauge.read(0.1)
-
-
 @pytest.mark.parametrize("value", ["99999999999", "-9000000", "197.7123"])
 def test_impossible_forces_mean_saturation(value: str) -> None:
     cell = Cell(Time())
@@ -226,19 +168,6 @@ def test_impossible_forces_mean_saturation(value: str) -> None:
     cell.alter = lambda i, line: f"{float(value) + random.integers(0, 9):.10g}"
     with pytest.raises(RigError, match="saturated, 5 samples in a row"):
         cell_gauge.read(0.1)
-
-
-def test_silence_and_loss_cause_specific_errors() -> None:
-    cell = Cell(Time())
-    cell_gauge = gauge(cell)
-    cell.alter = lambda i, line: None
-    with pytest.raises(NoAnswerError, match="sends no data"):
-        cell_gauge.read(0.1)
-    silent = Cell(Time())
-    silent.alter = lambda i, line: None
-    with pytest.raises(NoAnswerError):
-        gauge(silent)
-    assert silent.closed == 1
 
 
 def test_a_column_can_be_chosen() -> None:
@@ -275,66 +204,6 @@ def test_a_falling_cell_gives_positive_forces() -> None:
 def test_wrong_options_are_refused(options: dict[str, Any], calibrated: bool, message: str) -> None:
     with pytest.raises(InputError, match=message):
         LoadCellOptions.of(options, calibrated=calibrated)
-
-
-# --- over a real port ---
-
-
-@contextmanager
-def port(sample: Callable[[int], bytes], period_s: float) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Open a pseudo-terminal with a cell at the other end; yield its path and a function that unplugs it."""
-    import tty
-
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    ended = threading.Event()
-
-    def write() -> None:
-        os.set_blocking(master, False)
-        i = 0
-        while not ended.wait(period_s):
-            i += 1
-            try:
-                os.write(master, sample(i))
-            except OSError:
-                continue
-        os.close(master)
-
-    writer = threading.Thread(target=write, daemon=True)
-    writer.start()
-
-    def unplug() -> None:
-        if not ended.is_set():
-            ended.set()
-            writer.join()
-            os.close(slave)
-
-    try:
-        yield os.ttyname(slave), unplug
-    finally:
-        unplug()
-
-
-@pty_only
-def test_a_cell_on_a_port(tmp_path: Path) -> None:
-    path = tmp_path / "gauge.json"
-    write_calibration(path, calibration())
-    random = np.random.default_rng(2)
-
-    def sample(i: int) -> bytes:
-        line = b"%d\r\n" % round(ZERO + SLOPE * 2.0 + float(random.normal(0.0, 100.0)))
-        return line if i % 11 else line[:3] + b"\xff" + line[4:]
-
-    with port(sample, 0.001) as (name, unplug):
-        settings = GaugeSettings(driver="serial", port=name, calibration=str(path), timeout_s=1.0)
-        with open_gauge(settings, Clock(speed=50.0)) as cell_gauge:
-            force = cell_gauge.read(1.0)
-            assert force.mean_n == pytest.approx(2.0, abs=5e-3) and force.samples >= 3
-            assert cell_gauge.identity.startswith(f"load cell at {name}") and cell_gauge.simulated == ""
-            json.dumps(cell_gauge.calibration)
-            unplug()
-            with pytest.raises((DeviceLostError, NoAnswerError)):
-                cell_gauge.read(1.0)
 
 
 def first_good_force(gauge: Gauge, error: type[Exception]) -> float:

@@ -8,12 +8,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from helpers.rig_here import clock
-from helpers.scripted_marlin import FIRMWARE, ScriptedMarlin
+from helpers.scripted_marlin import ScriptedMarlin
 
-from tacbench_cad.lab.rig import marlin_link
 from tacbench_cad.lab.rig.errors import (
     AlarmError,
-    DeviceLostError,
     NoAnswerError,
     PositionLostError,
     RigError,
@@ -229,21 +227,6 @@ def test_a_line_whose_number_was_garbled_is_sent_again() -> None:
         assert len(moves) == len(set(moves)) == 3
 
 
-def test_an_abandoned_move_is_not_made_later() -> None:
-    script = ScriptedMarlin()
-    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
-        stage.home()
-        stage.move(THERE, 20.0)
-        obey = script.answer
-        peer.answer = lambda line: iter([script.refusal("checksum mismatch")]) if b"G1" in line else obey(line)
-        with pytest.raises(RigError, match="garbled"):
-            stage.move((10.0, 20.0, 1.0), 20.0)
-        peer.answer = obey
-        assert stage.position() == THERE
-        assert stage.move((10.0, 20.0, 30.0), 20.0) == (10.0, 20.0, 30.0)
-        assert not any(b"Z1.0" in command for command in script.accepted)
-
-
 def test_trait_17_a_stop_ends_the_move_and_nothing_is_sent_in_the_pause_after_it() -> None:
     script = ScriptedMarlin()
     stopped_at = 0.0
@@ -316,19 +299,6 @@ def test_trait_19_busy_restarts_the_timeout() -> None:
         assert stage.position() == (0.0, 0.0, 100.0)
 
 
-def test_trait_19_endless_busy_causes_a_timeout() -> None:
-    script = ScriptedMarlin()
-    for busy, pause_s, times in ((b"processing", 0.04, 30), (b"paused for user", 0.04, 10)):
-        script.on[b"G28"] = lambda line, busy=busy, more=(pause_s, times): (
-            [more[0], b"echo:busy: %s\n" % busy] * more[1]
-        )
-        with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=0.2, home_timeout_s=0.1) as stage:
-            begin = clock().monotonic()
-            with pytest.raises(NoAnswerError, match=r"G28.*the carriage may still move"):
-                stage.home()
-            assert 0.1 < clock().monotonic() - begin < 1.3
-
-
 def test_trait_19_both_baud_rates_are_attempted(monkeypatch: pytest.MonkeyPatch) -> None:
     script = ScriptedMarlin()
     baud_rates: list[int] = []
@@ -361,23 +331,6 @@ def test_opening_a_port_that_resets_waits_for_the_end_of_the_boot() -> None:
             assert stage.move(THERE, 20.0) == THERE
 
 
-def test_a_banner_whose_lines_come_late_is_one_reset(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(marlin_link, "AFTER_STOP_S", 0.2)
-    script = ScriptedMarlin()
-
-    def slowly(banner: bytes) -> list[bytes | float]:
-        return [part for line in banner.splitlines(keepends=True) for part in (line, 0.05)]
-
-    with opened(script) as stage:
-        script.on[b"M400"] = lambda line: slowly(script.reset())
-        with pytest.raises(PositionLostError, match="was reset"):
-            stage.move(THERE, 20.0)
-        script.on.clear()
-        stage.stop()
-        stage.home()
-        assert stage.move(THERE, 20.0) == THERE
-
-
 def test_a_late_ok_does_not_count_for_the_next_command() -> None:
     script = ScriptedMarlin()
     with opened(script, home=False) as stage:
@@ -403,14 +356,6 @@ def test_a_closed_switch_far_below_the_top_prevents_homing() -> None:
             stage.position()
 
 
-def test_a_disturbed_name_of_the_firmware_is_asked_for_again() -> None:
-    script = ScriptedMarlin()
-    names = iter([b"FIRMWARE_NAME:Nerlin 2.1.2.7 (x)\nok\n"])
-    script.on[b"M115"] = lambda line: [next(names, FIRMWARE + b"ok\n")]
-    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
-        assert stage.identity.startswith("marlin: Marlin 2.1.2.7")
-
-
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
@@ -425,14 +370,3 @@ def test_another_firmware_and_a_disturbed_line_are_distinguished(answer: bytes, 
     script.on[b"M115"] = lambda line: [answer]
     with script.peer() as peer, pytest.raises(RigError, match=message):
         MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S)
-
-
-def test_unplugging_in_motion_is_detected() -> None:
-    script = ScriptedMarlin()
-    with script.peer() as peer, MarlinStage(peer.port, baud=115200, timeout_s=TIMEOUT_S) as stage:
-        stage.home()
-        script.on[b"M400"] = lambda line: []
-        clock().after(0.1, peer.unplug)
-        with pytest.raises(DeviceLostError, match="gone"):
-            stage.move(THERE, 20.0)
-        stage.stop()

@@ -97,13 +97,6 @@ def test_known_masses_give_a_calibration(scale: Scale, tmp_path: Path, monkeypat
     assert (scale.port, scale.baud, scale.left) == ("P", 57600, 1)  # type: ignore[attr-defined]
 
 
-def test_a_wrong_mass_causes_a_warning(scale: Scale, tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
-    scale.masses = [0.0, 50.0, 120.0, 150.0, 200.0]
-    typed(monkeypatch, *[""] * 5)
-    run("calibrate-force", "--port", "P", "--masses", "0,50,100,150,200", "-o", str(tmp_path / "gauge.json"))
-    assert "warning: the point at 100 g is" in capsys.readouterr().err
-
-
 def test_masses_in_the_wrong_order_are_not_stored(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
     scale.masses = [200.0, 100.0, 50.0, 0.0]
     typed(monkeypatch, *[""] * 4)
@@ -123,15 +116,6 @@ def test_an_input_that_ends_early_stores_nothing(scale: Scale, tmp_path: Path, m
     with pytest.raises(InputError, match="ended before you answered"):
         run("calibrate-force", "--port", "P", "--masses", "0,50,100", "-o", str(tmp_path / "gauge.json"))
     assert list(tmp_path.iterdir()) == [] and scale.left == 1
-
-
-def test_the_chosen_column_is_passed_to_the_cell(scale: Scale, tmp_path: Path, monkeypatch: Patch) -> None:
-    sent = scale.read_line
-    monkeypatch.setattr(scale, "read_line", lambda timeout_s: f"7,{sent(timeout_s)},9")
-    typed(monkeypatch, *[""] * 4)
-    path = tmp_path / "gauge.json"
-    run("calibrate-force", "--port", "P", "--masses", "0,50,100,200", "-o", str(path), "--column", "2/3")
-    assert read_calibration(path).zero_counts == pytest.approx(84_000.0, abs=100.0)
 
 
 @pytest.mark.parametrize(
@@ -236,14 +220,6 @@ def test_probe_lists_the_settings_of_a_firmware_and_what_to_change(
         "change": "$1=255",
         "reason": "the sensor must not press without power",
     }
-
-
-def test_probe_without_devices(monkeypatch: Patch, capsys: Capture) -> None:
-    monkeypatch.setattr(ports, "candidates", list)
-    monkeypatch.setattr(probing, "cameras", lambda folders: ())
-    run("probe")
-    out = capsys.readouterr().out
-    assert "No serial device" in out and "No camera" in out
 
 
 # --- align ---

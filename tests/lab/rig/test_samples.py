@@ -7,11 +7,9 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tacbench_cad.lab.rig.errors import DeviceLostError, NoAnswerError, RigError
@@ -45,17 +43,6 @@ def stream(*lines: str, columns: int = 1) -> SampleStream:
     return SampleStream(lines=Script(*lines), name="cell", columns=columns, timeout_s=0.01)
 
 
-@contextmanager
-def terminal() -> Iterator[str]:
-    """Open a silent pseudo-terminal and yield its path."""
-    master, slave = os.openpty()
-    try:
-        yield os.ttyname(slave)
-    finally:
-        os.close(slave)
-        os.close(master)
-
-
 @pytest.mark.parametrize(
     ("line", "numbers"),
     [
@@ -72,34 +59,7 @@ def test_samples_are_read(line: str, numbers: tuple[float, ...]) -> None:
     assert parse_numbers(line) == numbers
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "",
-        " ",
-        ",",
-        "1,,2",
-        ",1",
-        "1,2,,",
-        "abc",
-        "nan",
-        "inf",
-        "-inf",
-        "1e999",
-        "0x10",
-        "1_000",
-        "--1",
-        "1-",
-        "12N",
-        "\ufffd12",
-        "1\x002",
-        "١٢",
-        "1.2.3",
-        "ready",
-        "1\x0b2",
-        "9" * 21,
-    ],
-)
+@pytest.mark.parametrize("line", ["", "1,,2", ",1", "abc", "nan", "1e999", "0x10", "1_000", "12N", "1\x002", "9" * 21])
 def test_other_texts_are_not_samples(line: str) -> None:
     assert parse_numbers(line) is None
 
@@ -108,34 +68,6 @@ def test_other_texts_are_not_samples(line: str) -> None:
 def test_any_text_is_a_sample_or_none(line: str) -> None:
     numbers = parse_numbers(line)
     assert numbers is None or (len(numbers) >= 1 and all(math.isfinite(number) for number in numbers))
-
-
-@given(
-    st.lists(st.floats(-1e15, 1e15), min_size=1, max_size=20),
-    st.sampled_from([",", ", ", ";", "\t", " ", " ;\t"]),
-    st.sampled_from(["", "\r", ",", " "]),
-)
-def test_printed_samples_round_trip(values: list[float], between: str, end: str) -> None:
-    line = between.join(f"{value:.17g}" for value in values) + end
-    assert parse_numbers(line) == tuple(values)
-
-
-@pty_only
-@settings(max_examples=25, deadline=None)
-@given(data=st.binary(max_size=300), columns=st.integers(1, 3))
-def test_arbitrary_bytes_give_samples_or_specific_errors(data: bytes, columns: int) -> None:
-    with terminal() as path, Line(path, baud=115200, what="gauge") as line:
-        samples = SampleStream(lines=line, name="cell", columns=columns, timeout_s=0.01)
-        # The bytes go directly into the line's buffer; a pseudo-terminal would add nothing to the test.
-        line._buffer += data + b"\n"
-        try:
-            for _ in range(300):
-                sample = samples.next()
-                assert len(sample) == columns and all(math.isfinite(number) for number in sample)
-        except (RigError, NoAnswerError):
-            pass
-        else:
-            pytest.fail("300 samples out of 300 bytes")
 
 
 @given(st.lists(st.text(max_size=8), min_size=1, max_size=60))
@@ -163,12 +95,6 @@ def test_too_many_garbled_lines_cause_an_error() -> None:
     with pytest.raises(RigError, match=r"cell: 10 of the last 20 lines are garbled, for example '\?#'"):
         for _ in range(40):
             samples.next()
-
-
-def test_a_line_with_too_many_numbers_is_garbled() -> None:
-    with pytest.raises(RigError, match=r"no valid line in time; the last line was '1,2'"):
-        stream("1,2").next()
-    assert stream("1,2", columns=2).next() == (1.0, 2.0)
 
 
 def test_silence_causes_a_specific_error() -> None:

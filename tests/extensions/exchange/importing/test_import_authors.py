@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab import ImportOptions, Run, check_run, find_runs, import_samples
+from tacbench_cad.lab import ImportOptions, Run, check_run, import_samples
 from tacbench_cad.lab.runs.importing.grouping import Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import sources_of
 from tacbench_cad.lab.runs.importing.sources import LeftOutFile, Source
@@ -59,14 +59,6 @@ def test_all_published_names_are_recognised(arrays: Path) -> None:
     prints = {(name.partition("_P")[0] + name.rpartition("_")[2]).lower() for name in NAMES}
     assert len({print_.name for print_ in printed}) == len(groups) == len(prints)
     assert {group.levels for group in groups} == {(1,), (1, 2), (1, 2, 3)}
-
-
-@pytest.mark.long
-def test_all_published_names_are_imported_together(arrays: Path, capsys: Capture) -> None:
-    assert main(["import-frames", str(arrays), "-o", str(arrays.parent / "out")]) == 1
-    assert "5,250 samples in 148 runs" in capsys.readouterr().out
-    runs = find_runs([arrays.parent / "out"])
-    assert len(runs) == 148 and sum(len(Run.open(folder).rows) for folder in runs) == 210 * 25
 
 
 @pytest.mark.parametrize("first_axis", ["y", "x"])
@@ -126,12 +118,6 @@ def test_missing_information_stays_unknown(tmp_path: Path) -> None:
     assert info.source["geometry"].startswith("the files that the authors published")
 
 
-def test_other_textures_have_a_label_and_no_formula(tmp_path: Path) -> None:
-    paths = [save(tmp_path, name, images(i)) for i, name in enumerate(("PLA_flat_P30_a.npy", "PLA_z18_P30_a.npy"))]
-    runs = [Run.open(run.folder).info.printed for run in import_samples(paths, tmp_path / "out").runs]
-    assert [(printed.texture, printed.block) for printed in runs] == [("flat", None), ("texture-19", None)]
-
-
 def test_the_levels_of_a_print_become_one_run(tmp_path: Path) -> None:
     arrays = {name: images(seed) for seed, name in enumerate(("P30", "P40", "P50"))}
     paths = [save(tmp_path, f"Plaplus_z5_{name}_creality.npy", array) for name, array in arrays.items()]
@@ -165,14 +151,6 @@ def test_an_array_cannot_become_two_prints(tmp_path: Path) -> None:
         assert len(report.left_out) == 1 and "was already imported as" in report.left_out[0].reason
         assert report.left_out[0].count == 50
     assert len(list((tmp_path / "out").iterdir())) == 1
-
-
-def test_a_different_file_of_the_same_name_is_left_out(tmp_path: Path) -> None:
-    path = save(tmp_path, "PLAminus_z0_P30_Ender.npy", images(1))
-    assert import_samples([path], tmp_path / "out").ok
-    save(tmp_path, path.name, images(2))
-    report = import_samples([path], tmp_path / "out")
-    assert "was started with other settings: source.files" in report.left_out[0].reason
 
 
 @pytest.mark.parametrize(
@@ -231,10 +209,3 @@ def test_invalid_options_are_refused(options: str, message: str, tmp_path: Path,
     assert main([*words, "--out", str(tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_force_levels_are_named_as_in_the_file_names(tmp_path: Path) -> None:
-    path = save(tmp_path, "PLAminus_z0_p20_Bambu.npy", images(1))
-    options = ImportOptions(kind="authors", of_format={"P20": "2"})
-    run = Run.open(import_samples([path], tmp_path / "out", options).runs[0].folder)
-    assert (run.rows[0].force_level, run.rows[0].target_force_n) == (2, 1.91295)
