@@ -23,10 +23,10 @@ from typing import Any
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.rig.devices import OpenRig, open_rig
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import PrintedBlock, RigSettings, WorkFrame
 
 LIMIT_MS = 20.0

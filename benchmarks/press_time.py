@@ -25,10 +25,10 @@ from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.rig.devices import OpenRig, open_rig
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.rig.stage import Closing
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import Point, PrintedBlock, RigSettings, WorkFrame
 from tacbench_cad.spec.protocol import PressGrid
 

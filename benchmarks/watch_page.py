@@ -33,9 +33,9 @@ from tacbench_cad.lab.acquire.events import ProgressFile
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import PressProgress, Several
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.rig.devices import OpenRig, open_rig
 from tacbench_cad.lab.rig.gauge import Force
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock, RigSettings, WorkFrame
 

@@ -16,13 +16,13 @@ from tacbench_cad.cli.options import Value
 from tacbench_cad.extensions.design.document import start
 from tacbench_cad.extensions.scan.reading import read_scan
 from tacbench_cad.extensions.slicing.printers import printer_named, printers
+from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
 from tacbench_cad.lab.analysis.classification.sweep import Sweep
 from tacbench_cad.lab.analysis.feature import feature_of
 from tacbench_cad.lab.rig.registry import find_driver
 from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.study import study_of
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.making.request import Request, plan
 from tacbench_cad.spec import families
 from tacbench_cad.spec.block import Block

@@ -78,6 +78,21 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     ).prepare()  # raises a CycleError that names the circle
 
 
+def test_the_rooms_of_a_rig_its_study_and_its_runs_use_each_other_one_way() -> None:
+    rooms = ("study", "rig", "runs")
+    used = {
+        room: {
+            other
+            for name in MODULES
+            if name.startswith(f"tacbench_cad.lab.{room}.")
+            for other in rooms
+            if other != room and any(each.startswith(f"tacbench_cad.lab.{other}") for each in arrows(name))
+        }
+        for room in rooms
+    }
+    assert used == {"study": set(), "rig": {"study"}, "runs": {"study", "rig"}}
+
+
 @cache
 def exported(room: str) -> set[str]:
     """Return the names that a room exports: the names of its stub, or of its ``__init__`` if it has no stub."""

@@ -20,7 +20,7 @@ from tacbench_cad.util.text import counted
 if TYPE_CHECKING:
     from tacbench_cad.lab.acquire.person import Person
     from tacbench_cad.lab.acquire.safety import RunInterruptedError
-    from tacbench_cad.lab.study.file import StudyFile
+    from tacbench_cad.lab.acquire.study_file import StudyFile
 
 #: How many times faster than real time the rig of ``--virtual`` runs.
 _VIRTUAL_SPEED, _SPEEDS = 50.0, (0.1, 1000.0)
@@ -108,7 +108,7 @@ def command(
         note(f'wrote {init}; fill in the empty keys ("tacbench rig probe" lists ports and cameras)')
         print_next("rig", "align", init, err=True)
         return
-    from tacbench_cad.lab.study.file import read_study, virtual_study
+    from tacbench_cad.lab.acquire.study_file import read_study, virtual_study
 
     if virtual:
         stage, speed = driver or "simulated", _VIRTUAL_SPEED if speed is None else speed

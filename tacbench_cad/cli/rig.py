@@ -68,9 +68,9 @@ def probe(ask: tuple[str, ...], study: Path | None, json: bool) -> None:
       tacbench rig probe --ask /dev/ttyUSB0 --study my-rig.toml
       tacbench rig probe --json
     """
+    from tacbench_cad.lab.acquire.study_file import read_study
     from tacbench_cad.lab.rig.ports import candidates
     from tacbench_cad.lab.rig.probing import identify, plugged_cameras
-    from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.util.convert import to_plain
 
     stage = None if study is None else read_study(study, teaching=True).required_rig.stage
@@ -272,10 +272,10 @@ def align(study_file: Path, tolerance_mm: float | None) -> None:
     from tacbench_cad.lab.acquire.safety import RunInterruptedError
     from tacbench_cad.lab.acquire.session import require_reach
     from tacbench_cad.lab.acquire.signals import Signals
+    from tacbench_cad.lab.acquire.study_file import read_study
     from tacbench_cad.lab.rig.aligning import TOLERANCE_MM, Teaching, corner_markers, store_frame
     from tacbench_cad.lab.rig.devices import open_rig
     from tacbench_cad.lab.rig.errors import OutOfRangeError, RigError
-    from tacbench_cad.lab.study.file import read_study
     from tacbench_cad.lab.study.presses import block_order
     from tacbench_cad.lab.study.spec import SensorSettings
 

@@ -12,13 +12,13 @@ from tacbench_cad.cli.common import ask_line, note, print_lines, print_next
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import ProgressLines
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.study_file import read_study
 from tacbench_cad.lab.rig.camera_devices import STABLE_FOLDERS, cameras
 from tacbench_cad.lab.rig.ports import candidates
 from tacbench_cad.lab.rig.probing import identify
 from tacbench_cad.lab.rig.registry import find_driver
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.editing import store_keys, write_template
-from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.names import own_name
 from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.spec.protocol import PressGrid

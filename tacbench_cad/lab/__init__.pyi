@@ -8,6 +8,10 @@ from .acquire.pressing import press as press
 from .acquire.progress import Silent as Silent
 from .acquire.safety import RunInterruptedError as RunInterruptedError
 from .acquire.session import acquire_study as acquire_study
+from .acquire.study_file import StudyFile as StudyFile
+from .acquire.study_file import read_alignment as read_alignment
+from .acquire.study_file import read_study as read_study
+from .acquire.study_file import virtual_study as virtual_study
 from .analysis.classification.classify import classify as classify
 from .analysis.classification.score import score as score
 from .analysis.classification.settings import ClassificationSettings as ClassificationSettings
@@ -90,10 +94,6 @@ from .simulate.study import quick_study as quick_study
 from .simulate.study import simulate_study as simulate_study
 from .simulate.tactip import TacTip as TacTip
 from .study.editing import write_template as write_template
-from .study.file import StudyFile as StudyFile
-from .study.file import read_alignment as read_alignment
-from .study.file import read_study as read_study
-from .study.file import virtual_study as virtual_study
 from .study.plate import read_layout as read_layout
 from .study.presses import Press as Press
 from .study.presses import plan_presses as plan_presses

@@ -18,8 +18,8 @@ from helpers.rigs import printed
 
 from tacbench_cad.extensions.virtual_rig import VirtualRig, launch
 from tacbench_cad.extensions.virtual_rig.loadcell import BlockUnderDome
+from tacbench_cad.lab.acquire.study_file import read_study
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import read_study
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="the virtual rig's pseudo-terminals do not exist on Windows"

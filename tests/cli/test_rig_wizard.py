@@ -14,12 +14,12 @@ import pytest
 from tacbench_cad.cli import main, rig_wizard
 from tacbench_cad.cli.rig_wizard import first_press
 from tacbench_cad.extensions.virtual_rig.loadcell import FlatSpring
+from tacbench_cad.lab.acquire.study_file import read_study, virtual_study
 from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.loadcell import LoadCellOptions, open_load_cell
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.editing import store_keys
-from tacbench_cad.lab.study.file import read_study, virtual_study
 from tacbench_cad.util.errors import InputError
 
 pytest.importorskip("serial")

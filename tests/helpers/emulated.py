@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from tacbench_cad.lab.study.file import StudyFile, virtual_study
+from tacbench_cad.lab.acquire.study_file import StudyFile, virtual_study
 from tacbench_cad.lab.study.spec import GaugeSettings
 
 

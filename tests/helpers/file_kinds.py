@@ -21,6 +21,7 @@ from tacbench_cad.extensions.slicing.comparison import slice_check
 from tacbench_cad.extensions.slicing.printers import printers
 from tacbench_cad.formats import FORMATS
 from tacbench_cad.geometry.block_part import block_part
+from tacbench_cad.lab.acquire.study_file import read_study
 from tacbench_cad.lab.analysis.classification.score import score
 from tacbench_cad.lab.analysis.classification.split_files import make_splits, read_split, write_split
 from tacbench_cad.lab.analysis.collection import Collection
@@ -28,7 +29,6 @@ from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, read_calibra
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.printrecord import form, read_record
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import read_study
 from tacbench_cad.lab.study.plate import read_layout
 from tacbench_cad.making.choice import described
 from tacbench_cad.making.manifest import read_rows, unchanged, write_manifest

@@ -12,10 +12,10 @@ from tacbench_cad.lab.acquire.estimate import estimate
 from tacbench_cad.lab.acquire.person import Person
 from tacbench_cad.lab.acquire.progress import PressProgress, ProgressLines
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.study_file import read_alignment
 from tacbench_cad.lab.rig.stage import Limits
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study import names
-from tacbench_cad.lab.study.file import read_alignment
 from tacbench_cad.lab.study.spec import (
     NO_GAUGE,
     GaugeSettings,

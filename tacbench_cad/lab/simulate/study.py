@@ -21,6 +21,7 @@ from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
 from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import is_complete
 from tacbench_cad.lab.acquire.signals import Signals
+from tacbench_cad.lab.acquire.study_file import StudyFile, read_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import OpenRig
 from tacbench_cad.lab.rig.stage import LimitedStage, Limits
@@ -34,7 +35,6 @@ from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
 from tacbench_cad.lab.simulate.simulated_devices import SimulatedGauge, SimulatedSensor
 from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.study import names
-from tacbench_cad.lab.study.file import StudyFile, read_study
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import (
     NO_GAUGE,
@@ -208,7 +208,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Bloc
     folder, plan = out / info.printed.name, info.plan
     _record_print(folder, info, options)
     if is_complete(folder, info):
-        return BlockResult(folder=folder, presses=0, missed=0, seconds={})
+        return BlockResult(folder=folder, presses=0, missed=0)
     rig = ideal_rig(plan.printed, plan.protocol.targets.contact, options)
     lay_block(rig, info, options)
     pace = _Pace(rig.clock, rig.sensor, options.seed)

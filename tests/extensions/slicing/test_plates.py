@@ -19,7 +19,7 @@ from tacbench_cad.extensions.slicing.plates import Plate, arrange_plates
 from tacbench_cad.extensions.slicing.printers import Printer, printers
 from tacbench_cad.formats import threemf
 from tacbench_cad.lab.acquire.session import places
-from tacbench_cad.lab.study.file import read_study
+from tacbench_cad.lab.acquire.study_file import read_study
 from tacbench_cad.lab.study.names import PRINTERS
 from tacbench_cad.lab.study.plate import read_layout
 from tacbench_cad.spec.block import Block

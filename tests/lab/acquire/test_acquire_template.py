@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tacbench_cad.lab.acquire.study_file import StudyFile, read_study
 from tacbench_cad.lab.study.editing import TEMPLATE_FILE, write_template
-from tacbench_cad.lab.study.file import StudyFile, read_study
 from tacbench_cad.lab.study.motion import MotionSettings, motion_of
 from tacbench_cad.lab.study.spec import (
     GaugeSettings,

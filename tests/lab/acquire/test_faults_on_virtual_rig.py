@@ -18,10 +18,10 @@ from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.acquire.person import Typing
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.acquire.session import acquire_study
+from tacbench_cad.lab.acquire.study_file import StudyFile
 from tacbench_cad.lab.rig.errors import ContactError, PositionLostError, RigError
 from tacbench_cad.lab.rig.gauge import Force
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.file import StudyFile
 from tacbench_cad.lab.study.spec import Study
 from tacbench_cad.spec.protocol import PressGrid
 

@@ -7,13 +7,13 @@ import threading
 import numpy as np
 import pytest
 
+from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.rig.clock import Clock
 from tacbench_cad.lab.rig.devices import open_gauge, open_rig
 from tacbench_cad.lab.rig.errors import DeviceLostError, OutOfRangeError, PositionLostError, RigError
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.simulated_stage import SimulatedStage
 from tacbench_cad.lab.simulate.tactip import TacTip
-from tacbench_cad.lab.study.file import virtual_study
 from tacbench_cad.lab.study.spec import (
     GaugeSettings,
     HolderRim,

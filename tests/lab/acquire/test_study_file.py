@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.printers import write_corrected
 
-from tacbench_cad.lab.study.file import StudyFile, read_study, virtual_study
+from tacbench_cad.lab.acquire.study_file import StudyFile, read_study, virtual_study
 from tacbench_cad.lab.study.motion import motion_of
 from tacbench_cad.lab.study.presses import block_order, plan_presses
 from tacbench_cad.lab.study.spec import HolderRim, PlannedBlock, Protocol, Study, WorkFrame
