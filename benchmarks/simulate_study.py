@@ -63,7 +63,7 @@ def main() -> int:
     print(
         f"{options.study}: {needed.blocks} blocks, {needed.presses:,} presses, {images:,} images, {size / 1e9:.2f} GB"
     )
-    minutes = needed.missing * needed.seconds_each / needed.jobs / 60
+    minutes = needed.seconds / 60
     print(f"estimated {needed.gb:.2f} GB and {minutes:.1f} minutes; took {seconds / 60:.2f} minutes", end=" ")
     print(f"in {options.jobs} processes, {1e3 * seconds * options.jobs / images:.1f} ms of processing for each image")
     early = max(rss for count, rss in memory if count <= images / 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -158,7 +159,8 @@ def _plan(study: Study, infos: Sequence[RunInfo], needed: SimulationEstimate, ho
     there = f"{needed.there:,} images exist; " if needed.there else ""
     lines.append(
         f"{there}{needed.missing:,} images to make ({kind}), {needed.bytes_each / 1e3:.0f} kB each: "
-        f"{needed.gb:.2f} GB, in {counted(needed.jobs, 'process')}"
+        f"{needed.gb:.2f} GB, about {counted(math.ceil(needed.seconds / 60.0), 'minute')} in "
+        f"{counted(needed.jobs, 'process')}"
     )
     return lines
 

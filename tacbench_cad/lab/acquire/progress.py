@@ -7,6 +7,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -173,7 +174,8 @@ class ProgressLines(PressProgress):
             self._first = (now, done)
             return ""
         began, before = self._first
-        return f"  {_duration((now - began) / (done - before) * (self._total - done))} left"
+        left_s = (now - began) / (done - before) * (self._total - done)
+        return f"  {timedelta(seconds=round(left_s))} left"
 
     def _line(self, text: str) -> None:
         if self._over:
@@ -194,9 +196,3 @@ class ProgressLines(PressProgress):
                 temporary = self.last.with_name(f"{TEMPORARY_PREFIX}{self.last.name}")
                 shutil.copyfile(image, temporary)
                 temporary.replace(self.last)
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,10 +24,6 @@ _SCHEMA = 1
 _KIND = "tacbench force calibration"
 #: A fit with a larger residual than this fraction of the whole span causes a warning.
 _POOR_FRACTION = 0.01
-#: A point is an outlier if its distance from the line through the others is this multiple of their own distances ...
-_OUTLIER_TIMES = 5.0
-#: ... and more than this fraction of the span.
-_OUTLIER_FRACTION = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,16 +88,12 @@ class Calibration:
     def warnings(self) -> tuple[str, ...]:
         """The problems of the fit, one sentence each."""
         warnings = []
-        if outlier := _outlier(self.points):
-            mass_g, distance_n = outlier
+        if self.residual_n > _POOR_FRACTION * self.span_n:
+            mass_g, distance_n = _farthest(self.points)
             warnings.append(
                 f"the point at {mass_g:g} g is {distance_n:.3g} N ({distance_n / STANDARD_GRAVITY * 1e3:.3g} g) away "
-                "from the line through the other points; check that this was the mass and that it did not move"
-            )
-        elif self.residual_n > _POOR_FRACTION * self.span_n:
-            warnings.append(
-                f"the points are {self.residual_n:.3g} N (rms) away from the line, more than {_POOR_FRACTION:.0%} of "
-                "the span; check for friction, a mass off the centre, or a wrong mass"
+                f"from the line through the other points, and all points are {self.residual_n:.3g} N (rms) away from "
+                "theirs; check for a wrong mass, a mass that moved or is off the centre, and friction"
             )
         if all(point.mass_g > 0.0 for point in self.points):
             warnings.append("there is no point without load, so forces near zero are extrapolated")
@@ -195,31 +186,16 @@ def _line(force: Any, counts: Any) -> tuple[float, float]:
     return float(slope), float(zero)
 
 
-def _outlier(points: Sequence[CalibrationPoint]) -> tuple[float, float] | None:
-    """Return the mass in g of the worst outlier and its distance in N from the line through the other points.
+def _farthest(points: Sequence[CalibrationPoint]) -> tuple[float, float]:
+    """Return the mass in g of the worst point and its distance in N from the line through the other points.
 
-    Each point is left out in turn. Only the worst point is returned, since an outlier bends every line it is part of.
+    A point near an end bends the line towards itself. Its distance from the line through all points is therefore
+    divided by the square root of 1 minus its leverage (the studentized residual).
     """
-    if len(points) <= MIN_MASSES:
-        return None
-    force = np.array([weight_n(point.mass_g) for point in points])
-    counts = np.array([point.counts for point in points])
-    span = float(np.ptp(force))
-    worst: tuple[float, float, float] | None = None
-    for i, point in enumerate(points):
-        others = np.delete(np.arange(len(points)), i)
-        if len(set(force[others])) < 2:
-            continue
-        slope, zero = _line(force[others], counts[others])
-        if slope == 0.0:
-            continue
-        residual = float(
-            np.sqrt(np.sum((counts[others] - zero - slope * force[others]) ** 2) / (len(others) - 2))
-        ) / abs(slope)
-        distance = abs(point.counts - zero - slope * float(force[i])) / abs(slope)
-        # The other points may lie on their line by chance. Their distance is at least the noise of the samples.
-        noise = max(residual, point.spread_counts / abs(slope) / math.sqrt(point.samples))
-        far = distance > _OUTLIER_TIMES * noise and distance > _OUTLIER_FRACTION * span
-        if far and (worst is None or distance / max(noise, 1e-12) > worst[0]):
-            worst = (distance / max(noise, 1e-12), point.mass_g, distance)
-    return worst and worst[1:]
+    force, counts = np.array([(weight_n(point.mass_g), point.counts) for point in points]).T
+    slope, zero = _line(force, counts)
+    square = (force - force.mean()) ** 2
+    leverage = 1.0 / len(points) + square / square.sum()
+    worst = int((np.abs(counts - zero - slope * force) / np.sqrt(1.0 - leverage)).argmax())
+    slope, zero = _line(np.delete(force, worst), np.delete(counts, worst))
+    return points[worst].mass_g, abs(float(counts[worst] - zero - slope * force[worst]) / slope)

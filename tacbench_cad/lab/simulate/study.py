@@ -326,6 +326,11 @@ class SimulationEstimate:
         """The size of the missing images, in GB (10^9 bytes)."""
         return self.missing * self.bytes_each / 1e9
 
+    @property
+    def seconds(self) -> float:
+        """The time for the missing images, in s."""
+        return self.missing * self.seconds_each / self.jobs
+
 
 def run_infos(study: Study, options: SimulationOptions) -> list[RunInfo]:
     """Return the contents of ``run.json`` for each block of a simulated study, in the study's order."""
