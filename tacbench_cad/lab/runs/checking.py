@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from tacbench_cad.lab.runs.run_tables import cut_torn_line, read_table
 from tacbench_cad.lab.runs.schema import Reference, Row, Stationary
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.runs.typical_frame import TypicalFrame
-from tacbench_cad.util.convert import to_plain
+from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_line
 from tacbench_cad.util.files import locked
 from tacbench_cad.util.text import counted
@@ -404,13 +404,10 @@ def limits_of(info: RunInfo) -> FrameLimits:
     Raises:
         InputError: A limit in ``run.json`` is not allowed.
     """
-    try:
-        limits = info.sensor.get("settings", {}).get("limits", {})
-        return FrameLimits(**{name: float(limits[name]) for name in ("dark_counts", "blur_px") if name in limits})
-    except InputError:
-        raise
-    except (AttributeError, TypeError, ValueError):
-        raise InputError("run.json sensor.settings.limits", None, "dark_counts and blur_px must be numbers") from None
+    limits = info.sensor.get("settings", {}).get("limits", {})
+    names = [each.name for each in fields(FrameLimits)]
+    known = {name: limits[name] for name in names if name in limits} if isinstance(limits, Mapping) else limits
+    return from_plain(FrameLimits, known, "run.json sensor.settings.limits ")
 
 
 def ranges(numbers: Sequence[int], max_parts: int = 8) -> str:

@@ -52,12 +52,9 @@ def own_name(field: str, word: str) -> str:
     Raises:
         InputError: The word has characters other than a-z, 0-9 and inner hyphens.
     """
-    name = _of_spelling(field, word) or word.strip().lower()
+    lowered = word.strip().lower()
+    known = (name for name, words in _TABLES[field].items() if lowered == name or lowered in words)
+    name = next(known, lowered)
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?", name):
         raise InputError(field, word, "must have 1 to 32 characters; use a-z, 0-9 and inner hyphens")
     return name
-
-
-def _of_spelling(field: str, word: str) -> str | None:
-    lowered = word.strip().lower()
-    return next((name for name, words in _TABLES[field].items() if lowered == name or lowered in words), None)

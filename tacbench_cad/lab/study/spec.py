@@ -64,33 +64,11 @@ NO_GAUGE = "none"
 UNKNOWN = "unknown"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Pressed(Checked):
-    """A pressed object: a :class:`PrintedBlock`, or a :class:`Specimen`, some values of which may be unknown."""
+class _Combined(Checked):
+    """A pressed object that has a printer and a filament, which may be unknown."""
 
-    block: Block | None
     printer: str | None
     filament: str | None
-    copy: int | str | None
-
-    @property
-    def texture(self) -> str | None:
-        """The name of the texture, which classifiers learn as the label: ``texture-4``."""
-        raise NotImplementedError
-
-    @property
-    def object_label(self) -> int | str | None:
-        """The label for TacTip toolchains: 1 to 6, or the name of another texture."""
-        raise NotImplementedError
-
-    @property
-    def name(self) -> str:
-        """The name of the run folder."""
-        raise NotImplementedError
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for ``run.json``, from which :mod:`tacbench_cad.lab.runs` can make the object again."""
-        raise NotImplementedError
 
     @property
     def combination(self) -> str:
@@ -99,7 +77,7 @@ class Pressed(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrintedBlock(Pressed):
+class PrintedBlock(_Combined):
     """A printed block.
 
     Args:
@@ -147,7 +125,7 @@ class PrintedBlock(Pressed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Specimen(Pressed):
+class Specimen(_Combined):
     """A pressed object of an imported run. Unknown values are None.
 
     Args:
@@ -195,6 +173,10 @@ class Specimen(Pressed):
             **({"distinct": True} if self.distinct else {}),
             "geometry": None if self.block is None else block_values(self.block),
         }
+
+
+#: A pressed object, some values of which may be unknown.
+Pressed = PrintedBlock | Specimen
 
 
 @dataclass(frozen=True, kw_only=True)

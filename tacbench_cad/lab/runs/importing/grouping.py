@@ -116,7 +116,7 @@ def grouped(sources: Sequence[Source], names: Names) -> tuple[list[Group], list[
             else:
                 pairs.append((source, sample))
     samples = [sample for _, sample in pairs]
-    label = _labels(samples, names.labels)
+    label = _names("label", samples, names.labels)
     printer, filament = _names("printer", samples, names.printers), _names("filament", samples, names.filaments)
     positions, repeats = (numbered(_words(samples, name)) for name in ("position", "repeat"))
     forces = force_levels(_words(samples, "force"), len(samples))
@@ -250,40 +250,29 @@ def _row(
     }
 
 
-def _labels(samples: Sequence[Sample], mapping: Mapping[str, Word]) -> Callable[[str | None], str | None]:
-    """Return the function that converts labels.
-
-    Raises:
-        InputError: Two labels differ only in case.
-    """
-    chosen = {word.casefold(): str(name) for word, name in mapping.items()}
-    seen: dict[str, tuple[str, str]] = {}
-    for sample in samples:
-        word = sample.fields.get("label")
-        if word is not None and word.casefold() not in chosen:
-            first, where = seen.setdefault(word.casefold(), (word, sample.where))
-            if first != word:
-                what = f"differs only in case from {first!r} in {where}; write both alike, or map both with --names"
-                raise InputError(f"{sample.where}: label", word, what)
-    return lambda word: None if word is None else chosen.get(word.casefold(), word)
-
-
 def _names(what: str, samples: Sequence[Sample], mapping: Mapping[str, Word]) -> Callable[[str | None], str | None]:
-    """Return the function that converts names of printers or filaments. Case does not matter.
+    """Return the function that converts labels, or names of printers or filaments, whose case does not matter.
 
     Raises:
-        InputError: Two different names would become the same name.
+        InputError: Two labels differ only in case, or two different names would become the same name.
     """
-    words = _words(samples, what)
     chosen = {word.casefold(): str(name) for word, name in mapping.items()}
     result: dict[str, str] = {}
-    spelled: dict[str, str] = {}
-    for word in words:
-        name = re.sub(r"[^\w.+-]+|_", "-", chosen.get(word.casefold(), word).casefold()).strip("-.")
+    spelled: dict[str, tuple[str, str]] = {}
+    for word, where in ((sample.fields[what], sample.where) for sample in samples if what in sample.fields):
+        if word in result:
+            continue
+        name = key = chosen.get(word.casefold(), word)
+        if what == "label":
+            key = word.casefold()
+        else:
+            name = key = re.sub(r"[^\w.+-]+|_", "-", name.casefold()).strip("-.")
         if not name:
             raise InputError(what, word, "must have at least one letter or digit")
-        other = spelled.setdefault(name, word)
-        if other.casefold() != word.casefold() and not {word.casefold(), other.casefold()} <= set(chosen):
-            raise InputError(what, word, f"and {other!r} would both become {name}; give their names with --names")
+        other, place = spelled.setdefault(key, (word, where))
+        same = other == word if what == "label" else other.casefold() == word.casefold()
+        if not same and not {word.casefold(), other.casefold()} <= set(chosen):
+            advice = "write both alike, or give their names with --names"
+            raise InputError(f"{where}: {what}", word, f"and {other!r} in {place} would both become {name}; {advice}")
         result[word] = name
     return lambda word: None if word is None else result[word]
