@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from tacbench_cad.spec.interpolation import MAX_SAMPLES, height_map, smoothed
 from tacbench_cad.spec.textures import Texture
 from tacbench_cad.spec.wavefit import fit_waves
 from tacbench_cad.util.errors import InputError, located, one_line
+from tacbench_cad.util.npyfile import mapped
 from tacbench_cad.util.numbers import read_numbers
 from tacbench_cad.util.packages import require
 from tacbench_cad.util.processes import read_isolated
@@ -149,24 +149,12 @@ def _picture(path: Path) -> Any:
 
 
 def _array(path: Path) -> Any:
-    with open_input(path, "height map", "array") as stream:
-        try:
-            version = np.lib.format.read_magic(stream)
-            reader: Callable[..., Any] = {
-                (1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0,
-            }[version]
-            shape, _, kind = reader(stream)
-            if len(shape) != 2 or kind.kind not in "iuf":
-                allowed = f"must be a table of numbers, but has the shape {shape} and the type {kind}"
-                raise InputError("height map", str(path), allowed)
-            _require_size(path, *shape)
-            stream.seek(0)
-            return np.load(stream, allow_pickle=False)
-        except InputError:
-            raise
-        except Exception as error:  # a damaged header can raise almost any error
-            raise InputError("height map", str(path), f"is not an array of NumPy: {one_line(error, 200)}") from None
+    array = mapped(path, what="height map")
+    if array.ndim != 2 or array.dtype.kind not in "iuf":
+        allowed = f"must be a table of numbers, but has the shape {array.shape} and the type {array.dtype}"
+        raise InputError("height map", str(path), allowed)
+    _require_size(path, *array.shape)
+    return np.array(array)
 
 
 def _instrument(path: Path) -> HeightFile:

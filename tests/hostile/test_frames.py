@@ -12,8 +12,8 @@ import pytest
 from numpy.lib import format as npy
 
 from tacbench_cad.lab.runs.frame_files import decoded
-from tacbench_cad.lab.runs.npyfile import array_of, mapped
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.npyfile import array_of, mapped
 
 
 def npy_file(header: str, data: bytes = b"") -> bytes:

@@ -109,7 +109,7 @@ def test_heights_that_make_no_surface_are_refused(values: Floats, message: str, 
 def test_files_that_are_no_height_maps_are_refused(tmp_path: Path) -> None:
     for name, message in (
         ("a.png", "not a PNG or TIFF"),
-        ("a.npy", "not an array"),
+        ("a.npy", "not a NumPy file"),
         ("a.csv", "not a table of numbers"),
     ):
         (tmp_path / name).write_bytes(b"hello")

@@ -29,7 +29,6 @@ from .importing.sources import Sample as Sample
 from .importing.sources import Source as Source
 from .importing.sources import columns_of_fields as columns_of_fields
 from .info import RunInfo as RunInfo
-from .npyfile import mapped as mapped
 from .printrecord import form as form
 from .reading import Run as Run
 from .reading import find_runs as find_runs

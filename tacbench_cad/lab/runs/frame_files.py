@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
-from tacbench_cad.lab.runs.npyfile import array_of
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, replacing
+from tacbench_cad.util.npyfile import array_of
 from tacbench_cad.util.types import Bytes, Floats32
 from tacbench_cad.util.untrusted import require_within
 

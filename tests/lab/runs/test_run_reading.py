@@ -20,13 +20,13 @@ from hypothesis import strategies as st
 
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.frame_files import decoded, encoded
-from tacbench_cad.lab.runs.npyfile import array_of, mapped
 from tacbench_cad.lab.runs.printrecord import FIELDS, form
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.runs.run_tables import read_lines
 from tacbench_cad.lab.runs.run_writer import RunWriter
 from tacbench_cad.lab.runs.schema import Row, columns, parse_row
 from tacbench_cad.util.errors import CheckFailedError, InputError
+from tacbench_cad.util.npyfile import array_of, mapped
 
 
 def edit(folder: Path, line: int, column: str, value: str) -> None:

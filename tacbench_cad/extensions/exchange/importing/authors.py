@@ -27,9 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacbench_cad.lab.rig import Channels
-from tacbench_cad.lab.runs import ImportFormat, ImportOptions, Loaded, Paths, Sample, Source, mapped
+from tacbench_cad.lab.runs import ImportFormat, ImportOptions, Loaded, Paths, Sample, Source
 from tacbench_cad.spec import FORCES_N, PER_SIDE, PRESETS, Block, PressGrid, Spacing
 from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.npyfile import mapped
 
 #: The options, each with its values; the first is the default. The authors printed the files that they ``released``.
 #: Any force level by its name in the file names, such as ``P30``, is also an option.

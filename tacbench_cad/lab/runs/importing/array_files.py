@@ -26,9 +26,9 @@ from tacbench_cad.lab.runs.importing.sources import (
     Source,
     columns_of_fields,
 )
-from tacbench_cad.lab.runs.npyfile import mapped
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import InputError, one_of
+from tacbench_cad.util.npyfile import mapped
 
 #: The suffixes of files with arrays.
 SUFFIXES = (".npy", ".npz")

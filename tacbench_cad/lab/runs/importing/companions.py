@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.runs.npyfile import mapped
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.npyfile import mapped
 
 #: The words by which the name of an array says that it has labels, and that it has frames.
 LABELS = frozenset(("y", "label", "labels", "target", "targets", "class", "classes"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -18,33 +18,6 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 MAX_DIMENSIONS = 8
 
 
-def array_head(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Read the header of a NumPy file: the shape, whether the array is stored column by column, and the type.
-
-    Raises:
-        CheckFailedError: The file is not a NumPy file, or contains pickled objects. The message is the end of a
-            sentence that begins with the file.
-    """
-    magic = stream.read(npy.MAGIC_LEN)
-    if magic[:1] == b"\x80":
-        raise CheckFailedError("is pickled; reading a pickled file can run any program code, so it is not opened")
-    try:
-        version = npy.read_magic(io.BytesIO(magic))
-        read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
-        if read is None:
-            raise ValueError(f"version {version}")
-        shape, fortran, dtype = read(stream)
-    # NumPy reads the header with Python's own parser, which can raise almost any exception for a damaged text.
-    except Exception as error:
-        raise CheckFailedError(f"is not a NumPy file, or its header is damaged: {str(error)[:80]}") from None
-    if dtype.hasobject:
-        raise CheckFailedError("contains pickled objects; reading them can run any program code")
-    # A boolean is a whole number in Python, so NumPy's own reader accepts a shape of booleans.
-    if len(shape) > MAX_DIMENSIONS or any(type(side) is not int or not 0 <= side < 2**62 for side in shape):
-        raise CheckFailedError(f"is not a NumPy file, or its header is damaged: shape {str(shape)[:80]}")
-    return shape, fortran, dtype
-
-
 def _require_complete(stream: BinaryIO, texts: bool = False) -> None:
     """Compare the header of a NumPy file with the file's size, and go back to the beginning of the file.
 
@@ -53,9 +26,23 @@ def _require_complete(stream: BinaryIO, texts: bool = False) -> None:
         texts: Whether texts are allowed, too.
 
     Raises:
-        CheckFailedError: The file is not a complete NumPy file of real numbers.
+        CheckFailedError: The file is not a complete NumPy file of real numbers. The message is the end of a sentence
+            that begins with the file.
     """
-    shape, _, dtype = array_head(stream)
+    magic = stream.read(npy.MAGIC_LEN)
+    if magic[:1] == b"\x80":
+        raise CheckFailedError("is pickled; reading a pickled file can run any program code, so it is not opened")
+    try:
+        readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+        shape, _, dtype = readers[npy.read_magic(io.BytesIO(magic))](stream)
+    # NumPy reads the header with Python's own parser, which can raise almost any exception for a damaged text.
+    except Exception as error:
+        raise CheckFailedError(f"is not a NumPy file, or its header is damaged: {str(error)[:80]}") from None
+    if dtype.hasobject:
+        raise CheckFailedError("contains pickled objects; reading them can run any program code")
+    # A boolean is a whole number in Python, so NumPy's own reader accepts a shape of booleans.
+    if len(shape) > MAX_DIMENSIONS or any(type(side) is not int or not 0 <= side < 2**62 for side in shape):
+        raise CheckFailedError(f"is not a NumPy file, or its header is damaged: shape {str(shape)[:80]}")
     if 0 in shape:
         raise CheckFailedError(f"has shape {shape}, so it has no values")
     numbers = dtype.kind in "biuf" and dtype.itemsize <= 8
@@ -80,20 +67,21 @@ def array_of(data: bytes) -> NDArray[Any]:
     return array
 
 
-def mapped(path: Path, texts: bool = False) -> NDArray[Any]:
+def mapped(path: Path, texts: bool = False, what: str = "file") -> NDArray[Any]:
     """Map a file into memory, read-only. Only the parts that are used are read.
 
     Args:
         path: The file.
         texts: Whether an array of texts is allowed, too.
+        what: The meaning of the file, for error messages.
 
     Raises:
         InputError: The file cannot be opened, or is not a complete NumPy file of real numbers.
     """
-    with untrusted.open_input(path, kind="array") as stream:
+    with untrusted.open_input(path, what, "array") as stream:
         try:
             _require_complete(stream, texts)
         except CheckFailedError as error:
-            raise InputError("file", str(path), str(error)) from None
+            raise InputError(what, str(path), str(error)) from None
     array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     return array
