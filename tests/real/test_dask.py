@@ -181,7 +181,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     progress: list[int] = []
     with workers(1, elsewhere, [tmp_path]) as executor:
         simulated = simulate_study(study, Path("runs"), progress=progress.append, cluster=executor)
-    assert [run.name for run in simulated] == [block.printed.name for block in study.blocks]
+    assert [run.folder.name for run in simulated] == [block.printed.name for block in study.blocks]
     assert len(progress) == 8 and progress[-1] == sum(images_there(run.folder) for run in simulated)
     collection = Collection.open([Path("runs")])
     assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells

@@ -97,6 +97,8 @@ def read_study(path: Path, *, teaching: bool = False) -> StudyFile:
 def read_alignment(path: Path, driver: Any) -> tuple[StageSettings, HolderRim]:
     """Read the place of the block, the limits and the speeds of a rig, for a stage that the file need not name.
 
+    The port and the options in the file are only used for the driver that the file names.
+
     Args:
         path: A TOML file with the table ``[stage]``, and ``[holder]`` if it differs from the default: a study file, for
             example.
@@ -107,8 +109,9 @@ def read_alignment(path: Path, driver: Any) -> tuple[StageSettings, HolderRim]:
     """
     plain = untrusted.read_document(path, "rig", "toml")
     with located(f"{path}: "):
-        own = ("driver", "port", "baud", "options")
-        values = {key: value for key, value in _table(plain, "stage").items() if key not in own}
+        values = dict(_table(plain, "stage"))
+        if driver != values.get("driver"):
+            values = {key: value for key, value in values.items() if key not in ("port", "baud", "options")}
         stage = _stage({**values, "driver": driver}, teaching=False)
         return stage, from_plain(_HolderTable, _table(plain, "holder"), "[holder] ").rim
 

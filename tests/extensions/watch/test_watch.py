@@ -327,8 +327,10 @@ def page(tmp_path: Path) -> Iterator[Page]:
     page.file.close()
 
 
-def later(delay_s: float, action: Any, *values: Any) -> None:
-    threading.Timer(delay_s, action, values).start()
+def later(delay_s: float, action: Any, *values: Any) -> threading.Timer:
+    timer = threading.Timer(delay_s, action, values)
+    timer.start()
+    return timer
 
 
 PRESS = plan_presses(PROTOCOL, (1, 2), "a")[0]
@@ -377,11 +379,12 @@ def test_the_run_goes_on_if_the_process_of_the_page_dies(page: Page) -> None:
     page.order("pause")
     while page.link._running.is_set():
         time.sleep(0.01)
-    later(0.1, page.process.close)
+    closing = later(0.1, page.process.close)
     page.link.before(PRESS, lambda: None)
     page.link.put_in(printed(1), "T1 PAPER X1 01", None)
     assert page.typed == ["Its label (T1 PAPER X1 01): "], "the question is asked in the terminal"
     assert page.said[0] == "the page has ended; the run goes on"
+    closing.join()
 
 
 def test_stop_in_a_session_lifts_the_sensor(page: Page, tmp_path: Path) -> None:
