@@ -13,7 +13,7 @@ import pytest
 
 from tacbench_cad.cli import main, rig_wizard
 from tacbench_cad.cli.rig_wizard import first_press
-from tacbench_cad.extensions.virtual_rig.loadcell import FlatSpring
+from tacbench_cad.extensions.virtual_rig import FlatSpring
 from tacbench_cad.lab.acquire.study_file import read_study, virtual_study
 from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, write_calibration
 from tacbench_cad.lab.rig.clock import Clock
