@@ -10,9 +10,8 @@ from contextlib import suppress
 from tacbench_cad.lab.rig import grbl_replies as replies
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, OutOfRangeError, RigError
 from tacbench_cad.lab.rig.grbl_replies import Status
-from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.serial_stage import Link
+from tacbench_cad.lab.rig.serial_stage import Greeting, Link
 
 #: The shortest wait, in s, before an unanswered status request is repeated. Two requests close together may get one
 #: answer. The wait grows with the time that the device takes to answer, up to a quarter of the timeout.

@@ -8,9 +8,8 @@ from collections.abc import Callable
 
 from tacbench_cad.lab.rig import marlin_replies as replies
 from tacbench_cad.lab.rig.errors import AlarmError, NoAnswerError, RigError
-from tacbench_cad.lab.rig.greeting import Greeting
 from tacbench_cad.lab.rig.line import Line
-from tacbench_cad.lab.rig.serial_stage import STILL_HOMING, Link
+from tacbench_cad.lab.rig.serial_stage import STILL_HOMING, Greeting, Link
 
 #: The baud rates to try. Both are common; the first is Marlin's default.
 BAUDS = (250000, 115200)
