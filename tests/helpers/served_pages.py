@@ -20,11 +20,12 @@ def command(*words: str) -> subprocess.Popen[str]:
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
-    """Return the address of the page from the first line of the command's output."""
+    """Return the address of the page from the messages of the command."""
     assert process.stderr is not None
-    first = process.stderr.readline()
-    assert first.startswith("open http://127.0.0.1:"), first + process.stderr.read()
-    return first.split()[1]
+    for line in process.stderr:
+        if line.startswith("open http://127.0.0.1:"):
+            return line.split()[1]
+    raise AssertionError("the command ended without an address")
 
 
 @contextmanager

@@ -229,7 +229,7 @@ def test_the_parts_of_an_assembly_have_their_colours(tmp_path: Path) -> None:
     [
         pytest.param(Block.of(4), id="paper", marks=pytest.mark.long),
         pytest.param(Block.of(2, "released"), id="released", marks=pytest.mark.long),
-        pytest.param(Block.of(3, scale=2.0, key_mm=6.0), id="keyed"),
+        pytest.param(Block.of(5, key_mm=3.0), id="keyed"),
         pytest.param(Block.of(1, size_mm=(60.0, 26.0)), id="wide", marks=pytest.mark.long),
     ],
 )

@@ -36,7 +36,7 @@ def pose_errors(pose: Pose, truth: Pose, block: Block) -> tuple[float, np.ndarra
 
 
 def scanned(block: Block, fit: str = "scale", **truth: object) -> tuple[ScanFit, ScanTruth]:
-    made = ScanTruth(**{"points": 12_000, "pose": SHRUNK, "seed": 1, **truth}).with_random_pose()  # type: ignore[arg-type]
+    made = ScanTruth(**{"points": 6_000, "pose": SHRUNK, "seed": 1, **truth}).with_random_pose()  # type: ignore[arg-type]
     return fit_scan(simulate_scan(block, made), block, fit), made  # type: ignore[arg-type]
 
 
