@@ -43,5 +43,6 @@ from .schema import Reference as Reference
 from .schema import Row as Row
 from .schema import Stationary as Stationary
 from .schema import cell as cell
+from .schema import cells as cells
 from .schema import columns as columns
 from .series import MovingFrame as MovingFrame

@@ -165,10 +165,10 @@ class _Check:
             try:
                 table = read_table(self.run.folder, kind, planned(self.run.info) if kind is Row else None, faults)
                 rows[kind] = table.rows
-                if table.text.torn and repair:
+                if table.torn and repair:
                     length = _cut(self.run.folder, kind)
                     self.repaired.append(f"{kind.FILE}: removed an incomplete last row of {length} bytes")
-                elif table.text.torn:
+                elif table.torn:
                     text = "ends with an incomplete row; --repair removes it, and the press is repeated on resuming"
                     self.add("torn", kind.FILE, text)
             except InputError as error:
@@ -359,9 +359,9 @@ class _Check:
 def _cut(folder: Path, kind: type[Any]) -> int:
     """Remove an incomplete last row while no other process writes, and return its length in bytes."""
     with locked(folder):
-        text = read_table(folder, kind, None, []).text
-        cut_torn_line(folder / kind.FILE, text)
-        return len(text.torn)
+        table = read_table(folder, kind, None, [])
+        cut_torn_line(folder / kind.FILE, table)
+        return len(table.torn)
 
 
 def _judge(

@@ -60,7 +60,7 @@ class Run:
 
     @cached_property
     def targets(self) -> RunTable[Row]:
-        """The rows of ``targets.csv`` and their texts, without an incomplete last line.
+        """The table ``targets.csv``, without an incomplete last line.
 
         Raises:
             InputError: A row cannot be read, contradicts the run, or occurs twice. The message names the line.

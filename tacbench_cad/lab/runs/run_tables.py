@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic
+from typing import Any, Generic
 
 from tacbench_cad.lab.rig.stage import Closing
 from tacbench_cad.lab.runs.schema import T, TableRow, cells, columns, parse_row
@@ -22,33 +22,20 @@ from tacbench_cad.util.files import refusing
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableText:
-    """The text of a CSV file.
-
-    Args:
-        header: The columns.
-        rows: The line number (the header is line 1) and the texts by column of every complete line after the header.
-        torn: The bytes after the last complete line; empty if the file ends with a complete line.
-        whole_bytes: The length of the file up to the end of the last complete line, in bytes.
-    """
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[int, dict[str, str]], ...]
-    torn: bytes
-    whole_bytes: int
-
-
-@dataclass(frozen=True, kw_only=True)
 class RunTable(Generic[T]):
     """A CSV file of a run.
 
     Args:
         rows: The rows.
-        text: The text of the file.
+        header: The columns.
+        torn: The bytes after the last complete line; empty if the file ends with a complete line.
+        whole_bytes: The length of the file up to the end of the last complete line, in bytes.
     """
 
     rows: tuple[T, ...]
-    text: TableText
+    header: tuple[str, ...]
+    torn: bytes
+    whole_bytes: int
 
 
 def read_table(
@@ -59,7 +46,10 @@ def read_table(
     *,
     below: str = "",
 ) -> RunTable[T]:
-    """Read a table of a run. A missing or empty file has no rows.
+    """Read a table of a run. A missing or empty file has no rows. Columns that the rows do not have are ignored.
+
+    A line is incomplete if its newline is missing or if it contains zero bytes. A power cut can leave such a line while
+    it is being written, but only at the end of the file.
 
     Args:
         folder: The run folder.
@@ -70,15 +60,33 @@ def read_table(
         below: The path of the table's folder, relative to the run folder, for a table that each press has.
 
     Raises:
-        InputError: Same as for :func:`read_lines`, or a row cannot be read. The message names the line.
+        InputError: The file cannot be read, is not UTF-8 or lacks a column, or a row cannot be read. The message names
+            the line.
     """
     path = folder / below / kind.FILE
-    text = read_lines(path, columns(kind, ()), faults, within=folder)
+    content = untrusted.read_bytes(path, kind="table", within=folder) if os.path.lexists(path) else b""
+    end = content.rfind(b"\n") + 1
+    zero = content.find(b"\0")
+    if zero >= 0:
+        end = min(end, content.rfind(b"\n", 0, zero) + 1)
+    try:
+        lines = list(csv.reader(io.StringIO(content[:end].decode("utf-8-sig"), newline=""), strict=True))
+    except UnicodeDecodeError:
+        raise InputError("file", str(path), "is not UTF-8 text") from None
+    except csv.Error as error:
+        raise InputError("file", str(path), f"is not a CSV file: {error}") from None
+    header = lines[0] if lines else columns(kind)
+    missing = [name for name in columns(kind, ()) if name not in header]
+    if missing:
+        raise InputError(f"{path} line 1", ",".join(header)[:120], f"the column {missing[0]} is missing")
     rows = []
-    for line, values in text.rows:
+    for line, texts in enumerate(lines[1:], start=2):
         try:
             with located(f"{path} line {line}: "):
-                row = parse_row(kind, values)
+                if len(texts) != len(header):
+                    counts = f"has {len(texts)} fields, but the header has {len(header)}"
+                    raise InputError("row", ",".join(texts)[:120], counts)
+                row = parse_row(kind, dict(zip(header, texts, strict=True)))
                 if check is not None:
                     check(line, row)
             rows.append(row)
@@ -86,56 +94,7 @@ def read_table(
             if faults is None:
                 raise
             faults.append(fault)
-    return RunTable(rows=tuple(rows), text=text)
-
-
-def read_lines(
-    path: Path, names: Sequence[str], faults: list[InputError] | None = None, *, within: Path | None = None
-) -> TableText:
-    """Read the lines of a CSV file.
-
-    A line is incomplete if its newline is missing or if it contains zero bytes. A power cut can leave such a line while
-    it is being written, but only at the end of the file.
-
-    Args:
-        path: The file. A missing or empty file has no rows.
-        names: The columns that the file must have. Other columns are ignored.
-        faults: A list for the faults of lines with a wrong number of fields; None to raise the first fault.
-        within: A folder that the file must lie in, also if ``path`` is a link.
-
-    Raises:
-        InputError: The file cannot be read, is not UTF-8 or lacks a column, or a line has a wrong number of fields.
-    """
-    content = untrusted.read_bytes(path, kind="table", within=within) if os.path.lexists(path) else b""
-    end = content.rfind(b"\n") + 1
-    zero = content.find(b"\0")
-    if zero >= 0:
-        end = min(end, content.rfind(b"\n", 0, zero) + 1)
-    try:
-        text = content[:end].decode("utf-8-sig")
-        parsed = list(csv.reader(io.StringIO(text, newline=""), strict=True))
-    except UnicodeDecodeError:
-        raise InputError("file", str(path), "is not UTF-8 text") from None
-    except csv.Error as error:
-        raise InputError("file", str(path), f"is not a CSV file: {error}") from None
-    header = parsed[0] if parsed else list(names)
-    missing = [name for name in names if name not in header]
-    if missing:
-        raise InputError(f"{path} line 1", ",".join(header)[:120], f"the column {missing[0]} is missing")
-    rows = []
-    for number, texts in enumerate(parsed[1:], start=2):
-        if len(texts) == len(header):
-            rows.append((number, dict(zip(header, texts, strict=True))))
-            continue
-        fault = InputError(
-            f"{path} line {number}",
-            ",".join(texts)[:120],
-            f"has {len(texts)} fields, but the header has {len(header)}",
-        )
-        if faults is None:
-            raise fault
-        faults.append(fault)
-    return TableText(header=tuple(header), rows=tuple(rows), torn=content[end:], whole_bytes=end)
+    return RunTable(rows=tuple(rows), header=tuple(header), torn=content[end:], whole_bytes=end)
 
 
 def table_text(names: Sequence[str], rows: Iterable[TableRow]) -> str:
@@ -145,14 +104,14 @@ def table_text(names: Sequence[str], rows: Iterable[TableRow]) -> str:
     return text.getvalue()
 
 
-def cut_torn_line(path: Path, text: TableText) -> None:
+def cut_torn_line(path: Path, table: RunTable[Any]) -> None:
     """Remove the bytes after the last complete line, and force the change to the disk.
 
     Raises:
         InputError: The file cannot be written.
     """
     with refusing(path.parent), path.open("rb+") as stream:
-        stream.truncate(text.whole_bytes)
+        stream.truncate(table.whole_bytes)
         os.fsync(stream.fileno())
 
 
@@ -188,18 +147,18 @@ class GrowingTable(Closing, Generic[T]):
         table = read_table(folder, kind, check)
         self.path = path = folder / kind.FILE
         self.columns = columns(kind, optional)
-        self.rows, self.torn = table.rows, table.text.torn
+        self.rows, self.torn = table.rows, table.torn
         self._durable = durable
         with refusing(path.parent):
             if self.torn:
-                cut_torn_line(path, table.text)
+                cut_torn_line(path, table)
             self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o666)
             try:
-                if table.text.whole_bytes == 0:
+                if table.whole_bytes == 0:
                     self._write(self.columns)
                     if durable:
                         sync_folder(path.parent)
-                elif table.text.header != self.columns:
+                elif table.header != self.columns:
                     advice = "has other columns, or another order; restore the columns that this program wrote"
                     raise InputError(str(path), None, advice)
             except BaseException:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,20 @@ from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.frame_files import decoded, encoded
 from tacbench_cad.lab.runs.printrecord import FIELDS, form
 from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.runs.run_tables import read_lines
+from tacbench_cad.lab.runs.run_tables import read_table
 from tacbench_cad.lab.runs.run_writer import RunWriter
-from tacbench_cad.lab.runs.schema import Row, columns, parse_row
+from tacbench_cad.lab.runs.schema import Row, TableRow, columns, parse_row
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.npyfile import array_of, mapped
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair(TableRow):
+    """A row of a table with two columns."""
+
+    FILE = "t.csv"
+    a: str
+    b: str
 
 
 def edit(folder: Path, line: int, column: str, value: str) -> None:
@@ -299,10 +309,10 @@ class TestArbitraryBytes:
         path = tmp_path / "t.csv"
         path.write_bytes(data)
         try:
-            lines = read_lines(path, ("a", "b"))
+            table = read_table(tmp_path, Pair)
         except InputError:
             return
-        assert lines.whole_bytes + len(lines.torn) == len(data)
+        assert table.whole_bytes + len(table.torn) == len(data)
 
     @quietly
     @given(rows=st.lists(st.tuples(st.text(max_size=5), st.text(max_size=5)), max_size=4), cut=st.integers(0, 60))
@@ -311,7 +321,7 @@ class TestArbitraryBytes:
         text = "a,b\n" + "".join(f"{hash(a) % 1000},{hash(b) % 1000}\n" for a, b in rows)
         path.write_bytes(text.encode()[: len(text) - cut] if cut < len(text) else b"")
         lines = path.read_bytes().count(b"\n")
-        assert len(read_lines(path, ("a", "b")).rows) == max(lines - 1, 0)
+        assert len(read_table(tmp_path, Pair).rows) == max(lines - 1, 0)
 
     @quietly
     @given(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.lab.rig import Frame, is_image
-from tacbench_cad.lab.runs import Run, RunInfo, cell, encoded, schema
+from tacbench_cad.lab.runs import Row, Run, RunInfo, cell, cells, columns, encoded, schema
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require
@@ -130,9 +130,10 @@ def export_tactile_data(
         _parameters(run, target, processing, shape)
         with replacing(target / TARGETS_IMAGES_FILE) as path, path.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
-            header = run.targets.text.header
+            header = [name for name in run.targets.header if name in columns(Row)]
             writer.writerow(dict.fromkeys([*TOOLCHAIN_COLUMNS, *header]))
-            for _, values in run.targets.text.rows:
+            for row in run.rows:
+                values = dict(zip(header, cells(row, header), strict=True))
                 writer.writerow((_toolchain_values(run.info) | values).values())
     return len(names)
 
