@@ -87,14 +87,12 @@ def synthetic(folder: Path, selected_count: int, other_count: int, shape: tuple[
 
 def recorded(folder: Path, runs: list[Path]) -> None:
     """Write the images of run folders, grey and at 40 % of their size."""
-    from tacbench_cad.lab.analysis.classification.features import read_features
-    from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.pixels import Pixels
+    from tacbench_cad import lab
 
-    study = Collection.open(runs)
-    np.save(folder / "images.npy", read_features(study, Pixels(resolution=0.4)).rows)
-    labels = [np.unique(values, return_inverse=True)[1] for values in (study.texture, study.combination)]
-    np.save(folder / "labels.npy", np.array(labels))
+    presses = lab.read(runs)
+    np.save(folder / "images.npy", lab.Pixels(resolution=0.4).fit(presses).transform(presses))
+    kinds = presses["texture"], presses["printer"] + "_" + presses["filament"]
+    np.save(folder / "labels.npy", np.array([np.unique(of, return_inverse=True)[1] for of in kinds]))
 
 
 class Result:
@@ -172,23 +170,22 @@ def workers_kb() -> int:
 
 
 def study_of(study: ClassifiedStudy, epochs: int) -> Any:
-    """Return the images as a study of the package for the paper's protocol."""
-    from tacbench_cad.lab.analysis.classification.features import Features
-    from tacbench_cad.lab.analysis.classification.outcomes import ClassifiedStudy as Classified
-    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
-    from tacbench_cad.lab.analysis.classification.splits import PressTable
+    """Return the images as the data of the package for the paper's protocol."""
+    import pandas as pd
 
-    count = np.arange(len(study.images))
-    names = study.texture.astype(str), study.combination.astype(str)
-    return Classified(
-        features=Features(rows=study.images, shape=study.images.shape[1:]),
-        presses=PressTable(
-            run=count, texture=names[0], combination=names[1], copy=count, level=count, position=count, session=count
-        ),
-        settings=ClassificationSettings(
-            protocol="paper", estimators=CLASSIFIERS, epochs=epochs, train_on=tuple(map(str, study.selected))
-        ),
+    from tacbench_cad import lab
+    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
+    from tacbench_cad.lab.analysis.classification.training_rows import PAPER_COPIES
+    from tacbench_cad.lab.analysis.classification.trials import TrialData
+    from tacbench_cad.lab.analysis.study_design import Design
+
+    table = {"texture": study.texture.astype(str), "printer": study.combination.astype(str), "filament": ""}
+    presses = pd.DataFrame({"run": "images", "press": np.arange(len(study.images)), "frame": "", **table, "copy": 1})
+    selected = tuple(f"{number}_" for number in study.selected)
+    settings = ClassificationSettings(
+        protocol="paper", estimators=CLASSIFIERS, augmentation=PAPER_COPIES, epochs=epochs, train_on=selected
     )
+    return TrialData(settings=settings, design=Design.of(presses), feature=lab.Pixels(), rows=study.images)
 
 
 def ours(study: ClassifiedStudy, trials: int, epochs: int, cores: int) -> Result:
@@ -196,11 +193,11 @@ def ours(study: ClassifiedStudy, trials: int, epochs: int, cores: int) -> Result
     from tacbench_cad.lab.analysis.classification.paper_protocol import calls
     from tacbench_cad.lab.parallel import workers
 
-    result, classified = Result(), study_of(study, epochs)
+    result, data = Result(), study_of(study, epochs)
     with workers(cores) as executor:
-        for combination in classified.settings.train_on:
+        for combination in data.settings.train_on:
             with result.timed("inner products, PCA"):
-                trials_to_run = calls(classified, combination, range(1, trials + 1))
+                trials_to_run = calls(data, combination, range(1, trials + 1))
             with result.timed("forest, network, predicting"):
                 trained = list(executor(trials_to_run))
             for outcomes in trained:

@@ -82,6 +82,7 @@ CONTENTS = {
         "slide",
         "watch",
         "runs",
+        "your-frames",
         "own-data",
         "simulation",
         "simulation-model",

@@ -12,8 +12,9 @@ import sys
 import numpy as np
 
 from tacbench_cad import Block, lab
+from tacbench_cad.lab.rig import Clock
 
-CLOCK = lab.Clock(speed=math.inf)
+CLOCK = Clock(speed=math.inf)
 
 
 class MyStage:

@@ -18,7 +18,7 @@ from tacbench_cad.extensions.scan.reading import read_scan
 from tacbench_cad.extensions.slicing.printers import printer_named, printers
 from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
-from tacbench_cad.lab.analysis.classification.sweep import Sweep
+from tacbench_cad.lab.analysis.classification.sweep import parsed
 from tacbench_cad.lab.analysis.feature import feature_of
 from tacbench_cad.lab.rig.registry import find_driver
 from tacbench_cad.lab.simulate.appearances import look_named
@@ -50,7 +50,7 @@ READERS: dict[str, Callable[[Any], object]] = {
     "variance --features": feature_of,
     "classify --estimators": lambda word: ClassificationSettings(estimators=(word,)),
     "classify --hold-out": lambda word: ClassificationSettings(hold_out=(word,)),
-    "classify --sweep": lambda word: Sweep.parsed(f"{word}=1:3"),
+    "classify --sweep": lambda word: parsed(f"{word}=1:3"),
     "a driver of a stage": lambda word: find_driver("stage", word),
     "a driver of a sensor": lambda word: find_driver("sensor", word),
     "the spacing of a press grid": lambda word: PressGrid.paper(spacing=word),

@@ -34,9 +34,12 @@ USED = {
 }
 LAB = FILES["tacbench_cad.lab"].parent
 #: The rooms of the core: packages that export the names which extensions use.
-ROOMS = {"tacbench_cad", "housing", *(f"tacbench_cad.lab.{path.parent.name}" for path in LAB.glob("*/__init__.py"))} | {
-    f"tacbench_cad.{room}" for room in ("spec", "geometry", "formats", "render", "checks", "making", "cli")
-}
+ROOMS = {
+    "tacbench_cad",
+    "tacbench_cad.lab",
+    "housing",
+    *(f"tacbench_cad.lab.{path.parent.name}" for path in LAB.glob("*/__init__.py")),
+} | {f"tacbench_cad.{room}" for room in ("spec", "geometry", "formats", "render", "checks", "making", "cli")}
 
 
 def imported(path: Path) -> set[str]:

@@ -10,7 +10,8 @@ import time
 
 import numpy as np
 
-from tacbench_cad.lab import Closing, DeviceLostError, Force, NoAnswerError, RigError
+from tacbench_cad.lab import Closing, Force, RigError
+from tacbench_cad.lab.rig import DeviceLostError, NoAnswerError
 
 #: The commands of the protocol, and its packets: header, command, number of samples; three counters and six values.
 STOP, START = 0, 2

@@ -8,7 +8,8 @@ its z axis along the sensor and away from the robot. This example was tried with
 import contextlib
 import math
 
-from tacbench_cad.lab import Closing, DeviceLostError, PositionLostError, RigError
+from tacbench_cad.lab import Closing, RigError
+from tacbench_cad.lab.rig import DeviceLostError, PositionLostError
 
 #: The longest piece of a move, in s. A stop may take this long, because cri cannot interrupt a move.
 PIECE_S = 0.2

@@ -9,7 +9,8 @@ import time
 
 import numpy as np
 
-from tacbench_cad.lab import Closing, DeviceLostError, Force, NoAnswerError
+from tacbench_cad.lab import Closing, Force
+from tacbench_cad.lab.rig import DeviceLostError, NoAnswerError
 
 
 class PhidgetBridge(Closing):

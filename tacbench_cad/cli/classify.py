@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tacbench_cad.cli import options
 from tacbench_cad.cli.common import next_paths, print_json, print_lines, print_next, print_simulated, show_table
 from tacbench_cad.cli.progress import ProgressLine
 from tacbench_cad.util.errors import InputError
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.analysis.classification.classification import Classification
+    from tacbench_cad.lab.analysis.classification.sweep import Sweep
 
 #: What ``--sweep`` can vary; a test compares these words with those of the analysis.
 SWEPT = ("resolution", "components", "copies", "forces", "frames")
@@ -51,7 +53,7 @@ SWEPT = ("resolution", "components", "copies", "forces", "frames")
 @options.option(
     "--trials",
     options.COUNT,
-    "Number of trials to average. Default: 5; for paper and as-published 20.",
+    "Number of trials to average. Default: 1; for paper and as-published 20.",
     options.METHOD,
 )
 @options.look
@@ -73,6 +75,7 @@ SWEPT = ("resolution", "components", "copies", "forces", "frames")
     "frames that are used from the start of each series. Write NAME=LOW:HIGH for 10 values, NAME=LOW:HIGH:N for N "
     "values, or NAME=A,B,C.",
     options.ADVANCED,
+    dest="swept",
 )
 @options.option(
     "--folds", options.COUNT, "Number of folds of the levels press and position.", options.ADVANCED, default="5"
@@ -94,8 +97,8 @@ SWEPT = ("resolution", "components", "copies", "forces", "frames")
 @options.option(
     "--noise",
     options.or_none(options.Value("SIGMA", options.number_of)),
-    "Add a copy of each training sample with noise of this standard deviation. With leak-free, a note says what the "
-    "added copies changed. Default: none; for images with paper and as-published 5.",
+    "Add a copy of each training sample with noise of this standard deviation. Default: none; for images with paper "
+    "and as-published 5.",
     options.ADVANCED,
 )
 @options.option(
@@ -127,17 +130,19 @@ def command(
     hold_out: tuple[str, ...] | None,
     train_on: tuple[str, ...] | None,
     force_level: int | str,
+    features: str,
+    series: bool,
+    roi: str | None,
+    resolution: float,
     components: Any,
     noise: Any,
     brightness: Any,
-    epochs: int | None,
-    batch_size: int | None,
-    sweep: str | None,
+    swept: str | None,
     jobs: int,
     dask: str | None,
     out: Path,
     json: bool,
-    **settings: Any,
+    **given: Any,
 ) -> None:
     """Measure how well the textures can be distinguished.
 
@@ -172,59 +177,56 @@ def command(
       tacbench classify runs --protocol as-published -o as-published
       tacbench classify runs --sweep resolution=0.025:0.475 --hold-out copy
     """
-    from tacbench_cad.lab.analysis.classification.accuracy_figures import draw_result
-    from tacbench_cad.lab.analysis.classification.classify import MODULES, TRIALS, classify, write_tables
-    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, usual
-    from tacbench_cad.lab.analysis.classification.splits import levels_of
-    from tacbench_cad.lab.analysis.classification.sweep import Sweep, run_sweep
-    from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.feature import feature_of
-    from tacbench_cad.lab.parallel import workers
-    from tacbench_cad.lab.rig.sensor import is_image
-    from tacbench_cad.util.files import locked
+    from tacbench_cad.lab.analysis.classification import MODULES
     from tacbench_cad.util.packages import require
 
-    if hold_out is not None and protocol != "leak-free":
+    require("classify", *MODULES)
+    from tacbench_cad.lab.analysis.classification.classify import classify
+    from tacbench_cad.lab.analysis.classification.settings import default_settings
+    from tacbench_cad.lab.analysis.classification.sweep import parsed, sweep
+    from tacbench_cad.lab.analysis.feature import feature_of
+    from tacbench_cad.lab.analysis.pixels import as_published
+    from tacbench_cad.lab.analysis.study_design import Design, at_level
+    from tacbench_cad.lab.runs.press_table import read
+    from tacbench_cad.util.files import locked
+
+    if hold_out and protocol != "leak-free":
         what = "is only for --protocol leak-free; the other protocols have their own test sets"
         raise InputError("hold-out", ",".join(hold_out), what)
-    if train_on is not None and protocol == "leak-free":
+    if train_on and protocol == "leak-free":
         what = "is only for --protocol paper and as-published; leak-free holds out each group in turn"
         raise InputError("train-on", ",".join(train_on), what)
-    swept = None if sweep is None else Sweep.parsed(sweep)
-    estimators = estimators or (("forest", "network") if protocol == "paper" else ("forest",))
-    require("classify", *MODULES)
-    collection = Collection.open(runs)
-    if protocol == "as-published" and force_level == "all" and (swept is None or swept.parameter != "forces"):
-        force_level = collection.levels[0]
+    published = protocol == "as-published"
+    if published and (series or features != "pixels" or roi is not None):
+        what = "uses the pixels of whole images of presses; leave out --series, --features and --roi"
+        raise InputError("protocol", protocol, what)
+    parameter = None if swept is None else parsed(swept)[0]
+    presses = read(runs, series=series)
+    if published and force_level == "all" and parameter != "forces":
+        force_level = Design.of(presses).levels[0]
     if isinstance(force_level, int):
-        collection = collection.at_level(force_level)
-    collection.viewed(settings["series"])  # refuses series that do not exist
-    feature = feature_of(settings["features"])
-    image = feature.unit is None and is_image(collection.frame(0))
-    given = usual(protocol, estimators, image=image, readings=len(collection), few=feature.few_numbers)
-    copies = {"noise": noise, "brightness": () if brightness == "none" else brightness}
-    given["augmentation"] = replace(given["augmentation"], **_given(copies))
-    given |= _given({"components": components, "epochs": epochs, "batch_size": batch_size})
-    levels = hold_out or levels_of(collection)
-    how = ClassificationSettings(**given, **settings, hold_out=levels, train_on=train_on or ())
-    trials = TRIALS[protocol] if trials is None else trials
-    with locked(out), workers(jobs, dask) as executor, ProgressLine() as progress:
-        if swept is not None:
-            result = run_sweep(collection, how, swept, trials, out, executor, progress.show)
-        else:
-            result = classify(collection, how, trials, out, executor, progress.show)
-        paths = [*write_tables(result, out), *draw_result(result, out)]
+        presses = at_level(presses, force_level)
+    how = {"resolution": resolution, "roi": roi}
+    feature = as_published(resolution, edges=True) if published else feature_of(features, **how)
+    given |= {"hold_out": hold_out, "train_on": train_on}
+    given |= {"noise": noise, "brightness": () if brightness == "none" else brightness, "components": components}
+    known = {name: None if value == "none" else value for name, value in given.items() if value is not None}
+    settings = default_settings(Design.of(presses), feature, protocol, estimators or (), **known)
+    with locked(out), ProgressLine() as progress:
+        more: dict[str, Any] = {"trials": trials, "folder": out, "jobs": jobs, "dask": dask, "progress": progress.show}
+        result: Classification | Sweep = (
+            classify(presses, feature, settings, **more)
+            if swept is None
+            else sweep(presses, swept, feature, settings, **more)
+        )
+        paths = result.save(out)
     if json:
         print_json({**result.document(), "files": [str(path) for path in paths]})
         return
-    print_simulated(collection.simulated)
-    for table in result.shown:
+    print_simulated(result.record.simulated)
+    for _, table in result.shown():
         show_table(table)
     print_lines(*(f"note: {line}" for line in result.notes))
     print_lines(f"written to {out}: " + ", ".join(path.name for path in paths))
-    print_next("report", *next_paths(runs), "--classify", out)
-
-
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that have a value; the word ``none`` becomes None."""
-    return {name: None if value == "none" else value for name, value in options.items() if value is not None}
+    if swept is None:
+        print_next("report", *next_paths(runs), "--classify", out)

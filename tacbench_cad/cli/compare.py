@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rich_click as click
 
@@ -11,6 +11,9 @@ from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import note, print_json, print_lines, print_simulated, show_table
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
+
+if TYPE_CHECKING:
+    from tacbench_cad.lab.analysis.classification.classification import Classification
 
 
 @options.command("compare", "Analyse")
@@ -35,7 +38,7 @@ from tacbench_cad.util.text import counted
     options.METHOD,
 )
 @options.flag("--unpaired", "Runs with the same name are different prints, for example of another lab.", options.METHOD)
-@options.option("--trials", options.COUNT, "Number of trials, if A or B has runs.", options.METHOD, default="5")
+@options.option("--trials", options.COUNT, "Number of trials, if A or B has runs. Default: 1.", options.METHOD)
 @options.out("DIR", "Folder of the table, the figure and the classifications.", default="comparison")
 @options.json
 @options.jobs
@@ -46,7 +49,7 @@ def command(
     estimators: tuple[str, ...] | None,
     names: tuple[str, ...] | None,
     unpaired: bool,
-    trials: int,
+    trials: int | None,
     jobs: int,
     dask: str | None,
     out: Path,
@@ -72,53 +75,52 @@ def command(
       tacbench compare tactip-classification other-classification --json
       tacbench compare classification classification --estimator forest,network
     """
-    from tacbench_cad.lab.analysis.classification.classify import MODULES
-    from tacbench_cad.lab.analysis.compare import compare
-    from tacbench_cad.lab.analysis.comparison_sides import read_side, side_names
-    from tacbench_cad.util.files import locked
+    from tacbench_cad.lab.analysis.classification import MODULES
     from tacbench_cad.util.packages import require
 
-    chosen = estimators or (None,)
+    require("compare", *MODULES)
+    from tacbench_cad.lab.analysis.compare import compare
+    from tacbench_cad.util.files import locked
+
+    chosen = estimators or ()
     if len(chosen) > 2:
-        raise InputError("estimator", ",".join(map(str, chosen)), "must be one name, or one for A and one for B")
+        raise InputError("estimator", ",".join(chosen), "must be one name, or one for A and one for B")
     if names is not None and len(set(names)) != 2:
         raise InputError("names", ",".join(names), "must be two different names, one for A and one for B")
     if a.resolve() == b.resolve() and len(set(chosen)) < 2:
         raise InputError("B", str(b), "is the same folder as A; name the study of the other sensor, or two estimators")
-    require("compare", *(("matplotlib",) if _is_classified(a) and _is_classified(b) else MODULES))
     with locked(out):
-        folders = [_classified(side, folder, out, trials, jobs, dask) for side, folder in (("a", a), ("b", b))]
-        first, used = read_side(folders[0], a.name, chosen[0])
-        second, other = read_side(folders[1], b.name, chosen[-1] or used)
-        shown = names or side_names((a, b), (first.record, second.record)) or (used, other)
-        first, second = (replace(side, name=name) for side, name in zip((first, second), shown, strict=True))
-        comparison = compare(first, second, " and ".join(dict.fromkeys([used, other])), same_prints=not unpaired)
+        first, second = (
+            _classified(folder, out / f"classification_{side}", trials, jobs, dask)
+            for side, folder in (("a", a), ("b", b))
+        )
+        used = (chosen or first.settings.estimators)[0], (chosen or first.settings.estimators[:1])[-1]
+        # The first pair of names that differ: of the sensors, of the folders, their paths, or the estimators.
+        pairs = [names, (first.record.sensor, second.record.sensor), (a.resolve().name, b.resolve().name)]
+        pairs += [(str(a), str(b)), used]
+        shown = next(pair for pair in pairs if pair and all(pair) and len(set(pair)) == 2)
+        comparison = compare(first, second, estimators=used, names=(shown[0], shown[1]), same_prints=not unpaired)
         files = comparison.save(out)
     if json:
         print_json({**comparison.document(), "files": [str(path) for path in files]})
         return
     print_simulated(comparison.simulated)
-    show_table(comparison.shown)
+    for _, table in comparison.shown():
+        show_table(table)
     print_lines(*(f"note: {text}" for text in comparison.notes))
     click.echo(f"{counted(len(files), 'file')} in {out}")
 
 
-def _is_classified(folder: Path) -> bool:
-    """Whether ``tacbench classify`` wrote this folder."""
-    from tacbench_cad.lab.analysis.classification.settings import SETTINGS_FILE
+def _classified(folder: Path, target: Path, trials: int | None, jobs: int, dask: str | None) -> Classification:
+    """Open the classification in a folder, or classify the runs in it into another folder."""
+    from tacbench_cad.lab.analysis.classification.classification import SETTINGS_FILE, Classification
+    from tacbench_cad.lab.analysis.classification.classify import classify
+    from tacbench_cad.lab.runs.press_table import read
 
-    return (folder / SETTINGS_FILE).is_file()
-
-
-def _classified(side: str, folder: Path, out: Path, trials: int, jobs: int, dask: str | None) -> Path:
-    """The folder of a classification. The runs of another folder are classified into a folder in ``out``."""
-    from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.report.classification import classify_into
-
-    if _is_classified(folder):
-        return folder
-    collection = Collection.open([folder])
-    target = out / f"classification_{side}"
-    note(f"classifying {folder}: {counted(len(collection), 'press')}, {counted(trials, 'trial')}")
-    classify_into(collection, target, trials, jobs, dask)
-    return target
+    if (folder / SETTINGS_FILE).is_file():
+        return Classification.open(folder)
+    presses = read(folder)
+    note(f"classifying {folder}: {counted(len(presses), 'press')}")
+    result = classify(presses, trials=trials, folder=target, jobs=jobs, dask=dask)
+    result.save(target)
+    return result

@@ -33,23 +33,18 @@ def command(runs: tuple[Path, ...], force_level: int | None, jobs: int, json: bo
       tacbench grade runs/ --force-level 2
       tacbench grade runs/*ender-3_pla-plus* --json
     """
-    from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.variance.grade import grade
-    from tacbench_cad.lab.analysis.variance.table import variance_table
-    from tacbench_cad.util.convert import to_plain
+    from tacbench_cad.lab.analysis.study_design import at_level
+    from tacbench_cad.lab.analysis.variance.grading import grade
+    from tacbench_cad.lab.runs.press_table import read
 
-    collection = Collection.open(runs)
-    if force_level is not None:
-        collection = collection.at_level(force_level)
-    result = variance_table(collection, protocol="as-published", jobs=jobs)
-    grades = grade(result.cells, collection, result.left_out)
+    presses = read(runs)
+    grades = grade(presses if force_level is None else at_level(presses, force_level), jobs=jobs)
     if json:
-        document = {"simulated": list(collection.simulated), "units": collection.units}
-        print_json({**document, "grades": to_plain(grades)})
+        print_json(grades.document())
         return
-    for each in grades:
-        show_table(each.table)
-        for head, lines in (("Verdicts", [verdict.text for verdict in each.verdicts]), ("Limits", each.limits)):
+    for (_, shown), (printer, limits) in zip(grades.shown(), grades.limits.items(), strict=True):
+        show_table(shown)
+        for head, lines in (("Verdicts", grades.verdicts(printer)), ("Limits", limits)):
             print_lines(f"{head}:", *(f"  - {line}" for line in lines))
         print_lines("")
     print_next("classify", *next_paths(runs))

@@ -365,24 +365,22 @@ roi = option(
     "the region. Default: the region stored with the runs.",
     FRAMES,
 )
-#: The options for what is used of each frame.
-look = together(
-    option(
-        "--features",
-        text("NAME", complete=of_features),
-        "Feature that is analysed: pixels, with --series also forces, or the feature of an extension, such as markers. "
-        "Its settings follow a colon: markers:sigma_px=3.5.",
-        FRAMES,
-        default="pixels",
-    ),
-    flag(
-        "--series",
-        "Analyse the series of frames that were taken while the sensor moved in contact (a slide). Default: "
-        "the frame of each press.",
-        FRAMES,
-    ),
-    roi,
+features = option(
+    "--features",
+    text("NAME", complete=of_features),
+    "Feature that is analysed: pixels, with --series also forces, or the feature of an extension, such as markers. "
+    "Its settings follow a colon: markers:sigma_px=3.5.",
+    FRAMES,
+    default="pixels",
 )
+series = flag(
+    "--series",
+    "Analyse the series of frames that were taken while the sensor moved in contact (a slide). Default: "
+    "the frame of each press.",
+    FRAMES,
+)
+#: The options for what is used of each frame.
+look = together(features, series, roi)
 runs = argument("runs", file("RUNS", of_run_folders), "Run folders, or folders that contain run folders.", many=True)
 
 #: The options that describe a block and its fixtures, by the names of the fields of a ``Request``.

@@ -15,9 +15,8 @@ from tacbench_cad.util.text import counted
 
 @options.command("report", "Analyse")
 @options.runs
-@options.option(
-    "--variance", options.file("DIR"), "Output folder of tacbench variance. Default: computed.", options.CONTENT
-)
+@options.features
+@options.series
 @options.option(
     "--classify",
     options.file("DIR"),
@@ -32,7 +31,8 @@ from tacbench_cad.util.text import counted
 @options.dask
 def command(
     runs: tuple[Path, ...],
-    variance: Path | None,
+    features: str,
+    series: bool,
     classify: tuple[Path, ...],
     no_classify: bool,
     jobs: int,
@@ -60,16 +60,32 @@ def command(
     Examples:
       tacbench report runs -o report.html
       tacbench report runs -o report.html --no-classify
-      tacbench report runs --variance results --classify classification
+      tacbench report runs --features markers
+      tacbench report runs --classify classification
     """
-    from tacbench_cad.lab.analysis.report.page import ReportOptions, write_report
+    from tacbench_cad.lab.analysis.classification.classification import Classification
+    from tacbench_cad.lab.analysis.feature import feature_of
+    from tacbench_cad.lab.analysis.report.page import report
+    from tacbench_cad.lab.analysis.study_design import Design
+    from tacbench_cad.lab.runs.press_table import read
     from tacbench_cad.util.untrusted import read_document
 
     if no_classify and classify:
         raise InputError("no-classify", str(classify[0]), "cannot be combined with --classify; leave out one of them")
-    how = ReportOptions(variance=variance, classifications=classify, classify=not no_classify, jobs=jobs, dask=dask)
+    presses = read(runs, series=series)
+    feature = None if features == "pixels" else feature_of(features)
+    earlier = [Classification.open(folder, Design.of(presses)) for folder in classify]
+    classifications = None if not earlier and not no_classify else earlier
     with ProgressLine() as progress:
-        files = write_report(runs, out, how, progress.show)
+        files = report(
+            presses,
+            out,
+            feature,
+            classifications=classifications,
+            jobs=jobs,
+            dask=dask,
+            progress=progress.show,
+        )
     if json:
         document = read_document(files[1], "report", "json")
         print_json({"report": str(files[0]), "files": [str(path) for path in files[1:]], **document})

@@ -27,20 +27,20 @@ def command(predictions: Path, split: Path, json: bool) -> None:
       tacbench score predictions.csv splits/split_copy.json
       tacbench score predictions.csv splits/split_copy.json --json
     """
+    from tacbench_cad.lab.analysis.classification.hold_out import leak_warning
     from tacbench_cad.lab.analysis.classification.score import PredictionsError, score
     from tacbench_cad.lab.analysis.classification.split_files import read_split
-    from tacbench_cad.lab.analysis.classification.splits import leak_warning
 
     try:
         result = score(predictions, read_split(split))
     except PredictionsError as error:
         for fault in error.faults:
-            note(f"{fault.kind}: {fault.text}")
+            note(fault)
         raise
     if json:
         print_json(result.document())
         return
-    for table in result.shown:
+    for table in result.shown():
         show_table(table)
     if result.split.unknown_groups:
         print_lines(f"note: {leak_warning(result.split.unknown_groups)}")

@@ -38,37 +38,24 @@ def command(
       tacbench split runs/
       tacbench split runs/ --hold-out copy,printer-filament -o splits
     """
+    from tacbench_cad.lab.analysis.classification.hold_out import leak_warning
     from tacbench_cad.lab.analysis.classification.split_files import make_splits, write_split
-    from tacbench_cad.lab.analysis.classification.splits import leak_warning
-    from tacbench_cad.lab.analysis.collection import Collection
+    from tacbench_cad.lab.runs.press_table import read
     from tacbench_cad.util.files import locked
 
-    collection = Collection.open(runs)
-    splits, notes = make_splits(collection, hold_out, seed=seed, folds=folds)
+    splits, notes = make_splits(read(runs), hold_out, seed=seed, folds=folds)
     with locked(out):
         files = {out / f"split_{split.hold_out}.json": split for split in splits}
         for path, split in files.items():
             write_split(path, split)
     if json:
-        print_json(
-            {
-                "splits": [
-                    {
-                        "file": str(path),
-                        "protocol": split.protocol,
-                        "hold_out": split.hold_out,
-                        "design_sha256": split.design_sha256,
-                        "data_sha256": split.data_sha256,
-                        "presses": len(split.presses),
-                        "folds": [fold.name for fold in split.folds],
-                        "simulated": list(split.simulated),
-                        "unknown_groups": list(split.unknown_groups),
-                    }
-                    for path, split in files.items()
-                ],
-                "left_out": list(notes),
-            }
-        )
+        facts = ("protocol", "hold_out", "design_sha256", "data_sha256", "simulated", "unknown_groups")
+        found = [
+            {"file": str(path), **{name: getattr(split, name) for name in facts}}
+            | {"presses": len(split.presses), "folds": [fold.name for fold in split.folds]}
+            for path, split in files.items()
+        ]
+        print_json({"splits": found, "left_out": list(notes)})
         return
     print_table(
         f"{counted(len(files), 'split file')} in {out}",
@@ -78,7 +65,8 @@ def command(
             for path, split in files.items()
         ],
     )
-    warnings = [leak_warning(collection.unknown_groups)] if collection.unknown_groups else []
+    unknown = splits[0].unknown_groups
+    warnings = [leak_warning(unknown)] if unknown else []
     for text in (*notes, *warnings):
         note(f"note: {text}")
     print_next("score", "PREDICTIONS", next(iter(files)))

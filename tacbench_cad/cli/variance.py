@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import rich_click as click
 from click.exceptions import Exit
@@ -11,12 +12,7 @@ from click.exceptions import Exit
 from tacbench_cad.cli import completing, options
 from tacbench_cad.cli.common import next_paths, note, print_json, print_lines, print_next, print_simulated, show_table
 from tacbench_cad.cli.progress import ProgressLine
-from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
-
-if TYPE_CHECKING:
-    from tacbench_cad.lab.analysis.variance.registration import Seating
-    from tacbench_cad.lab.analysis.variance.view import VarianceView
 
 
 @options.command("variance", "Analyse")
@@ -104,57 +100,44 @@ def command(
       tacbench variance slides --series
       tacbench variance runs --colour --ddof 1 --json
     """
-    from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.feature import fitted
-    from tacbench_cad.lab.analysis.variance.registration import register as seats
-    from tacbench_cad.lab.analysis.variance.table import variance_table
-    from tacbench_cad.lab.analysis.variance.view import VarianceView, write_all
+    from tacbench_cad.lab.analysis.feature import feature_of
+    from tacbench_cad.lab.analysis.study_design import at_level
+    from tacbench_cad.lab.analysis.variance.table import variance
+    from tacbench_cad.lab.runs.press_table import read
     from tacbench_cad.util.files import locked
 
-    if ddof not in (0, 1):
-        raise InputError("ddof", ddof, "must be 0 or 1")
-    others = {"colour": colour, "ddof": ddof, "register": register, "roi": roi, "series": series}
-    others["features"] = features != "pixels"
-    for name in (name for name, value in others.items() if value and protocol == "as-published"):
-        raise InputError(name, others[name], "is only for --protocol paper; as-published has fixed settings")
-    if seed < 0:
-        raise InputError("seed", seed, "must be 0 or more")
-    collection = Collection.open(runs)
+    presses = read(runs, series=series)
     if isinstance(force_level, int):
-        collection = collection.at_level(force_level)
-    collection = collection.viewed(series)
-    feature = None
-    if protocol == "paper":
-        feature = fitted(collection, features, roi, colour=colour)
+        presses = at_level(presses, force_level)
+    usual = features == "pixels" and roi is None and not colour
+    feature = None if usual else feature_of(features, roi=roi, colour=colour)
     if out is not None:
         with locked(out):  # a folder that cannot be written is refused before the work, not after it
             pass
     with ProgressLine() as progress:
-        seatings: tuple[Seating, ...] = ()
-
-        def frames(done: int, total: int) -> None:
-            progress.show("frames", done, total)
-
         if register:
             progress.show("registering")
-            seatings = seats(collection, feature, ddof=ddof, jobs=jobs, dask=dask)
-        result = variance_table(
-            collection,
+        result = variance(
+            presses,
             feature,
             protocol=protocol,
             ddof=ddof,
+            seed=seed,
+            register=register,
             jobs=jobs,
             dask=dask,
-            seed=seed,
-            progress=frames,
+            progress=partial(progress.show, "frames"),
         )
-    files = [] if out is None else write_all(result, out, seatings)
-    view = VarianceView.of(result, seatings)
+    files = [] if out is None else result.save(out)
     if json:
-        took = {"readings": result.passed.frames, "process_seconds": dict(result.passed.seconds)}
-        print_json({**view.document(), **took, "files": [str(path) for path in files]})
+        print_json({**result.document(), "files": [str(path) for path in files]})
     else:
-        _print(view)
+        print_simulated(result.design.simulated)
+        for _, shown in result.shown():
+            show_table(shown)
+        print_lines(*result.notes, *(f"warning: {text}" for text in result.warnings))
+        if protocol == "paper" and result.tables["permutation"].empty and len(result.design.combinations) > 1:
+            note("no permutation test between printers: it needs two printers with two prints each of the same texture")
         if out is not None:
             click.echo(f"{counted(len(files), 'file')} in {out}")
         print_next("classify", *next_paths(runs))
@@ -162,13 +145,3 @@ def command(
         note(f"error: left out: {line}")
     if result.left_out:
         raise Exit(1)
-
-
-def _print(view: VarianceView) -> None:
-    print_simulated(view.collection.simulated)
-    for _, shown in view.shown():
-        show_table(shown)
-    print_lines(*view.notes, *(f"warning: {text}" for text in view.warnings))
-    tests = view.tables.get("permutation")
-    if tests is not None and tests.empty and len(view.collection.combinations) > 1:
-        note("no permutation test between printers: it needs two printers with two prints each of the same texture")

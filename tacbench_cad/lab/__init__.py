@@ -2,7 +2,7 @@
 
 Import the names from this module. Each name is loaded when it is first used, so the import is fast::
 
-    from tacbench_cad.lab import Collection, Run, read_study, simulate_study, variance_table
+    from tacbench_cad.lab import Collection, Run, read_study, simulate_study, variance
 
 * a study: :func:`read_study`, :class:`Study`, :class:`Protocol`, :func:`plan_presses`
 * a rig: :func:`open_rig`, :class:`Stage`, :class:`Gauge`, :class:`Sensor`, :class:`RigError`
@@ -10,7 +10,7 @@ Import the names from this module. Each name is loaded when it is first used, so
 * the run folders: :class:`Run`, :func:`find_runs`, :func:`check_run`
 * other people's frames as run folders: :func:`import_samples`
 * the sensor's region in an image: :func:`find_region`
-* the analysis: :class:`Collection`, :func:`variance_table`, :func:`grade`, :func:`classify`, :func:`compare`
+* the analysis: :class:`Collection`, :func:`variance`, :func:`grade`, :func:`classify`, :func:`compare`
 """
 
 import lazy_loader

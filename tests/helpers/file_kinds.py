@@ -24,8 +24,8 @@ from tacbench_cad.geometry.block_part import block_part
 from tacbench_cad.lab.acquire.study_file import read_study
 from tacbench_cad.lab.analysis.classification.score import score
 from tacbench_cad.lab.analysis.classification.split_files import make_splits, read_split, write_split
-from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.rig.calibration import CalibrationPoint, fit, read_calibration, write_calibration
+from tacbench_cad.lab.runs import press_table
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.runs.printrecord import form, read_record
 from tacbench_cad.lab.runs.reading import Run
@@ -103,13 +103,13 @@ def read_run(folder: Path) -> object:
 
 def make_split(folder: Path) -> None:
     write_study(folder / "runs", copies=2, still=1)
-    split = next(split for split in make_splits(Collection.open([folder / "runs"]), seed=3, folds=2)[0])
+    split = next(split for split in make_splits(press_table.read(folder / "runs"), seed=3, folds=2)[0])
     write_split(folder / "split.json", split)
     with (folder / "predictions.csv").open("w", newline="") as stream:
         rows = csv.writer(stream)
         rows.writerow(["fold", "run", "force_level", "repeat", "position", "predicted"])
         for fold in split.folds:
-            rows.writerows([fold.name, *split.presses[i].key, split.presses[i].texture] for i in fold.test)
+            rows.writerows([fold.name, *split.presses[i][:4], split.presses[i].texture] for i in fold.test)
     shutil.rmtree(folder / "runs")
 
 

@@ -20,7 +20,8 @@ from helpers.frame_measure import (
     light_outside,
     noise_by_level,
 )
-from tacbench_cad.lab import LOOKS, HolderRim, PrintedBlock, TacTip, contact_for
+from tacbench_cad.lab.simulate import LOOKS, TacTip, contact_for
+from tacbench_cad.lab.study import HolderRim, PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N
 

@@ -165,10 +165,7 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
     pytest.importorskip("sklearn")
     from dataclasses import replace
 
-    from tacbench_cad.lab.analysis.classification.classify import classify
-    from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
-    from tacbench_cad.lab.analysis.collection import Collection
-    from tacbench_cad.lab.analysis.variance.table import variance_table
+    from tacbench_cad import lab
     from tacbench_cad.lab.simulate.study import images_there, quick_study, simulate_study
     from tacbench_cad.spec.protocol import PressGrid
 
@@ -183,16 +180,10 @@ def test_a_study_is_simulated_and_analysed_on_a_cluster(
         simulated = simulate_study(study, Path("runs"), progress=progress.append, cluster=executor)
     assert [run.folder.name for run in simulated] == [block.printed.name for block in study.blocks]
     assert len(progress) == 8 and progress[-1] == sum(images_there(run.folder) for run in simulated)
-    collection = Collection.open([Path("runs")])
-    assert variance_table(collection, dask=elsewhere).cells == variance_table(collection).cells
-    settings = ClassificationSettings(hold_out=("copy",), components=5)
-    for name in ("far", "near"):
-        (tmp_path / name).mkdir()
-    with workers(1, elsewhere) as executor:
-        far = classify(collection, settings, 2, Path("far"), executor)
-    with workers(1) as executor:
-        near = classify(collection, settings, 2, Path("near"), executor)
-    assert far.outcomes.equals(near.outcomes)
+    presses = lab.read("runs")
+    assert lab.variance(presses, dask=elsewhere).table.equals(lab.variance(presses).table)
+    how = {"settings": lab.ClassificationSettings(hold_out=("copy",), components=5), "trials": 2}
+    assert lab.classify(presses, dask=elsewhere, **how).predictions.equals(lab.classify(presses, **how).predictions)
 
 
 def test_a_scheduler_without_workers(impatient: None) -> None:

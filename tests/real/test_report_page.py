@@ -13,8 +13,8 @@ pytest.importorskip("sklearn", reason="a report with a classification needs the 
 pytest.importorskip("matplotlib", reason="a report needs the extra analysis")
 pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: pip install playwright")
 
-from tacbench_cad.lab.analysis.classification.classify import TRIALS
-from tacbench_cad.lab.analysis.report.page import write_report
+from tacbench_cad.lab import read
+from tacbench_cad.lab import report as write_report
 
 pytestmark = pytest.mark.real
 
@@ -33,9 +33,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     simulated = "simulated TacTip; " + "; ".join(f"block from a virtual printer, number {n}" for n in range(9))
     write_study(folder / "runs", textures=(1, 2, 3, 4, 5, 6), simulated=simulated, levels=(1, 2))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(TRIALS, "leak-free", 1)
-        write_report([folder / "runs"], folder / "report.html")
+    write_report(read(folder / "runs"), folder / "report.html")
     return folder / "report.html"
 
 

@@ -111,9 +111,9 @@ def command(
 
 
 def _make_report(runs: tuple[Path, ...], classify: bool, jobs: int, progress: ProgressLine, path: Path) -> None:
-    from tacbench_cad.lab.analysis import ReportOptions, write_report
+    from tacbench_cad.lab import read, report
 
-    write_report(runs, path, ReportOptions(classify=classify, jobs=jobs), progress.show)
+    report(read(runs), path, classifications=None if classify else (), jobs=jobs, progress=progress.show)
 
 
 def _copy_report(report: Path, path: Path) -> None:

@@ -76,8 +76,8 @@ def command(
         if row is None:
             continue
         frame = run.frame(row)
-        start, spots = features.trackers[run.info.printed.name].reference_px, features.finder.find(frame)
-        track = features.track(run, frame)
+        start, spots = features.trackers[str(run.folder)].reference_px, features.finder.find(frame)
+        track = features.track(run.folder, frame)
         path = out / f"{run.folder.name}_markers.png"
         write_png(path, markers_drawn(frame, start, spots, track))
         largest = float((track.displacement_px**2).sum(axis=1).max()) ** 0.5

@@ -15,13 +15,14 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from tacbench_cad.extensions.markers.markers import MarkerFinder, MarkerSettings
 from tacbench_cad.extensions.markers.tracking import MarkerTracker, Track
 from tacbench_cad.lab.rig import Frame, is_image
-from tacbench_cad.lab.runs import Region, Run
+from tacbench_cad.lab.runs import Region, Run, read_frame
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.types import Floats
 
@@ -45,7 +46,7 @@ class MarkerFeatures:
 
     Args:
         finder: The finder of the markers.
-        trackers: The trackers from the positions from which displacements are measured, by the name of the run's print.
+        trackers: The trackers from the positions from which displacements are measured, by the path of the run folder.
         shape: The height and width of a frame.
         origin: What these positions are, see :func:`origin_of`.
     """
@@ -89,7 +90,7 @@ class MarkerFeatures:
             what = "its frames" if without else "its frames without contact"
             _require_found(max(of_run, key=lambda track: track.found.sum()), f"{run.folder}: {what}")
             displacement = np.median([track.displacement_px for track in (pressed if without else of_run)], axis=0)
-            trackers[run.info.printed.name] = MarkerTracker(reference_px=(first + displacement)[seen])
+            trackers[str(run.folder)] = MarkerTracker(reference_px=(first + displacement)[seen])
         return cls(finder=finder, trackers=trackers, shape=samples[0].shape[:2], origin=origin_of(runs))
 
     @property
@@ -102,21 +103,25 @@ class MarkerFeatures:
         """The tracker of the first run."""
         return next(iter(self.trackers.values()))
 
-    def track(self, run: Run, frame: Frame) -> Track:
-        """Find the markers in a frame of a run."""
-        return self.trackers[run.info.printed.name].follow(self.finder.find(frame).centres_px)
+    def track(self, folder: str | Path, frame: Frame) -> Track:
+        """Find the markers in a frame of the run in a folder."""
+        return self.trackers[str(folder)].follow(self.finder.find(frame).centres_px)
 
-    def displacement_px(self, run: Run, path: str) -> Floats:
-        """Return the displacements of the markers in a frame of a run, as column and row, shape (n, 2).
+    def displacement_px(self, folder: str | Path, path: str | Path) -> Floats:
+        """Return the displacements of the markers in the file of a frame, as column and row, shape (n, 2).
+
+        Args:
+            folder: The folder of the run.
+            path: The path of the file.
 
         Raises:
             CheckFailedError: The frame cannot be read, or fewer than half of the markers are found in it.
         """
-        frame = run.read(path)
+        frame = read_frame(path, folder)
         if not is_image(frame):
-            raise CheckFailedError(f"{run.folder / path}: is not an image, so it has no markers")
-        track = self.track(run, frame)
-        _require_found(track, str(run.folder / path))
+            raise CheckFailedError(f"{path}: is not an image, so it has no markers")
+        track = self.track(folder, frame)
+        _require_found(track, str(path))
         return track.displacement_px
 
     def picture(self, values: Floats) -> Floats:

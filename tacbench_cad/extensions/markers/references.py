@@ -40,7 +40,8 @@ def add_references(runs: Sequence[Run], path: Path) -> list[Run]:
                 shapes = f"has shape {frames[-1].shape}, but the frames of {run.folder} have {run.info.frame_shape}"
                 raise InputError("reference", str(file), shapes)
     for run in without:
-        with RunWriter.open(run.folder, run.info, durable=False) as writer:
+        fields = {column.lower() for column in run.targets.header}  # the column pose_Rx is the field pose_rx
+        with RunWriter.open(run.folder, run.info, durable=False, optional=fields) as writer:
             for frame in frames:
                 writer.reference(frame, None)
     return [Run.open(run.folder) for run in runs]

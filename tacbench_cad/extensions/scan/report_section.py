@@ -21,15 +21,11 @@ from tacbench_cad.extensions.scan.estimates import HALF_WIDTH
 from tacbench_cad.extensions.scan.record import SCAN_FILE, ScanRecord, read_scan_record
 from tacbench_cad.lab.analysis import (
     ALL_LEVELS,
-    Collection,
+    Design,
     ReportSection,
     Results,
     Shown,
-    VarianceView,
-    list_part,
-    long_part,
-    parts_of,
-    text_part,
+    Variance,
 )
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted, interval, short
@@ -67,18 +63,16 @@ def report_section(results: Results) -> ReportSection:
     Args:
         results: The results of the report.
     """
-    table, damaged = scan_table(results.collection, results.variance)
-    parts = [text_part("Scans that cannot be read:"), list_part(damaged)] if damaged else []
+    table, damaged = scan_table(results.design, results.variance)
+    parts: list[str | list[str] | Shown] = ["Scans that cannot be read:", damaged] if damaged else []
     if table.empty:
         return ReportSection(title=TITLE, parts=parts)
     parts += [
-        text_part(
-            "The deviation is that of a scan of the print from its formula. The difference from other prints is the "
-            "mean square between the frames of the print and those of the other prints of its texture, printer and "
-            "filament; it contains sensor noise."
-        ),
-        *(text_part(answer(table, name)) for name in SCANNED),
-        long_part(Shown("Scans of the prints", _shown(table)), TABLE_FILE),
+        "The deviation is that of a scan of the print from its formula. The difference from other prints is the mean "
+        "square between the frames of the print and those of the other prints of its texture, printer and filament; it "
+        "contains sensor noise.",
+        *(answer(table, name) for name in SCANNED),
+        Shown("Scans of the prints", _shown(table)),
     ]
     return ReportSection(title=TITLE, parts=parts, tables={TABLE_FILE: table})
 
@@ -97,17 +91,18 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[pd.DataFrame, list[str]]:
+def scan_table(design: Design, variance: Variance | None) -> tuple[pd.DataFrame, list[str]]:
     """Return a table with a row for each print that was scanned, and the errors of unreadable records.
 
     Args:
-        collection: The study.
+        design: The design of the study.
         variance: The variance table; None if there is none.
     """
-    distances = _distances(collection, variance)
+    distances = _distances(variance)
     rows: list[dict[str, Any]] = []
     damaged: list[str] = []
-    for number, run in enumerate(collection.runs):
+    presses = design.first_steps.drop_duplicates("folder").set_index("folder")
+    for run in design.runs:
         path = run.folder / SCAN_FILE
         if not path.is_file():
             continue
@@ -116,28 +111,23 @@ def scan_table(collection: Collection, variance: VarianceView | None) -> tuple[p
         except InputError as error:
             damaged.append(str(error))
             continue
-        here = np.flatnonzero(collection.run == number)
-        if len(here) == 0:
-            continue
-        first = int(here[0])
-        made, texture = parts_of(str(collection.combination[first])), str(collection.texture[first])
-        key = (made["printer"], made["filament"], texture, int(collection.print_number[first]))
+        printed = presses.loc[str(run.folder)]
+        made = {name: printed[name] for name in ("printer", "filament", "texture")}
         rows.append(
             {
                 **made,
                 "run": run.folder.name,
-                "texture": texture,
                 "top_rms_mm": record.top_rms_mm,
                 "pin_shift_px": record.pin_shift_px,
                 "seen_fraction": record.seen_fraction,
-                "from_others": distances.get(key),
+                "from_others": distances.get((*made.values(), printed["print_number"])),
                 "scan_simulated": "yes" if record.simulated else "",
             }
         )
     return pd.DataFrame(rows), damaged
 
 
-def _distances(collection: Collection, variance: VarianceView | None) -> dict[Any, float]:
+def _distances(variance: Variance | None) -> dict[Any, float]:
     """Return the mean distance of each print from the others over the force levels."""
     table = variance.tables.get("print_distances") if variance else None
     if table is None:

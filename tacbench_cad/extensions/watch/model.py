@@ -334,13 +334,13 @@ def _track(shown: _Shown) -> None:
         frame = run.read(path)
         if not is_image(frame):
             raise InputError("frame", path, "is not an image")
-        track = shown.features.track(run, frame)
+        track = shown.features.track(run.folder, frame)
     except TacbenchError:
         if shown.features is None:
             shown.has_markers = False
         shown.markers = {"path": path, "lines": []}
         return
-    start = shown.features.trackers[run.info.printed.name].reference_px
+    start = shown.features.trackers[str(run.folder)].reference_px
     length = np.hypot(*track.displacement_px.T)
     lines = np.column_stack([start, start + track.displacement_px])[track.found]
     good = track.found.mean() >= MIN_FOUND

@@ -18,18 +18,17 @@ the interval is the print.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
 from tacbench_cad.lab.analysis.tables import Shown, frame_of, records
 from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, CellKey, name_of
-from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, ratio_interval
-from tacbench_cad.lab.analysis.variance.result import PrinterTest, VarianceResult
+from tacbench_cad.lab.analysis.variance.intervals import CellSums, component_interval, pooled, ratio_interval
 from tacbench_cad.lab.analysis.variance.streaming import PlaceSums, levels_with_most_prints
-from tacbench_cad.lab.analysis.variance.table import pooled
 from tacbench_cad.util.text import interval, short
 
 #: The limit of question 1: standard deviation between prints, as a fraction of the one between textures.
@@ -93,16 +92,30 @@ def shown_answers(answers: pd.DataFrame) -> Shown:
     return Shown("answers to the main questions", frame)
 
 
-def print_answers(result: VarianceResult) -> Iterator[Answer]:
-    """Yield the answers to questions 1 and 2 for each printer of a variance table, and to question 3 for each pair."""
+def print_answers(
+    sums: Mapping[CellKey, Mapping[int, CellSums]],
+    places: Sequence[PlaceSums],
+    tests: pd.DataFrame,
+    *,
+    known: bool,
+    seed: int,
+) -> Iterator[Answer]:
+    """Yield the answers to questions 1 and 2 for each printer of a variance table, and to question 3 for each pair.
+
+    Args:
+        sums: The sums over positions, by cell and level.
+        places: The sums of each place.
+        tests: The rows of ``permutation.csv``.
+        known: Whether the print of each sample is known.
+        seed: The seed of the intervals.
+    """
     drawn = levels_with_most_prints(
-        {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
+        {(level, key): cell.design for key, of in sums.items() for level, cell in of.items()}
     )
-    known = result.collection.has("print")
     differ: list[Answer] = []
-    for combination in dict.fromkeys(combination for combination, _ in result.sums):
-        levels = {key: drawn[key] for key in result.sums if key[0] == combination}
-        of_keys = ([result.sums[key][level] for level in of_key] for key, of_key in levels.items())
+    for combination in dict.fromkeys(combination for combination, _ in sums):
+        levels = {key: drawn[key] for key in sums if key[0] == combination}
+        of_keys = ([sums[key][level] for level in of_key] for key, of_key in levels.items())
         several = [cell for of_key in of_keys if (cell := pooled(of_key) or of_key[0]).prints > 1]
         about = name_of(combination)
         reason = _no_answer(several) if known else "cannot be said: the print of each sample is unknown"
@@ -110,31 +123,31 @@ def print_answers(result: VarianceResult) -> Iterator[Answer]:
             yield Answer(question=IS_REPEATABLE, about=about, answer=reason)
             differ.append(Answer(question=PRINTS_DIFFER, about=about, answer=reason))
             continue
-        yield _repeatable(about, several, _between_textures(result.passed.places, levels, several), result.seed)
-        ratio = ratio_interval(several, seed=result.seed)
+        yield _repeatable(about, several, _between_textures(places, levels, several), seed)
+        ratio = ratio_interval(several, seed=seed)
         answer = "yes" if ratio.low > 1.0 else f"not shown; at most {short(ratio.high)} times"
         ends = {"figure": max(1.0, ratio.estimate), "low": ratio.low, "high": ratio.high}
         differ.append(Answer(question=PRINTS_DIFFER, about=about, **ends, unit=_OF_REPEATS, answer=answer))
     yield from differ
     if known:
-        yield from _more_alike(result.tests)
+        yield from _more_alike(tests)
 
 
-def _more_alike(tests: Sequence[PrinterTest]) -> Iterator[Answer]:
+def _more_alike(tests: pd.DataFrame) -> Iterator[Answer]:
     """Compare pairs of printers by the permutation tests over all force levels, or at the only level."""
-    pairs = [test for test in tests if test.force_level == ALL_LEVELS] or list(tests)
-    if len({test.force_level for test in pairs}) > 1:
+    pooled_tests = tests[tests["force_level"] == ALL_LEVELS]
+    pairs = pooled_tests if len(pooled_tests) else tests
+    if pairs["force_level"].nunique() > 1:
         return
-    for test in pairs:
-        first, second = name_of(test.first), name_of(test.second)
-        smallest_p = test.outcome.least_p * len(pairs)
-        if test.p_holm <= SIGNIFICANT:
-            answer = f"{second if test.outcome.statistic > 0.0 else first} (p {short(test.p_holm)})"
-        elif smallest_p > SIGNIFICANT:
+    for test in records(pairs):
+        first, second = name_of(test["first"]), name_of(test["second"])
+        if test["p_holm"] <= SIGNIFICANT:
+            answer = f"{second if test['statistic'] > 0.0 else first} (p {short(test['p_holm'])})"
+        elif test["least_p"] * len(pairs) > SIGNIFICANT:
             answer = "cannot be said: too few prints"
         else:
-            answer = f"not shown (p {short(test.p_holm)})"
-        ratio = test.outcome.ratio
+            answer = f"not shown (p {short(test['p_holm'])})"
+        ratio = test["ratio"]
         figure = None if ratio is None else max(ratio, 1.0 / ratio)
         about = f"{first} or {second}" if len(pairs) > 1 else "both printers"
         yield Answer(question=MORE_ALIKE, about=about, figure=figure, unit=_OF_OTHER, answer=answer)
@@ -166,24 +179,24 @@ def _repeatable(about: str, cells: Sequence[CellSums], textures: float, seed: in
 
 
 def _between_textures(
-    places: Iterable[PlaceSums], levels: dict[CellKey, tuple[int, ...]], cells: Sequence[CellSums]
+    places: Iterable[PlaceSums], levels: Mapping[CellKey, Sequence[int]], cells: Sequence[CellSums]
 ) -> float:
     """Return the variance between textures of one printer.
 
     It is half the mean squared distance between two textures, without the parts that prints and noise cause.
+
+    Args:
+        places: The sums of each place.
+        levels: The used levels of each cell of the printer.
+        cells: The sums of the cells with several prints.
     """
     repeat = sum(cell.within for cell in cells) / sum(cell.dof[1] for cell in cells)
     between, dof, kappa = (sum(values) for values in zip(*((c.between, c.dof[0], c.kappa) for c in cells), strict=True))
     prints = max(0.0, (between - dof * repeat) / kappa)
-    combination = next(iter(levels))[0]
     halves = []
     for place in places:
-        names, distances = place.distances.get(combination, ((), np.zeros((0, 0))))
-        used = [i for i, name in enumerate(names) if place.level in levels.get((combination, name), ())]
-        of_mean = {
-            i: prints / cell.prints + repeat / cell.presses
-            for i in used
-            for cell in [place.cells[combination, names[i]]]
-        }
-        halves += [(distances[i, j] - of_mean[i] - of_mean[j]) / 2.0 for i in used for j in used if i < j]
+        used = [i for i, key in enumerate(place.cells) if place.level in levels.get(key, ())]
+        of_place = list(place.cells.values())
+        of_mean = {i: prints / of_place[i].prints + repeat / of_place[i].presses for i in used}
+        halves += [(place.distances[i, j] - of_mean[i] - of_mean[j]) / 2.0 for i, j in combinations(used, 2)]
     return float(np.mean(halves)) if halves else 0.0

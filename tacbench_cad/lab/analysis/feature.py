@@ -1,38 +1,40 @@
-"""Features: the numbers that the analysis computes of each press, from its frames or from the table of its series.
+"""Features: transformers of scikit-learn that compute numbers of each press from a table of presses.
 
 A feature is found by its name in the entry points of the group ``tacbench.features``, so an extension or another
-package adds one in one file. It is fitted to a study, and then transforms the files of each press into numbers.
+package adds one by one class.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance.moments import small_map
-from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.press_table import read_frame
 from tacbench_cad.lab.runs.region import Region
-from tacbench_cad.lab.runs.region_search import region_of
 from tacbench_cad.util.entries import load_named
 from tacbench_cad.util.errors import CheckFailedError, InputError, one_of
-from tacbench_cad.util.types import Floats
+from tacbench_cad.util.types import Floats, Strings
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
 
 #: The group of entry points that name the features.
 GROUP = "tacbench.features"
+#: The longest side of a map for figures, in pixels.
+MAP_SIDE = 320
 
 
-@dataclass(frozen=True, kw_only=True)
-class Words:
+class Words(NamedTuple):
     """The words with which tables, figures and reports describe the numbers of a feature.
 
     Args:
@@ -69,25 +71,29 @@ class Exhibit:
     draw: Callable[[Sequence[tuple[Axes, Floats]]], str]
 
 
-class Feature:
+class Feature(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """A kind of numbers that are computed of each press.
 
-    Subclasses are frozen dataclasses. Their fields are the settings that may follow the name in a text such as
-    ``markers:sigma_px=3.5``; a field with the metadata ``{"key": None}`` is set by :meth:`fit` instead.
+    A subclass defines :meth:`numbers`. The arguments of its ``__init__`` are its settings, which may follow the name in
+    a text such as ``markers:sigma_px=3.5``.
+
+    Attributes:
+        shape_: The shape of the numbers of a press, known after :meth:`fit`.
+        region_: The region whose pixels are used; None for all pixels.
     """
 
     #: The name, as in ``--features``.
     name: ClassVar[str]
     #: The unit of the numbers; None for the unit of the sensor's frames.
     unit: ClassVar[str | None] = None
-    #: Whether the numbers are computed from frames. Otherwise there is one number for each row of a series' table.
+    #: Whether the numbers are computed from frames, so that stationary frames can be transformed as well.
     from_frames: ClassVar[bool] = True
     #: Whether a press has so few numbers that a classifier receives them all, scaled, instead of principal components.
     few_numbers: ClassVar[bool] = False
     #: What a classifier receives, for texts.
     summary: ClassVar[str] = "frames"
-    #: The region whose pixels are used; None for all pixels.
-    region: Region | None = None
+    shape_: tuple[int, ...]
+    region_: Region | None = None
 
     @property
     def words(self) -> Words:
@@ -99,39 +105,70 @@ class Feature:
         """The table and the figure of the mean numbers; None if they show nothing."""
         return None
 
-    def fit(self, collection: Collection, region: Region | None = None) -> Self:
-        """Return the feature with everything that it learns from a study. By default, it learns nothing.
+    def fit(self, presses: pd.DataFrame, y: object = None) -> Self:
+        """Learn the shape of the numbers from the first press that can be read.
 
         Args:
-            collection: The study.
-            region: The region of interest; None for the whole frames.
+            presses: The table, see :func:`tacbench_cad.lab.read`.
+            y: Not used.
 
         Raises:
-            InputError: The feature cannot be computed for this study.
-            CheckFailedError: Files of the study do not show what the feature needs.
+            InputError: The feature cannot be computed for these presses.
+            CheckFailedError: No press can be transformed.
         """
-        return self
+        fault: CheckFailedError | None = None
+        for row in _rows(presses):
+            try:
+                self.shape_ = np.shape(self.of_press(row))
+                return self
+            except CheckFailedError as error:
+                fault = fault or error
+        raise fault or InputError("presses", 0, "must be at least one press")
 
-    def paths(self, collection: Collection, index: int) -> tuple[str, ...]:
-        """Return the paths of the files of a press that are transformed, relative to its run folder."""
-        return collection.paths(index)
-
-    def transform(self, run: Run, path: str) -> NDArray[Any]:
-        """Return the numbers of a file of a run, in any shape.
+    def numbers(self, frame: Frame) -> NDArray[Any]:
+        """Return the numbers of a frame, in any shape that is the same for all frames.
 
         Raises:
-            CheckFailedError: The file is missing or damaged, or does not show what the feature needs.
+            CheckFailedError: The frame does not show what the feature needs.
         """
         raise NotImplementedError
 
-    def picture(self, values: Floats, shape: tuple[int, ...]) -> Floats:
-        """Arrange one value for each number as a small picture, with NaN at pixels without one.
+    def of_press(self, row: Any) -> NDArray[Any]:
+        """Return the numbers of a press.
 
         Args:
-            values: The values, in the order of the numbers.
-            shape: The shape of a transformed file.
+            row: The row of the press, with its columns as attributes: ``row.frame`` is the path of the frame.
+
+        Raises:
+            CheckFailedError: The frame is missing or damaged, or does not show what the feature needs.
         """
-        return small_map(values, shape)
+        return self.numbers(read_frame(row.frame, getattr(row, "folder", None)))
+
+    def transform(self, presses: pd.DataFrame) -> NDArray[Any]:
+        """Return the numbers of each press, (n, numbers): uint8 for images, otherwise float64.
+
+        Raises:
+            CheckFailedError: A frame is missing or damaged, has another shape than the first, or contains NaN.
+        """
+        check_is_fitted(self, "shape_")
+        rows = []
+        for row in _rows(presses):
+            numbers = np.asarray(self.of_press(row))
+            if numbers.shape != self.shape_:
+                raise CheckFailedError(f"{row.frame}: gives {numbers.shape}, but the first frame gave {self.shape_}")
+            if numbers.dtype.kind == "f" and not np.isfinite(numbers).all():
+                raise CheckFailedError(f"{row.frame}: contains NaN or infinity")
+            rows.append(numbers.ravel())
+        return np.stack(rows) if rows else np.empty((0, int(np.prod(self.shape_))))
+
+    def get_feature_names_out(self, input_features: object = None) -> Strings:
+        """Return a name for each number: ``pixels_0``, ``pixels_1`` and so on."""
+        check_is_fitted(self, "shape_")
+        return np.array([f"{self.name}_{number}" for number in range(int(np.prod(self.shape_)))])
+
+    def picture(self, values: Floats) -> Floats:
+        """Arrange one value for each number as a small picture, with NaN at pixels without one."""
+        return small_map(values, self.shape_)
 
 
 def feature_of(text: str, **defaults: object) -> Feature:
@@ -146,8 +183,8 @@ def feature_of(text: str, **defaults: object) -> Feature:
         MissingToolError: The extension of the feature was deleted.
     """
     name, _, words = text.partition(":")
-    kind: type[Any] = load_named(GROUP, "features", name)
-    keys = [field.name for field in fields(kind) if not field.metadata.get("exclude")]
+    kind: type[Feature] = load_named(GROUP, "features", name)
+    keys = list(kind().get_params())
     settings = {key: value for key, value in defaults.items() if key in keys}
     for word in words.split(",") if words else ():
         key, _, value = word.partition("=")
@@ -155,38 +192,36 @@ def feature_of(text: str, **defaults: object) -> Feature:
             settings[one_of("features", key, keys)] = json.loads(value)
         except json.JSONDecodeError:
             raise InputError("features", text, f"{key} must be a number, true or false") from None
-    feature: Feature = kind(**settings)
-    return feature
+    return kind(**settings)
 
 
-def fitted(
-    collection: Collection, text: str = "pixels", roi: Region | str | None = None, **defaults: object
-) -> Feature:
-    """Return a feature that is fitted to a study.
+def _rows(presses: pd.DataFrame) -> Iterator[SimpleNamespace]:
+    """Yield the rows with their columns as attributes; for a few rows this is much faster than ``itertuples``."""
+    return (SimpleNamespace(**dict(zip(map(str, presses), values, strict=True))) for values in presses.to_numpy(object))
+
+
+def small_map(values: Floats, shape: Sequence[int]) -> Floats:
+    """Arrange one value for each pixel as a map of at most :data:`MAP_SIDE` pixels a side.
+
+    Channels and further axes are averaged.
 
     Args:
-        collection: The study.
-        text: See :func:`feature_of`.
-        roi: The region of interest, or its text, as for ``--roi``.
-        defaults: See :func:`feature_of`.
-
-    Raises:
-        InputError: The feature or the region is not allowed, or cannot be found in these frames.
-        CheckFailedError: Files of the study do not show what the feature needs.
+        values: One value for each number of the frame, in the frame's order.
+        shape: The shape of the frame; a frame with one axis gives a single row.
     """
-    feature = feature_of(text, **defaults)
-    if isinstance(roi, Region):
-        return feature.fit(collection, roi)
-    return feature.fit(collection, region_of(collection.runs, roi) if feature.from_frames else None)
+    picture = values.reshape(shape if len(shape) > 1 else (1, -1))
+    if picture.ndim > 2:
+        picture = picture.mean(axis=tuple(range(2, picture.ndim)))
+    return _averaged(_averaged(picture).T).T
 
 
-def read_usable(run: Run, path: str, feature: Feature) -> NDArray[Any]:
-    """Transform a file of a run, and check that its numbers are finite.
-
-    Raises:
-        CheckFailedError: The file is missing or damaged, or contains NaN or infinity; the message names it.
-    """
-    values = feature.transform(run, path)
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise CheckFailedError(f"{run.folder / path}: contains NaN or infinity")
-    return values
+def _averaged(picture: Floats) -> Floats:
+    """Average neighbouring rows so that at most :data:`MAP_SIDE` rows remain; the last mean may have fewer rows."""
+    rows = len(picture)
+    step = -(-rows // MAP_SIDE)
+    means = picture[::step].copy()
+    for i in range(1, step):
+        part = picture[i::step]
+        means[: len(part)] += part
+    means /= np.diff(np.append(np.arange(0, rows, step), rows))[:, None]
+    return means

@@ -7,11 +7,15 @@ and as PDF. Each file is written completely or not at all, and contains no date.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
+from tacbench_cad.lab.analysis.tables import write_csv
 from tacbench_cad.util import plotting
+from tacbench_cad.util.files import refusing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -108,3 +112,29 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
         if mark is not None:
             mark.remove()
     return paths
+
+
+def save_results(
+    folder: str | Path, tables: Mapping[str, pd.DataFrame], figures: Mapping[str, Figure], simulated: Sequence[str]
+) -> list[Path]:
+    """Write the tables and the figures of an analysis into a folder.
+
+    Args:
+        folder: The folder. It is made if it does not exist.
+        tables: The tables, by the names of their CSV files without suffix.
+        figures: The figures, by the names of their files without suffix.
+        simulated: The simulated parts of the data.
+
+    Returns:
+        The paths of the files.
+
+    Raises:
+        InputError: A file cannot be written.
+        MissingToolError: matplotlib is not installed.
+    """
+    path = Path(folder)
+    with refusing(path):
+        path.mkdir(parents=True, exist_ok=True)
+    paths = [write_csv(path / f"{name}.csv", table, simulated) for name, table in tables.items()]
+    with styled():
+        return [*paths, *(file for stem, of in figures.items() for file in save(of, path / stem, simulated))]

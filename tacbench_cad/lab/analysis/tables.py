@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 import numbers
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,17 +11,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from tacbench_cad.util.convert import to_plain
-from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import replacing
+from tacbench_cad.util.files import replacing, write_json
 from tacbench_cad.util.text import interval
-from tacbench_cad.util.untrusted import read_text
-
-#: The columns of texts, also if these look like numbers. All other columns have numbers.
-_TEXTS = (
-    *("run", "texture", "other_texture", "predicted", "printer", "filament", "first", "second", "about", "question"),
-    *("unit", "answer", "estimator", "hold_out", "train_on", "tested_on", "protocol", "force_level", "component"),
-    *("includes", "note", "floor_from", "quantity", "augmentation"),
-)
 
 
 class Shown(NamedTuple):
@@ -128,35 +117,6 @@ def write_csv(path: Path, frame: pd.DataFrame, simulated: Sequence[str] | None =
     return path
 
 
-def read_csv(path: Path, columns: Sequence[str] = ()) -> pd.DataFrame:
-    """Read a table from a CSV file that an analysis wrote.
-
-    Args:
-        path: The file.
-        columns: The columns that it must have.
-
-    Raises:
-        InputError: The file is missing or damaged, or has no such column.
-    """
-    text = read_text(path, "table", "table")
-    try:
-        frame = pd.read_csv(io.StringIO(text), dtype=dict.fromkeys(_TEXTS, str), keep_default_na=False, na_values=[""])
-    except ValueError as error:
-        raise InputError("table", str(path), f"cannot be read: {error}; run the analysis again") from None
-    missing = [name for name in columns if name not in frame]
-    if missing:
-        raise InputError("table", str(path), f"has no column {missing[0]}; run the analysis again")
-    numbers_of = frame.drop(columns=list(_TEXTS), errors="ignore").dropna(axis="columns", how="all")
-    wrong = [name for name in numbers_of if not pd.api.types.is_numeric_dtype(frame[name])]
-    if wrong:
-        raise InputError("table", str(path), f"contains a wrong value in column {wrong[0]}; run the analysis again")
-    if "force_level" in frame:
-        frame["force_level"] = pd.Series(
-            [int(level) if str(level).isdecimal() else level for level in frame["force_level"]], dtype=object
-        )
-    return frame
-
-
 def write_settings(path: Path, settings: object) -> Path:
     """Write the settings of an analysis; the name of the analysis and the program's version come first.
 
@@ -166,7 +126,5 @@ def write_settings(path: Path, settings: object) -> Path:
     Raises:
         InputError: The file cannot be written.
     """
-    document = {"analysis": "", "version": "", **to_plain(settings)}
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_json(path, {"analysis": "", "version": "", **to_plain(settings)})
     return path

@@ -13,6 +13,7 @@ from .colours import Channels as Channels
 from .colours import channels_fault as channels_fault
 from .colours import has_colours as has_colours
 from .colours import outside as outside
+from .devices import open_sensor as open_sensor
 from .drivers import SERIAL as SERIAL
 from .errors import AlarmError as AlarmError
 from .errors import DeviceLostError as DeviceLostError

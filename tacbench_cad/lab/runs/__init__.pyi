@@ -29,6 +29,8 @@ from .importing.sources import Sample as Sample
 from .importing.sources import Source as Source
 from .importing.sources import columns_of_fields as columns_of_fields
 from .info import RunInfo as RunInfo
+from .press_table import read_frame as read_frame
+from .press_table import runs_of as runs_of
 from .printrecord import form as form
 from .reading import Run as Run
 from .reading import find_runs as find_runs

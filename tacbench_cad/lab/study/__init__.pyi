@@ -3,6 +3,7 @@
 from .names import own_name as own_name
 from .plate import block_in_file as block_in_file
 from .presses import Press as Press
+from .presses import plan_presses as plan_presses
 from .spec import GaugeSettings as GaugeSettings
 from .spec import HolderRim as HolderRim
 from .spec import Point as Point

@@ -36,7 +36,7 @@ def displacements(runs: list[Run]) -> dict[str, tuple[float, float]]:
     """Return the median displacement in the frames of each class, in px."""
     features, medians = MarkerFeatures.learn(runs), {}
     for run in runs:
-        frames = [np.median(features.displacement_px(run, row.path), axis=0) for row in run.rows]
+        frames = [np.median(features.displacement_px(run.folder, run.folder / row.path), axis=0) for row in run.rows]
         medians[str(run.info.printed.texture)] = tuple(np.round(np.median(frames, axis=0), 1).tolist())
     return medians
 

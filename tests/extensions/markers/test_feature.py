@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.dots import REST, SHAPE, dots_at_rest, dots_displacement, dots_image
 from helpers.studies import write_study
+from sklearn.base import clone
 
+from tacbench_cad import lab
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.markers import MarkerDisplacements
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.feature import feature_of, fitted
+from tacbench_cad.lab.analysis.feature import feature_of
 from tacbench_cad.lab.analysis.figures import save, styled
 from tacbench_cad.lab.analysis.variance.map_figures import exhibit_figure
-from tacbench_cad.lab.analysis.variance.table import variance_table
-from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.runs import write_png
+from tacbench_cad.lab.runs.press_table import runs_of
 from tacbench_cad.lab.study.presses import plan_presses
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -29,21 +32,24 @@ def pressed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Path) -> None:
-    collection = Collection.open([pressed])
-    feature = fitted(collection, "markers")
-    assert isinstance(feature, MarkerDisplacements)
-    result = variance_table(collection, feature)
-    assert feature.markers.count == len(REST)
+@pytest.fixture(scope="module")
+def result(pressed: Path) -> lab.Variance:
+    return lab.variance(lab.read(pressed), MarkerDisplacements())
+
+
+def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Path, result: lab.Variance) -> None:
+    assert isinstance(result.feature, MarkerDisplacements)
+    assert result.feature.markers_.count == len(REST)
     assert result.units == "px"
     assert result.outside is None
-    for cell in (cell for cell in result.cells if cell.force_level != "all"):
+    runs = runs_of(lab.read(pressed))
+    for cell in result.table[result.table["force_level"] != "all"].itertuples():
         truth = []
         for position in (1, 2, 3, 4):
             displacements = [
                 dots_displacement(run.info.printed, press)
-                for run in collection.runs
-                if (run.info.printed.combination, run.info.printed.texture) == (cell.combination, cell.texture)
+                for run in runs
+                if (run.info.printed.printer, run.info.printed.texture) == (cell.printer, cell.texture)
                 for press in plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)
                 if (press.force_level, press.position) == (cell.force_level, position)
             ]
@@ -51,39 +57,49 @@ def test_variance_of_markers_equals_that_of_their_true_displacements(pressed: Pa
         assert cell.variance == pytest.approx(np.mean(truth), rel=0.1)
     assert len(result.means) == 2 * 4
     mean = result.means[2, ("ender-3_pla-plus", "texture-1")].reshape(-1, 2)
-    reference = feature.markers.first.reference_px
+    reference = result.feature.markers_.first.reference_px
     nearest = np.argmin(np.hypot(*(reference[:, None] - REST[None]).transpose(2, 0, 1)), axis=1)
-    run = next(run for run in collection.runs if run.info.printed.combination == "ender-3_pla-plus")
+    run = next(run for run in runs if run.info.printed.combination == "ender-3_pla-plus")
     press = plan_presses(run.info.protocol, run.info.levels, run.info.printed.name)[-1]
     assert np.corrcoef(mean[:, 0], dots_displacement(run.info.printed, press)[nearest, 0])[0, 1] > 0.98
 
 
-def test_worker_processes_give_the_same_marker_table_and_a_figure(pressed: Path, tmp_path: Path) -> None:
-    collection = Collection.open([pressed])
-    feature = fitted(collection, "markers")
-    alone, together = (variance_table(collection, feature, jobs=jobs) for jobs in (1, 2))
-    assert [cell.variance for cell in alone.cells] == pytest.approx([cell.variance for cell in together.cells])
+def test_worker_processes_give_the_same_marker_table_and_a_figure(
+    pressed: Path, result: lab.Variance, tmp_path: Path
+) -> None:
+    together = lab.variance(lab.read(pressed), MarkerDisplacements(), jobs=2)
+    assert together.table["variance"].tolist() == pytest.approx(result.table["variance"].tolist())
     with styled():
         for path in save(exhibit_figure(together), tmp_path / "displacements", ()):
             assert path.stat().st_size > 5000
+
+
+def test_the_feature_is_a_transformer_of_scikit_learn(pressed: Path) -> None:
+    presses = lab.read(pressed)[:6]
+    feature = MarkerDisplacements(sigma_px=3.0).fit(presses)
+    numbers = feature.transform(presses)
+    assert numbers.shape == (6, 2 * len(REST))
+    assert np.array_equal(pickle.loads(pickle.dumps(feature)).transform(presses), numbers)
+    assert clone(feature).get_params() == {"sigma_px": 3.0, "threshold": None, "dark": None, "roi": None}
+    assert feature.get_feature_names_out().tolist()[-1] == "markers_97"
+    with pytest.raises(InputError, match="need run folders"):
+        MarkerDisplacements().fit(presses.assign(folder=None))
 
 
 def test_the_results_say_where_the_displacements_begin(tmp_path: Path) -> None:
     size = {"textures": (1,), "prints": (("form-3", "grey-v4"),), "levels": (1,)}
     folders = write_study(tmp_path, shape=SHAPE, image=dots_image, resting=dots_at_rest, **size)
     for origin in ("position without contact", "median position"):
-        collection = Collection.open([tmp_path])
-        result = variance_table(collection, fitted(collection, "markers"))
+        result = lab.variance(lab.read(tmp_path), MarkerDisplacements())
         with styled():
             labels = [axes.get_ylabel() for axes in exhibit_figure(result).axes]
         assert any(label.startswith(f"displacement from the {origin} (px)") for label in labels)
-        assert any(f"49 markers from its {origin}, mean" in note for note in VarianceView.of(result).notes)
+        assert any(f"49 markers from its {origin}, mean" in note for note in result.notes)
         for folder in folders:  # without the frames at rest, as in an imported run
             table = folder / "references" / "references.csv"
             table.write_text(table.read_text().splitlines()[0] + "\n")
 
 
-@pytest.mark.usefixtures("no_figures")
 @pytest.mark.usefixtures("no_figures")
 def test_the_commands_report_what_was_analysed(
     pressed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -97,7 +113,7 @@ def test_the_commands_report_what_was_analysed(
     assert len(rows) == 1 + 2 * 4 * 49
     assert main(["variance", str(pressed), "--roi", "rect:10,10,150,150", "--json", "--jobs", "1"]) == 0
     assert json.loads(capsys.readouterr().out)["roi"] == "rect:10,10,150,150"
-    report = ["report", str(pressed), "--no-classify", "--variance", str(tmp_path / "out"), "-o"]
+    report = ["report", str(pressed), "--no-classify", "--features", "markers", "--jobs", "1", "-o"]
     assert main([*report, str(tmp_path / "report.html")]) == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "displacements of 49 markers (px)" in page
@@ -120,31 +136,23 @@ def test_regions_and_markers_are_drawn_and_regions_stored(
     assert not list(pressed.glob("*/roi.json"))
 
 
-def test_a_frame_without_markers_is_excluded(pressed: Path) -> None:
-    collection = Collection.open([pressed])
-    feature = fitted(collection, "markers")
-    run = collection.runs[0]
+def test_a_frame_without_markers_is_excluded(pressed: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(next(pressed.iterdir()), tmp_path / "run"))
+    feature = MarkerDisplacements().fit(lab.read(run))
+    write_png(run / "black.png", np.zeros(SHAPE, dtype=np.uint8))
     with pytest.raises(CheckFailedError, match="0 of 49 markers were found"):
-        feature.transform(_Black(run), collection.paths(0)[0])  # type: ignore[arg-type]
-
-
-class _Black:
-    """A run with black frames."""
-
-    def __init__(self, run: object) -> None:
-        self._run = run
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._run, name)
-
-    def read(self, path: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-        return np.zeros(SHAPE, dtype=np.uint8)
+        feature.markers_.displacement_px(run, run / "black.png")
 
 
 def test_settings_of_the_markers_follow_the_name() -> None:
     feature = feature_of("markers:sigma_px=3.5,dark=true", colour=True)
     assert isinstance(feature, MarkerDisplacements)
     assert (feature.sigma_px, feature.threshold, feature.dark) == (3.5, None, True)
-    for wrong in ("markers:sigma_px=99", "markers:sigma_px=wide", "markers:learned=1", "marker"):
+    for wrong in ("markers:sigma_px=wide", "markers:learned=1", "marker"):
         with pytest.raises(InputError):
             feature_of(wrong)
+
+
+def test_settings_that_are_not_allowed_are_refused(pressed: Path) -> None:
+    with pytest.raises(InputError, match="sigma_px"):
+        MarkerDisplacements(sigma_px=99).fit(lab.read(pressed))

@@ -12,12 +12,12 @@ from helpers.studies import Frame, write_study
 
 pytest.importorskip("cv2")
 
+from tacbench_cad import lab
 from tacbench_cad.extensions.scan.record import KIND, SCAN_FILE, SCHEMA
 from tacbench_cad.extensions.scan.report_section import answer, rank_correlation, report_section, scan_table
-from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.variance.table import variance_table
-from tacbench_cad.lab.analysis.variance.view import VarianceView
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.tables import Shown
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
@@ -82,28 +82,29 @@ def test_the_table_joins_each_scan_with_its_print(tmp_path: Path) -> None:
         document |= {"top": {"rms_mm": 0.01 * copy}, "pin_shift_px": 0.1 * copy, "seen_fraction": 1.0}
         (folder / SCAN_FILE).write_text(json.dumps(document), encoding="utf-8")
     (folders[0] / SCAN_FILE).write_text("{}", encoding="utf-8")
-    collection = Collection.open([tmp_path])
-    table, damaged = scan_table(collection, VarianceView.of(variance_table(collection)))
+    presses = lab.read(tmp_path)
+    design = Design.of(presses)
+    table, damaged = scan_table(design, lab.variance(presses))
     assert len(damaged) == 1 and str(folders[0] / SCAN_FILE) in damaged[0]
     second, third = (row for _, row in table.iterrows())
     assert (second["run"], second["top_rms_mm"], second["scan_simulated"]) == (folders[1].name, 0.02, "yes")
     # The means of the three prints are 100, 102 and 120 counts.
     assert third["from_others"] == pytest.approx(19.0**2, rel=0.02)
     assert second["from_others"] == pytest.approx(8.0**2, rel=0.05)
-    assert scan_table(collection, None)[0]["from_others"].isna().all()
+    assert scan_table(design, None)[0]["from_others"].isna().all()
 
 
 def test_the_report_shows_the_scans(tmp_path: Path) -> None:
     grid = PressGrid(x_mm=(4.0,), y_mm=(20.0,))
     (folder,) = write_study(tmp_path, textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1, grid=grid)
-    collection = Collection.open([tmp_path])
-    assert not report_section(Results(collection=collection, reports=())).parts
+    results = Results(design=Design.of(lab.read(tmp_path)))
+    assert not report_section(results).parts
     document = {"kind": KIND, "schema": SCHEMA, "file": "scan.ply", "block": "b", "simulated": False}
     (folder / SCAN_FILE).write_text(
         json.dumps(document | {"top": {"rms_mm": 0.05}, "pin_shift_px": None, "seen_fraction": 1.0}), encoding="utf-8"
     )
-    section = Results(collection=collection, reports=()).added["scans"]
+    section = results.added["scans"]
     parts = section.parts
     assert list(section.tables) == ["scans.csv"]
-    assert "Too few prints to compare the deviation from the formula" in parts[1]["text"]
-    assert parts[-1]["files"] == ["scans.csv"] and "50" in parts[-1]["rows"][0]
+    assert "Too few prints to compare the deviation from the formula" in str(parts[1])
+    assert isinstance(parts[-1], Shown) and "50" in parts[-1].texts[0]

@@ -14,6 +14,7 @@ from tacbench_cad import Block, lab
 from tacbench_cad.cli import main
 from tacbench_cad.lab.acquire.progress import Silent
 from tacbench_cad.lab.runs.checking import check_run
+from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.spec.protocol import PressGrid
 from tacbench_cad.util.errors import InputError
 
@@ -92,7 +93,7 @@ def test_objects_classes_and_names_end_in_the_same_devices(
 
 
 def test_names_of_drivers_are_devices_too() -> None:
-    stage = lab.StageSettings(driver="simulated", limits_mm=LIMITS)
+    stage = StageSettings(driver="simulated", limits_mm=LIMITS)
     rig = lab.Rig(
         stage="simulated",
         sensor="simulated",

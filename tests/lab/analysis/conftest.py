@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import pandas as pd
 import pytest
 from helpers.studies import write_study
 
-from tacbench_cad.lab.analysis.classification.settings import one_thread
-from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.runs.press_table import read
 
 
 @pytest.fixture(scope="session")
-def make_study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collection]:
-    """Return a function that writes a study with the given fields of :class:`studies.Plan` and opens it."""
+def make_study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., pd.DataFrame]:
+    """Return a function that writes a study with the given fields of :class:`studies.Plan` and reads its presses."""
 
-    def make(**plan: Any) -> Collection:
+    def make(**plan: Any) -> pd.DataFrame:
         folder = tmp_path_factory.mktemp("study")
         write_study(folder, **plan)
-        return Collection.open([folder])
+        return read(folder)
 
     return make
 
@@ -27,7 +27,7 @@ def make_study(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Collec
 @pytest.fixture(scope="module")
 def single_thread() -> Iterator[None]:
     """Restrict the libraries for matrices to one thread, as the command does."""
-    with one_thread():
+    with pytest.importorskip("threadpoolctl").threadpool_limits(limits=1):
         yield
 
 

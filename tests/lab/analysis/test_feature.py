@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,13 +12,14 @@ import numpy as np
 import pytest
 from helpers.devices import install_package
 from helpers.studies import write_study
+from sklearn.base import clone
 
+from tacbench_cad import lab
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.feature import GROUP, feature_of, fitted
-from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad.lab.analysis.feature import GROUP, feature_of
+from tacbench_cad.lab.runs.press_table import read_frame
 from tacbench_cad.util.entries import groups
-from tacbench_cad.util.errors import InputError, MissingToolError
+from tacbench_cad.util.errors import CheckFailedError, InputError, MissingToolError
 
 DOCS = (Path(__file__).parents[3] / "docs" / "extending.md").read_text(encoding="utf-8")
 
@@ -35,21 +37,22 @@ def brightness(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None
 @pytest.mark.usefixtures("brightness", "no_figures")
 def test_a_feature_of_another_package_is_analysed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_study(tmp_path / "runs", levels=(1,))
-    collection = Collection.open([tmp_path / "runs"])
-    result = variance_table(collection, fitted(collection, "brightness:strips=3"))
-    cell = result.cells[0]
-    here = (collection.combination == f"{cell.printer}_{cell.filament}") & (collection.texture == cell.texture)
+    presses = lab.read(tmp_path / "runs")
+    result = lab.variance(presses, feature_of("brightness:strips=3"))
+    cell = result.table.iloc[0]
+    names = ["printer", "filament", "texture"]
+    here = presses[(presses[names] == cell[names]).all(axis=1)]
     expected = []
-    for position in np.unique(collection.position):
-        frames = [collection.frame(i) for i in np.flatnonzero(here & (collection.position == position))]
+    for _, of_position in here.groupby("position"):
+        frames = [read_frame(path) for path in of_position["frame"]]
         means = [[strip.mean() for strip in np.array_split(frame, 3)] for frame in frames]
         expected.append(np.var(means, axis=0).mean())
-    assert cell.variance == pytest.approx(np.mean(expected))
+    assert cell["variance"] == pytest.approx(np.mean(expected))
     words = [str(tmp_path / "runs"), "--features", "brightness", "--jobs", "1", "--json", "-o"]
     assert main(["variance", *words, str(tmp_path / "table")]) == 0
     assert json.loads(capsys.readouterr().out)["features"] == "brightness"
     assert main(["classify", *words, str(tmp_path / "classes"), "--hold-out", "copy", "--trials", "1"]) == 0
-    assert json.loads(capsys.readouterr().out)["settings"]["features"] == "brightness"
+    assert json.loads(capsys.readouterr().out)["features"] == "Brightness()"
 
 
 @pytest.mark.usefixtures("brightness")
@@ -60,3 +63,22 @@ def test_an_unknown_or_missing_feature_is_refused() -> None:
         feature_of("brightness:strip=3")
     with pytest.raises(MissingToolError, match="gone needs gone_extension, which is not installed"):
         feature_of("gone")
+
+
+def test_features_are_transformers_of_scikit_learn(tmp_path: Path) -> None:
+    write_study(tmp_path, textures=(1,), copies=1)
+    presses = lab.read(tmp_path)
+    for feature, count in ((lab.Pixels(size=(8, 6)), 48), (lab.Pixels(roi="rect:0,0,9,9"), 100)):
+        numbers = feature.fit_transform(presses)
+        assert numbers.shape == (len(presses), count)
+        assert np.array_equal(pickle.loads(pickle.dumps(feature)).transform(presses), numbers)
+        assert not hasattr(clone(feature), "shape_") and clone(feature).get_params() == feature.get_params()
+        assert feature.get_feature_names_out().tolist()[:: count - 1] == ["pixels_0", f"pixels_{count - 1}"]
+
+
+def test_a_damaged_frame_of_a_table_is_named(tmp_path: Path) -> None:
+    (folder, *_) = write_study(tmp_path, textures=(1,), copies=1)
+    presses = lab.read(folder)
+    (folder / "sensor_images" / "image_3.png").write_bytes(b"no picture")
+    with pytest.raises(CheckFailedError, match=r"image_3\.png"):
+        lab.Pixels().fit_transform(presses)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.studies import write_study
 
+from tacbench_cad import lab
 from tacbench_cad.cli import main
 from tacbench_cad.lab.analysis import published
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance.cells import FRAMES, Cell
-from tacbench_cad.lab.analysis.variance.grade import Grade, grade
+from tacbench_cad.lab.analysis.study_design import Design, keyed
+from tacbench_cad.lab.analysis.variance.cells import FRAMES
 from tacbench_cad.lab.analysis.variance.grade_limits import to_two_repeats
+from tacbench_cad.lab.analysis.variance.grading import Grades, graded
+from tacbench_cad.lab.analysis.variance.result import Variance
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.study.names import SELECTED
@@ -28,13 +31,14 @@ from tacbench_cad.util.errors import InputError
 ENDER, BAMBU, RESIN = published.PAPER_VARIANCE
 
 
-def cell(texture: int | str, low: float | None, high: float | None, **changes: Any) -> Cell:
+def cell(texture: int | str, low: float = math.nan, high: float = math.nan, **changes: Any) -> dict[str, Any]:
+    """Return a row of the variance table."""
     values: dict[str, Any] = {
         "printer": "mine",
         "filament": "petg",
         "texture": f"texture-{texture}" if isinstance(texture, int) else texture,
         "force_level": 1,
-        "variance": 1.0 if low is None or high is None else (low + high) / 2.0,
+        "variance": 1.0 if math.isnan(low) else (low + high) / 2.0,
         "floor": 0.2,
         "noise_alone": 0.1,
         "low": low,
@@ -42,17 +46,17 @@ def cell(texture: int | str, low: float | None, high: float | None, **changes: A
         "prints": 6,
         "presses": 900,
         "floor_from": FRAMES,
-        "quantity": "repeats of one print",
+        "published": math.nan,
     }
-    return Cell(**{**values, **changes})
+    return {**values, **changes}
 
 
-def like(row: tuple[float, ...], low: float, high: float, **changes: Any) -> list[Cell]:
+def like(row: tuple[float, ...], low: float, high: float, **changes: Any) -> list[dict[str, Any]]:
     return [cell(i, low * value, high * value, **changes) for i, value in enumerate(row, start=1)]
 
 
-def study_of(*, sensor: dict[str, Any] | None = None, block: Block | None = None, **protocol: Any) -> Collection:
-    """Return a study like the paper's with the given changes; it has no files."""
+def study_of(*, sensor: dict[str, Any] | None = None, block: Block | None = None, **protocol: Any) -> Design:
+    """Return the design of a study like the paper's with the given changes; it has no files."""
     info = RunInfo(
         printed=PrintedBlock(block=block or Block.of(1, preset="released"), printer="mine", filament="petg", copy=1),
         levels=(1,),
@@ -65,16 +69,30 @@ def study_of(*, sensor: dict[str, Any] | None = None, block: Block | None = None
         gauge={"identity": "gauge", "simulated": "", "calibration": {}},
         sensor={"name": "TacTip", "simulated": "", "units": "counts", "shape": [480, 640, 3], **(sensor or {})},
     )
-    return Collection(runs=(Run(folder=Path("run"), info=info),), run=np.array([0]), number=np.array([1]))
+    press = {"run": "run", "press": 1, "frame": "image_1.png", "sensor": "TacTip", "units": info.sensor["units"]}
+    press |= {"contact": info.protocol.targets.contact, "simulated": "; ".join(info.simulated) or None, "planned": True}
+    run = Run(folder=Path("run"), info=info)
+    return Design(presses=keyed(pd.DataFrame([press])), runs=(run,), unknown=frozenset())
 
 
 PAPER = study_of()
 
 
-def graded(cells: list[Cell], study: Collection = PAPER, **options: Any) -> Grade:
-    result = grade(cells, study, **options)
-    assert len(result) == 1
-    return result[0]
+def graded_cells(cells: list[dict[str, Any]], study: Design = PAPER, **changes: Any) -> Grades:
+    given: dict[str, Any] = {"protocol": "as-published", "left_out": (), **changes}
+    table = {"variance": pd.DataFrame(cells)}
+    nothing: dict[str, Any] = {"maps": {}, "means": {}, "outside": None}
+    return graded(Variance(design=study, feature=lab.Pixels(), ddof=0, seed=0, tables=table, **nothing, **given))
+
+
+def verdict(grades: Grades, row: tuple[str, str]) -> pd.Series:
+    """Return the verdict for one of the paper's rows."""
+    return grades.answers.set_index(["published_printer", "published_filament"]).loc[row]
+
+
+def limits(grades: Grades) -> tuple[str, ...]:
+    (of_printer,) = grades.limits.values()
+    return of_printer
 
 
 def test_the_published_figures_equal_the_paper() -> None:
@@ -89,18 +107,13 @@ def test_the_published_figures_equal_the_paper() -> None:
     assert published.PAPER_FLOORS["standard deviation"] == pytest.approx(6.76)
 
 
-def differences(result: Grade) -> list[list[str | None]]:
-    """Return the verdicts for each texture against each of the paper's rows."""
-    return [[comparison.ours_is for comparison in texture.published] for texture in result.textures]
-
-
 def test_an_interval_below_all_figures_is_as_consistent() -> None:
-    result = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9))
-    assert differences(result) == [["less"] * 3] * 6
-    resin = result.verdicts[2]
-    assert (resin.printer, resin.filament, resin.verdict) == (*RESIN, "repeats as well, or better")
-    assert (resin.less, resin.more, resin.unclear) == ((1, 2, 3, 4, 5, 6), (), ())
-    assert resin.text == "Form 3 resin: repeats as well, or better (less: 1, 2, 3, 4, 5, 6)"
+    result = graded_cells(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9))
+    assert len(result.table) == 6 * 3 and set(result.table["ours_is"]) == {"less"}
+    resin = verdict(result, RESIN)
+    assert (resin["less"], resin["more"], resin["unclear"]) == ("1, 2, 3, 4, 5, 6", "", "")
+    text = "Form 3 resin: repeats as well, or better (less: 1, 2, 3, 4, 5, 6)"
+    assert resin["text"] == result.verdicts(("mine", "petg"))[2] == text
 
 
 def test_verdicts_are_monotone_in_the_variance() -> None:
@@ -109,76 +122,72 @@ def test_verdicts_are_monotone_in_the_variance() -> None:
         ("less", "unclear", "more"),
         ("repeats as well, or better", "not enough data", "varies more", "repeats less"),
     )
-    for noise_alone, low, high in ((0.1, 0.7, 1.6), (2.0, 0.5, 3.0), (None, 0.9, 1.1)):
+    for noise_alone, low, high in ((0.1, 0.7, 1.6), (2.0, 0.5, 3.0), (math.nan, 0.9, 1.1)):
         ranks = []
         for variance in np.geomspace(0.3, 40.0, 60):
             cells = like(published.PAPER_VARIANCE[BAMBU], 0.3, 0.9)
             cells[2] = cell(3, low * variance, high * variance, variance=variance, noise_alone=noise_alone)
-            result = graded(cells)
-            of_texture = [words[0].index(str(compared.ours_is)) for compared in result.textures[2].published]
-            verdicts = [judgement.verdict for judgement in result.verdicts]
-            ranks.append(of_texture + [next(i for i, w in enumerate(words[1]) if v.startswith(w)) for v in verdicts])
+            result = graded_cells(cells)
+            of_texture = result.table.loc[result.table["texture"] == 3, "ours_is"].map(words[0].index)
+            verdicts = result.answers["verdict"]
+            ranks.append([*of_texture, *(next(i for i, w in enumerate(words[1]) if v.startswith(w)) for v in verdicts)])
         assert (np.diff(ranks, axis=0) >= 0).all() and np.ptp(ranks, axis=0).min() > 0
 
 
 def test_an_interval_above_a_figure_is_less_consistent() -> None:
-    ender, bambu, _ = graded(like(published.PAPER_VARIANCE[ENDER], 0.5, 0.8)).verdicts
-    assert ender.verdict == "repeats as well, or better"
-    assert bambu.verdict == "repeats less well"
-    assert (bambu.less, bambu.more, bambu.unclear) == ((1,), (2, 3, 4, 6), (5,))
-    assert bambu.at_least == pytest.approx(0.5 * 10.36 / 2.64)
-    assert bambu.at_most == pytest.approx(0.8 * 7.026 / 3.63)
-    assert bambu.text == (
+    result = graded_cells(like(published.PAPER_VARIANCE[ENDER], 0.5, 0.8))
+    assert verdict(result, ENDER)["verdict"] == "repeats as well, or better"
+    bambu = verdict(result, BAMBU)
+    assert bambu["at_least"] == pytest.approx(0.5 * 10.36 / 2.64)
+    assert bambu["at_most"] == pytest.approx(0.8 * 7.026 / 3.63)
+    assert bambu["text"] == (
         "Bambu P1P PLA-: repeats less well (more: 2, 3, 4, 6, at least 2 times as much; less: 1; unclear: 5, up to 1.5 "
         "times as much)"
     )
 
 
 @pytest.mark.parametrize(
-    ("noise", "verdict"),
+    ("noise", "words"),
     [
         (1.0, "repeats less well"),
         (3.0, "varies more, but the sensor's noise may explain it"),
-        (None, "varies more, but without a noise floor the reason is unknown"),
+        (math.nan, "varies more, but without a noise floor the reason is unknown"),
     ],
 )
-def test_noise_is_not_attributed_to_the_prints(noise: float | None, verdict: str) -> None:
-    resin = graded([cell(1, 4.0, 5.0, noise_alone=noise)]).verdicts[2]
-    assert (resin.verdict, resin.more) == (verdict, (1,))
+def test_noise_is_not_attributed_to_the_prints(noise: float, words: str) -> None:
+    resin = verdict(graded_cells([cell(1, 4.0, 5.0, noise_alone=noise)]), RESIN)
+    assert (resin["verdict"], resin["more"]) == (words, "1")
 
 
 def test_an_interval_around_a_figure_gives_no_verdict() -> None:
-    bambu = graded(like(published.PAPER_VARIANCE[BAMBU], 0.5, 4.0)).verdicts[1]
-    assert bambu.verdict == "not enough data" and bambu.unclear == (1, 2, 3, 4, 5, 6)
-    assert bambu.at_most == pytest.approx(4.0) and bambu.at_least is None
+    bambu = verdict(graded_cells(like(published.PAPER_VARIANCE[BAMBU], 0.5, 4.0)), BAMBU)
+    assert bambu["verdict"] == "not enough data" and bambu["unclear"] == "1, 2, 3, 4, 5, 6"
+    assert bambu["at_most"] == pytest.approx(4.0) and math.isnan(bambu["at_least"])
 
 
 def test_figures_of_other_numbers_of_repeats_are_converted_to_two() -> None:
     assert [to_two_repeats(repeats) for repeats in (2, 3, 6)] == pytest.approx([1.0, 0.75, 0.6])
-    two, five = (graded(like(published.PAPER_VARIANCE[RESIN], 1.1, 1.5), study_of(repeats=n)) for n in (2, 5))
-    assert two.textures[0].published[2].ours_is == "more"
-    assert five.textures[0].published[2].ours_is == "less"
-    assert five.textures[0].published[2].ratio == pytest.approx((1.1 * 0.625, 1.5 * 0.625))
+    cells = like(published.PAPER_VARIANCE[RESIN], 1.1, 1.5)
+    two, five = (graded_cells(cells, study_of(repeats=n)).table.iloc[2] for n in (2, 5))
+    assert (two["ours_is"], five["ours_is"]) == ("more", "less")
+    assert (five["ratio_low"], five["ratio_high"]) == pytest.approx((1.1 * 0.625, 1.5 * 0.625))
 
 
 def test_both_sides_of_a_ratio_have_the_same_divisor() -> None:
     """Two repeats of pure noise of variance 5 have a variance of 2.5 with ddof 0, so the prints add nothing."""
-    noise = graded([cell(1, 2.4, 2.6, variance=2.5, floor=5.0, noise_alone=2.5)])
-    assert noise.verdicts[2].verdict == "varies more, but the sensor's noise may explain it"
-    assert any("Up to 100 % of the figure is noise" in text for text in noise.limits)
-    half = graded([cell(1, 9.0, 11.0, variance=10.0, floor=8.0, noise_alone=4.0)])
-    assert half.verdicts[2].verdict == "repeats less well"
-    assert not any("of the figure is noise" in text for text in half.limits)
+    noise = graded_cells([cell(1, 2.4, 2.6, variance=2.5, floor=5.0, noise_alone=2.5)])
+    assert verdict(noise, RESIN)["verdict"] == "varies more, but the sensor's noise may explain it"
+    assert any("Up to 100 % of the figure is noise (texture 1)" in text for text in limits(noise))
+    half = graded_cells([cell(1, 9.0, 11.0, variance=10.0, floor=8.0, noise_alone=4.0)])
+    assert verdict(half, RESIN)["verdict"] == "repeats less well"
+    assert not any("of the figure is noise" in text for text in limits(half))
 
 
 def test_one_print_has_no_verdict_but_a_reason() -> None:
-    result = graded([cell(i, None, None, prints=1) for i in range(1, 7)])
-    assert differences(result) == [[None] * 3] * 6
-    assert [verdict.text for verdict in result.verdicts][2] == "Form 3 resin: no interval"
-    assert any(
-        text.startswith("There is only one print of textures 1, 2, 3, 4, 5, 6. Other prints may")
-        for text in result.limits
-    )
+    result = graded_cells([cell(i, prints=1) for i in range(1, 7)])
+    assert set(result.table["ours_is"]) == {""} and verdict(result, RESIN)["text"] == "Form 3 resin: no interval"
+    words = "There is only one print of textures 1, 2, 3, 4, 5, 6. Other prints may"
+    assert any(text.startswith(words) for text in limits(result))
 
 
 @pytest.mark.parametrize(
@@ -196,53 +205,48 @@ def test_one_print_has_no_verdict_but_a_reason() -> None:
 )
 def test_differences_from_the_paper_are_reported(changes: dict[str, Any], sentence: str) -> None:
     cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
-    assert not any(sentence in text for text in graded(cells).limits)
-    assert any(sentence in text for text in graded(cells, study_of(**changes)).limits)
+    assert not any(sentence in text for text in limits(graded_cells(cells)))
+    assert any(sentence in text for text in limits(graded_cells(cells, study_of(**changes))))
 
 
-def test_a_missing_noise_floor_is_reported() -> None:
-    cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, floor=None, floor_from="", noise_alone=None)
-    assert any("There is no noise floor" in text for text in graded(cells).limits)
-
-
-def test_the_papers_unknown_noise_floor_is_reported_for_a_comparable_study() -> None:
-    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)).limits
-    assert len(limits) == 3
-    assert "2.6 counts^2 if it is a variance or 6.8 counts^2 if it is a standard deviation" in limits[1]
+def test_noise_floors_missing_in_the_study_and_without_unit_in_the_paper_are_reported() -> None:
+    cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9, floor=math.nan, floor_from="", noise_alone=math.nan)
+    assert any("There is no noise floor" in text for text in limits(graded_cells(cells)))
+    comparable = limits(graded_cells(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)))
+    assert len(comparable) == 3
+    assert "2.6 counts^2 if it is a variance or 6.8 counts^2 if it is a standard deviation" in comparable[1]
 
 
 def test_other_units_are_not_compared() -> None:
-    result = graded(like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9), study_of(sensor={"units": "kPa", "shape": [16]}))
-    assert differences(result) == [[None] * 3] * 6 and result.units == "kPa^2"
-    assert {verdict.verdict for verdict in result.verdicts} == {"another unit"}
-    assert not any("The published figures" in text for text in result.limits)
-
-
-def test_a_figure_that_is_mostly_noise_is_reported() -> None:
-    cells = like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9)
-    cells[1] = replace(cells[1], noise_alone=0.8 * cells[1].variance)
-    assert any("Up to 80 % of the figure is noise (texture 2)" in text for text in graded(cells).limits)
+    cells = like(published.PAPER_VARIANCE[RESIN], 0.3, 0.9)
+    result = graded_cells(cells, study_of(sensor={"units": "kPa", "shape": [16]}))
+    assert set(result.table["ours_is"]) == {""} and result.document()["units"] == "kPa^2"
+    assert set(result.answers["verdict"]) == {"another unit"}
+    assert not any("The published figures" in text for text in limits(result))
 
 
 def test_missing_and_own_textures_are_reported() -> None:
-    result = graded([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
-    assert [texture.texture for texture in result.textures] == [2]
-    assert "Not pressed: textures 1, 3, 4, 5, 6." in result.limits
-    assert "Not compared, because not in the paper: hex." in result.limits
+    result = graded_cells([cell(2, 0.5, 1.0), cell("hex", 0.5, 1.0)])
+    assert set(result.table["texture"]) == {2}
+    assert "Not pressed: textures 1, 3, 4, 5, 6." in limits(result)
+    assert "Not compared, because not in the paper: hex." in limits(result)
 
 
 def test_each_printer_and_filament_has_a_grade_for_its_force_level() -> None:
-    result = grade([cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")], PAPER)
-    assert [grade.printer for grade in result] == ["b", "a"]
-    assert all(grade.force_level == 2 and len(grade.textures) == 1 for grade in result)
-    assert any("The force level is 2, and the published figures are for level 1" in text for text in result[0].limits)
+    cells = [cell(1, 0.5, 1.0, printer=printer, force_level=2) for printer in ("b", "a")]
+    result = graded_cells([*cells, cell("hex", 0.5, 1.0, printer="c")])
+    assert list(result.limits) == [("b", "petg"), ("a", "petg")]
+    titles = [shown.title for _, shown in result.shown()]
+    assert [title.partition(";")[0] for title in titles] == ["b, petg: force level 2", "a, petg: force level 2"]
+    words = "The force level is 2, and the published figures are for level 1"
+    assert any(words in text for text in result.limits["b", "petg"])
 
 
 def test_data_that_cannot_be_graded_are_refused() -> None:
     with pytest.raises(InputError, match="protocol = 'paper': must be as-published"):
-        grade([cell(1, 0.5, 1.0, quantity="prints and repeats")], PAPER)
+        graded_cells([cell(1, 0.5, 1.0)], protocol="paper")
     with pytest.raises(InputError, match="none of them is one of the paper's six"):
-        grade([cell("hex", 0.5, 1.0)], PAPER)
+        graded_cells([cell("hex", 0.5, 1.0)])
 
 
 @pytest.fixture(scope="module")
@@ -270,19 +274,21 @@ def test_the_command_prints_a_table_verdicts_and_reasons(study: Path, capsys: py
         assert out.count(sentence) == 2
 
 
-def test_the_command_prints_json(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_json_and_the_function_writes_the_tables(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["grade", str(study), "--force-level", "1", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["simulated"] == ["sensor: simulated TacTip"] and document["units"] == "counts"
-    assert [(row["printer"], row["force_level"]) for row in document["grades"]] == [("ender-3", 1), ("bambu-p1p", 1)]
-    first, second = document["grades"][0]["textures"]
-    assert (first["texture"], second["texture"]) == (1, 2)
-    assert first["low"] < first["variance"] < first["high"]
-    resin = first["published"][2]
-    assert (resin["printer"], resin["filament"], resin["variance"]) == ("form-3", "grey-v4", 2.31)
-    assert resin["ours_is"] in ("less", "more", "unclear")
-    verdict = document["grades"][0]["verdicts"][2]
-    assert verdict["printer"] == "form-3" and sorted(verdict["less"] + verdict["more"] + verdict["unclear"]) == [1, 2]
+    assert document["simulated"] == ["sensor: simulated TacTip"] and document["units"] == "counts^2"
+    first, last = document["grade"][0], document["grade"][-1]
+    assert (first["printer"], first["force_level"], first["texture"]) == ("ender-3", 1, 1)
+    assert (last["printer"], last["texture"], last["published_printer"], last["published"]) == (
+        *("bambu-p1p", 2, "form-3", 2.11),
+    )
+    assert first["low"] < first["variance"] < first["high"] and first["ours_is"] in ("less", "more", "unclear")
+    assert len(document["verdicts"]) == 2 * 3 and len(document["limits"]) == 2
+    for path, rows in zip(lab.grade(lab.read(study)).save(tmp_path), (12, 6), strict=True):
+        assert len(pd.read_csv(path)) == rows
 
 
 @pytest.mark.parametrize(
@@ -298,5 +304,5 @@ def test_invalid_options_are_refused_by_name(
 
 def test_excluded_frames_are_reported() -> None:
     left_out = ("run/a.png: is damaged", "run/b.png: is damaged")
-    limits = graded(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), left_out=left_out).limits
-    assert limits[0] == "2 frames could not be used; the first is run/a.png: is damaged."
+    result = graded_cells(like(published.PAPER_VARIANCE[RESIN], 0.5, 0.9), left_out=left_out)
+    assert limits(result)[0] == "2 frames could not be used; the first is run/a.png: is damaged."

@@ -48,7 +48,7 @@ def test_the_ratio_of_variances_has_the_first_printer_in_the_numerator() -> None
     result = dispersion_test(first, second)
     assert result.ratio is not None and 2.5 < result.ratio < 6.0
     assert result.statistic > 0.3 and result.p < 0.001
-    assert result.textures == 6 and result.prints == (36, 36)
+    assert result.textures == 6 and (result.prints_first, result.prints_second) == (36, 36)
     turned = dispersion_test(second, first)
     assert turned.statistic == pytest.approx(-result.statistic)
     assert turned.ratio == pytest.approx(1.0 / result.ratio)

@@ -6,23 +6,27 @@ has its own background. A random split recognises the background; a held-out ses
 
 from __future__ import annotations
 
-import csv
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 
 pytest.importorskip("sklearn")
 pytest.importorskip("matplotlib")
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab import ImportOptions, import_samples
-from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.classification.splits import MAY_LEAK
-from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.classification.classification import Classification
+from tacbench_cad.lab.analysis.classification.hold_out import MAY_LEAK
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.runs.importing.importer import import_samples
+from tacbench_cad.lab.runs.importing.sources import ImportOptions
+from tacbench_cad.lab.runs.press_table import read
 
 pytestmark = pytest.mark.usefixtures("single_thread", "few_trees", "no_figures")
 
@@ -49,7 +53,7 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def reported(runs: Path, out: Path, capsys: Capture) -> tuple[str, dict[str, object], str]:
+def reported(runs: Path, out: Path, capsys: Capture) -> tuple[str, dict[str, Any], str]:
     """Classify and report; return what classify prints, the report's document, and the text of its page and tables."""
     assert main(["classify", str(runs), "--trials", "1", "--jobs", "1", "-o", str(out / "classified")]) == 0
     printed = capsys.readouterr().out
@@ -64,20 +68,18 @@ def reported(runs: Path, out: Path, capsys: Capture) -> tuple[str, dict[str, obj
 
 def test_a_random_split_is_not_called_leak_free(images: Path, tmp_path: Path, capsys: Capture) -> None:
     assert import_samples([images / "images"], tmp_path / "runs", ImportOptions()).ok
-    assert Collection.open([tmp_path / "runs"]).unknown_groups == ("prints", "sessions")
+    assert Design.of(read(tmp_path / "runs")).unknown_groups == ("prints", "sessions")
     printed, document, text = reported(tmp_path / "runs", tmp_path, capsys)
     for words in (printed, text, json.dumps(document)):
         assert "leak-free" not in words
-    (sentence,) = (row["text"] for row in document["summary"] if row["topic"] == "Telling apart")  # type: ignore[attr-defined]
+    sentence = document["summary"]["Telling apart"]
     assert f"correctly, {MAY_LEAK} (chance" in sentence
     assert float(re.findall(r"predicts ([\d.]+) %", sentence)[0]) > 95.0
     assert "This is too high if similar samples are on both sides" in sentence
-    table = document["table"]
-    assert f"predicted correctly, {MAY_LEAK} (%)" in table["heads"]  # type: ignore[index]
-    with (tmp_path / "report_files" / "textures.csv").open(newline="") as stream:
-        assert {row["hold_out"] for row in csv.DictReader(stream)} == {MAY_LEAK}
+    assert f"predicted correctly, {MAY_LEAK} (%)" in text
+    assert {row["hold_out"] for row in document["textures"]} == {MAY_LEAK}
     assert MAY_LEAK in printed and "prints and sessions are unknown" in printed
-    assert "the session, print, printer" in document["summary"][0]["text"]  # type: ignore[index]
+    assert "the session, print, printer" in next(iter(document["summary"].values()))
     assert "The hold-out levels were press (" in text  # and no level that was not computed
 
 
@@ -89,7 +91,7 @@ def test_the_json_document_does_not_call_a_random_split_leak_free(
     assert main(words) == 0
     text = capsys.readouterr().out
     assert "leak-free" not in text and json.loads(text)["settings"]["protocol"] == "hold-out"
-    assert ClassificationRecord.read(tmp_path / "out").protocol == "leak-free"  # the option, to repeat the command
+    assert Classification.open(tmp_path / "out").settings.protocol == "leak-free"  # the option, to repeat the command
 
 
 def test_a_split_and_its_score_say_that_a_random_split_may_leak(images: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -118,22 +120,22 @@ def test_unknown_sessions_stand_beside_the_number_to_quote(images: Path, tmp_pat
     table.write_text((images / "labels.csv").read_text().replace("session", "print", 1))
     assert import_samples([images / "images", table], tmp_path / "runs", ImportOptions()).ok
     _, document, text = reported(tmp_path / "runs", tmp_path, capsys)
-    assert "predicted correctly, on unseen prints, sessions unknown (%)" in document["table"]["heads"]  # type: ignore[index]
-    assert {row["hold_out"] for row in document["table"]["records"]} == {"copy, sessions unknown"}  # type: ignore[index]
+    assert "predicted correctly, on unseen prints, sessions unknown (%)" in text
+    assert {row["hold_out"] for row in document["textures"]} == {"copy, sessions unknown"}
     assert "leak-free" not in text and MAY_LEAK in text
 
 
 def test_with_sessions_the_held_out_session_is_quoted(images: Path, tmp_path: Path, capsys: Capture) -> None:
     sources = [images / "images", images / "labels.csv"]
     assert import_samples(sources, tmp_path / "runs", ImportOptions()).ok
-    assert Collection.open([tmp_path / "runs"]).unknown_groups == ("prints",)
+    assert Design.of(read(tmp_path / "runs")).unknown_groups == ("prints",)
     _, document, text = reported(tmp_path / "runs", tmp_path, capsys)
-    (sentence,) = (row["text"] for row in document["summary"] if row["topic"] == "Telling apart")  # type: ignore[attr-defined]
+    sentence = document["summary"]["Telling apart"]
     assert "correctly, held out: session, prints unknown (chance" in sentence
-    assert "predicted correctly, held out: session, prints unknown (%)" in document["table"]["heads"]  # type: ignore[index]
+    assert "predicted correctly, held out: session, prints unknown (%)" in text
     assert float(re.findall(r"predicts ([\d.]+) %", sentence)[0]) < 75.0
     assert "leak-free" not in text and MAY_LEAK in text  # the level press is below, with its name
 
 
-def test_a_planned_study_is_leak_free(make_study: object) -> None:
-    assert make_study(still=0).unknown_groups == ()  # type: ignore[operator]
+def test_a_planned_study_is_leak_free(make_study: Callable[..., pd.DataFrame]) -> None:
+    assert Design.of(make_study(still=0)).unknown_groups == ()

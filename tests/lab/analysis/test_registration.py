@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.studies import PRINTERS, write_study
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance.registration import register
-from tacbench_cad.lab.analysis.variance.table import variance_table
+from tacbench_cad import lab
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
@@ -45,59 +45,57 @@ def sensor(field: Field, shifted: bool, print_sd: float = 0.0) -> Callable[..., 
     return read
 
 
-def study(folder: Path, image: Callable[..., Frame], **changes: object) -> Collection:
+def study(folder: Path, image: Callable[..., Frame], **changes: object) -> pd.DataFrame:
     plan = {"textures": (1,), "prints": PRINTERS[:1], "copies": 3, "grid": TRUE_GRID, "shape": (8,), "units": "kPa"}
     write_study(folder, image=image, **{**plan, **changes})  # type: ignore[arg-type]
-    return Collection.open([folder])
+    return lab.read(folder)
+
+
+def registered(presses: pd.DataFrame, **settings: Any) -> pd.DataFrame:
+    return lab.variance(presses, register=True, **settings).tables["registration"]
 
 
 @pytest.mark.parametrize("ddof", [0, 1])
 def test_block_offsets_are_found_and_explain_the_variance_between_prints(tmp_path: Path, ddof: int) -> None:
-    collection = study(tmp_path, sensor(both_axes, shifted=True))
-    (result,) = register(collection, ddof=ddof)
-    for copy, offset in OFFSETS_MM.items():
-        np.testing.assert_allclose(result.offsets_mm[copy], offset, atol=0.01)
-    table = variance_table(collection, ddof=ddof)
-    assert result.variance == pytest.approx(table.cells[0].variance, rel=1e-4)
-    assert result.seating > 0.95 * (result.variance - 0.02**2)
-    assert result.remaining == pytest.approx(result.variance - result.seating)
+    result = lab.variance(study(tmp_path, sensor(both_axes, shifted=True)), register=True, ddof=ddof)
+    rows = result.tables["registration"]
+    assert rows["copy"].tolist() == [1, 2, 3]
+    np.testing.assert_allclose(rows[["x_mm", "y_mm"]], list(OFFSETS_MM.values()), atol=0.01)
+    np.testing.assert_allclose(rows["variance"], result.table["variance"][0], rtol=1e-4)
+    assert (rows["seating"] > 0.95 * (rows["variance"] - 0.02**2)).all()
+    np.testing.assert_allclose(rows["variance_without_seating"], rows["variance"] - rows["seating"])
 
 
 def test_differences_between_prints_are_not_taken_for_offsets(tmp_path: Path) -> None:
-    (result,) = register(study(tmp_path, sensor(both_axes, shifted=False, print_sd=0.5)))
+    rows = registered(study(tmp_path, sensor(both_axes, shifted=False, print_sd=0.5)))
     # Two offsets are fitted to the 8 x 25 numbers of each print, so by chance they explain about 1 % of the variance.
-    assert result.seating < 0.05 * result.variance
-    assert max(abs(offset) for pair in result.offsets_mm.values() for offset in pair if offset is not None) < 0.05
+    assert (rows["seating"] < 0.05 * rows["variance"]).all()
+    assert rows[["x_mm", "y_mm"]].abs().max(axis=None) < 0.05
 
 
 def test_an_axis_without_changes_has_no_offsets(tmp_path: Path) -> None:
-    (result,) = register(study(tmp_path, sensor(only_x, shifted=True)))
-    for copy, (x, y) in result.offsets_mm.items():
-        assert x == pytest.approx(OFFSETS_MM[copy][0], abs=0.01) and y is None
-    rows = list(result.rows())
-    assert [row["copy"] for row in rows] == [1, 2, 3]
+    rows = registered(study(tmp_path, sensor(only_x, shifted=True)))
+    np.testing.assert_allclose(rows["x_mm"], [x for x, _ in OFFSETS_MM.values()], atol=0.01)
+    assert rows["y_mm"].isna().all()
 
 
 def test_worker_processes_give_the_same_result_and_single_prints_are_excluded(tmp_path: Path) -> None:
-    collection = study(tmp_path, sensor(both_axes, shifted=True), textures=(1, 2), levels=(1, 2))
-    serial, parallel = register(collection), register(collection, jobs=2)
-    assert [(s.force_level, s.texture, s.seating) for s in serial] == [
-        (s.force_level, s.texture, s.seating) for s in parallel
-    ]
-    assert len(serial) == 4
+    presses = study(tmp_path, sensor(both_axes, shifted=True), textures=(1, 2), levels=(1, 2))
+    serial, parallel = registered(presses), registered(presses, jobs=2)
+    pd.testing.assert_frame_equal(serial, parallel)
+    assert len(serial) == 4 * 3
     with pytest.raises(InputError, match="two prints"):
-        register(collection.chosen(collection.copy == 2))
+        registered(presses[presses["copy"] == 2])
 
 
 def test_a_damaged_frame_changes_the_result_little(tmp_path: Path) -> None:
-    collection = study(tmp_path, sensor(both_axes, shifted=True))
-    (before,) = register(collection)
-    (collection.runs[0].folder / "sensor_data" / "reading_5.npy").write_bytes(b"")
-    (after,) = register(collection)
-    np.testing.assert_allclose(after.offsets_mm[1], before.offsets_mm[1], atol=0.01)
+    presses = study(tmp_path, sensor(both_axes, shifted=True))
+    before = registered(presses)
+    Path(presses["frame"][4]).write_bytes(b"")
+    np.testing.assert_allclose(registered(presses)["x_mm"], before["x_mm"], atol=0.01)
 
 
 def test_one_position_is_refused(tmp_path: Path) -> None:
     grid = PressGrid(x_mm=(4.0,), y_mm=(18.0,))
     with pytest.raises(InputError, match="two columns or two rows"):
-        register(study(tmp_path, sensor(both_axes, shifted=True), grid=grid))
+        registered(study(tmp_path, sensor(both_axes, shifted=True), grid=grid))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import base64
-import csv
 import json
 import re
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,24 +17,22 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from helpers.studies import GRID, noise_image, texture_image, write_study
+from PIL import Image
 
 pytest.importorskip("cv2")
-pytest.importorskip("sklearn")
-pytest.importorskip("matplotlib")
-Image = pytest.importorskip("PIL.Image")
 threadpoolctl = pytest.importorskip("threadpoolctl")
 
-from tacbench_cad import __version__
+from tacbench_cad import __version__, lab
 from tacbench_cad.cli import report as command
-from tacbench_cad.lab.analysis.classification.classify import TRIALS
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.page import ReportOptions, copy_files, write_report
-from tacbench_cad.lab.analysis.report.parts import table_part
+from tacbench_cad.lab.analysis.classification.classification import Classification
+from tacbench_cad.lab.analysis.report.facts import forces_in_words
+from tacbench_cad.lab.analysis.report.page import narrow, readable, write_files
 from tacbench_cad.lab.analysis.report.report_figures import draw_frames
-from tacbench_cad.lab.analysis.report.report_html import macro, read_image, render_page
-from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.report.results import ReportSection, Results
+from tacbench_cad.lab.analysis.study_design import Design
 from tacbench_cad.lab.analysis.tables import Shown
 from tacbench_cad.lab.runs.checking import Finding, RunReport
+from tacbench_cad.lab.runs.press_table import read_frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util.errors import InputError
@@ -78,9 +76,8 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module", autouse=True)
 def quick(few_trees: None) -> Iterator[None]:
-    """Use one thread, and one trial instead of five."""
-    with threadpoolctl.threadpool_limits(1), pytest.MonkeyPatch.context() as patch:
-        patch.setitem(TRIALS, "leak-free", 1)
+    """Use one thread."""
+    with threadpoolctl.threadpool_limits(1):
         yield
 
 
@@ -95,7 +92,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def report(runs: Path) -> Path:
     """Return a complete report with a classification."""
     out = runs.parent / "report.html"
-    files = write_report([runs], out)
+    files = lab.report(lab.read(runs), out)
     assert files[0] == out and all(path.is_file() for path in files)
     return out
 
@@ -103,6 +100,13 @@ def report(runs: Path) -> Path:
 @pytest.fixture(scope="module")
 def page(report: Path) -> Page:
     return Page(report.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def document(report: Path) -> dict[str, Any]:
+    """Return the document of the report."""
+    parsed: dict[str, Any] = json.loads((report.parent / "report_files" / "report.json").read_text(encoding="utf-8"))
+    return parsed
 
 
 def test_the_page_loads_nothing_from_elsewhere(report: Path, page: Page) -> None:
@@ -132,41 +136,26 @@ def numbers(text: str) -> list[str]:
     return re.findall(r"(?<![\w.-])\d[\d,]*(?:\.\d+)?", text)
 
 
-def test_every_number_before_the_fold_is_in_the_document_and_in_the_tables(report: Path, page: Page) -> None:
+def test_the_numbers_before_the_fold_are_those_of_the_tables(report: Path, document: dict[str, Any]) -> None:
     text = report.read_text(encoding="utf-8")
-    document = json.loads((report.parent / "report_files" / "report.json").read_text(encoding="utf-8"))
-    top = Page(f"<body>{text[text.index('<h1>') : text.index('<details')]}</body>")
-    values = {key: document[key] for key in ("title", "notice", "summary", "figures", "table")}
-    assert len(numbers(top.text)) > 30
+    top = Page(f"<body>{text[text.index('<h1>') : text.index('<section>')]}</body>")
+    values = {key: document[key] for key in ("title", "notice", "summary", "figures")}
+    assert len(numbers(top.text)) > 20
     assert set(numbers(top.text)) <= set(numbers(json.dumps(values, ensure_ascii=False)))
     # Numbers that are rounded on the page have all digits in the files.
-    with (report.parent / "report_files" / "textures.csv").open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    records = document["table"]["records"]
-    assert (
-        [row["texture"] for row in rows]
-        == [record["texture"] for record in records]
-        == ["texture-1"] * 2 + ["texture-2"] * 2
-    )
-    for row, record, shown in zip(rows, records, document["table"]["rows"], strict=True):
-        assert row["simulated"] == "true"
-        assert (float(row["variance"]), float(row["recall"])) == (record["variance"], record["recall"])
-        assert f"{record['variance']:.3g}" in shown and record["hold_out"] == "copy"
-    with (report.parent / "report_files" / "variance" / "variance.csv").open(encoding="utf-8", newline="") as stream:
-        cells = {(row["texture"], row["printer"]): row for row in csv.DictReader(stream)}
-    for record in records:
-        cell = cells[record["texture"], record["printer"]]
-        assert all(float(cell[name]) == record[name] for name in ("variance", "low", "high", "noise_alone", "prints"))
-    answers = {answer["about"]: answer for answer in document["texture_answers"]}
-    for record in records:
-        answer = answers[record["texture"]]
-        assert record["recall"] == pytest.approx(answer["figure"] / 100.0)
-        assert record["recall_low"] == pytest.approx(answer["low"] / 100.0)
-
-
-def test_the_page_depends_only_on_the_document(report: Path) -> None:
-    document = json.loads((report.parent / "report_files" / "report.json").read_text(encoding="utf-8"))
-    assert render_page(document, report.parent) == report.read_text(encoding="utf-8")
+    files = report.with_name("report_files")
+    rows = pd.read_csv(files / "textures.csv")
+    assert rows["texture"].tolist() == ["texture-1"] * 2 + ["texture-2"] * 2
+    assert set(rows["hold_out"]) == {"copy"} and rows["simulated"].all()
+    cells = pd.read_csv(files / "variance" / "variance.csv").set_index(["printer", "texture"])
+    answers = {answer["about"]: answer for answer in document["classifications"][0]["texture_answers"]}
+    for row, record in zip(rows.to_dict("records"), document["textures"], strict=True):
+        cell, answer = cells.loc[(row["printer"], row["texture"])], answers[row["texture"]]
+        for name in ("variance", "low", "high", "noise_alone", "prints"):
+            assert row[name] == record[name] == cell[name].iloc[0]
+        for name, of_answer in {"recall": "figure", "recall_low": "low", "recall_high": "high"}.items():
+            assert row[name] == record[name] == pytest.approx(answer[of_answer] / 100.0)
+        assert f">{row['variance']:.3g}<" in text
 
 
 def test_every_picture_equals_its_file_and_has_an_alternative_text(report: Path, page: Page) -> None:
@@ -185,8 +174,6 @@ def test_every_file_named_on_the_page_exists(report: Path, page: Page) -> None:
     named = set(re.findall(r"report_files/[\w./-]+\.(?:csv|png|pdf)", page.text))
     assert len(named) > 20
     assert all((report.parent / name).is_file() for name in named)
-    written = {str(path.relative_to(report.parent)) for path in report.with_name("report_files").rglob("*.csv")}
-    assert written - named <= {"report_files/classification/predictions.csv"}
 
 
 def test_simulated_data_are_marked_once_at_the_top_and_in_each_file(report: Path, page: Page) -> None:
@@ -205,14 +192,13 @@ def test_the_page_has_the_main_facts(page: Page) -> None:
     for words in (
         "64 presses on 8 prints",
         "2 prints of 2 textures on ender-3 in pla-plus",
-        "Empty fields of the print records",
+        "The fields of 8 print records",
         "filament_batch",
         "64 of 64 planned presses are present",
         "with 95 % intervals over prints",
-        "protocol leak-free; chance is 50.0 %",
+        "protocol leak-free, in %; chance is 50.0",
         "random forest (maximum depth 50)",
         "ddof = 0",
-        "the study's own grid, 4 positions",
         f"tacbench-cad, version {__version__}",
         "@misc{tacbench_cad",
     ):
@@ -220,60 +206,40 @@ def test_the_page_has_the_main_facts(page: Page) -> None:
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_without_classification_and_with_folders_of_the_commands(runs: Path, report: Path, tmp_path: Path) -> None:
-    files = report.with_name("report_files")
-    out = tmp_path / "again.html"
-    words = [str(runs), "-o", str(out), "--variance", str(files / "variance")]
-    answer = CliRunner().invoke(command.command, [*words, "--classify", str(files / "classification"), "--json"])
+def test_an_earlier_classification_is_shown_or_none(runs: Path, report: Path, tmp_path: Path) -> None:
+    earlier = report.with_name("report_files") / "classification"
+    words, stale = (
+        [str(runs), "-o", str(tmp_path / "again.html")],
+        tmp_path / "again_files" / "classification" / "old.png",
+    )
+    stale.parent.mkdir(parents=True)
+    stale.write_bytes(b"a figure of an earlier report")
+    answer = CliRunner().invoke(command.command, [*words, "--classify", str(earlier), "--json"])
     assert answer.exit_code == 0, answer.output
     document = json.loads(answer.stdout)
-    assert document.pop("report") == str(out)
-    assert document.pop("files")[0] == str(tmp_path / "again_files" / "report.json")
-    assert render_page(document, tmp_path) == out.read_text(encoding="utf-8")
-    again = Page(out.read_text(encoding="utf-8"))
+    assert (document["report"], document["folder"]) == (str(tmp_path / "again.html"), "again_files")
+    again = Page((tmp_path / "again.html").read_text(encoding="utf-8"))
     before = Page(report.read_text(encoding="utf-8"))
     assert again.text == before.text.replace("report_files/", "again_files/")
-    assert not (tmp_path / "again_files" / "classification" / "trials").exists()
-    plain = CliRunner().invoke(command.command, [*words[:2], str(tmp_path / "short.html"), *words[3:], "--no-classify"])
-    assert "files in short_files" in plain.stdout
-    short = Page((tmp_path / "short.html").read_text(encoding="utf-8")).text
+    assert not stale.exists() and not stale.with_name("trials").exists()
+    plain = CliRunner().invoke(command.command, [*words, "--no-classify"])
+    assert "files in again_files" in plain.stdout
+    short = Page((tmp_path / "again.html").read_text(encoding="utf-8")).text
     assert "What the sensor can tell apart" not in short and "Nothing was classified." in short
+    both = CliRunner().invoke(command.command, [*words, "--no-classify", "--classify", str(earlier)])
+    assert "cannot be combined with --classify" in str(both.exception)
 
 
-@pytest.mark.usefixtures("no_figures")
-def test_figures_of_an_earlier_report_are_removed(runs: Path, report: Path, tmp_path: Path) -> None:
-    files = report.with_name("report_files")
-    stale = tmp_path / "new_files" / "classification" / "confusion_network.png"
-    stale.parent.mkdir(parents=True)
-    shutil.copy(files / "classification" / "hold_out_levels.png", stale)
-    options = ReportOptions(variance=files / "variance", classifications=(files / "classification",))
-    written = write_report([runs], tmp_path / "new.html", options)
-    assert not stale.exists() and stale not in written
-    assert len(Page((tmp_path / "new.html").read_text(encoding="utf-8")).all("img")) >= 7
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_folders_of_other_runs_are_refused(runs: Path, report: Path, tmp_path: Path) -> None:
-    files = report.with_name("report_files")
+def test_classifications_of_other_runs_and_damaged_files_are_refused(report: Path, tmp_path: Path) -> None:
     write_study(tmp_path / "runs", image=noise_image, copies=3)
-    with pytest.raises(InputError, match=r"variance = .* must be an analysis of all presses of these runs"):
-        write_report([tmp_path / "runs"], tmp_path / "r.html", ReportOptions(variance=files / "variance"))
-    options = ReportOptions(variance=None, classifications=(files / "classification",))
-    with pytest.raises(InputError, match=r"classify = .* must be an analysis of all presses of these runs"):
-        write_report([tmp_path / "runs"], tmp_path / "r.html", options)
-    with pytest.raises(InputError, match=r"classification_settings\.json.*cannot be read"):
-        write_report([runs], tmp_path / "r.html", ReportOptions(classifications=(files / "variance", tmp_path)))
-    assert not (tmp_path / "r.html").exists()
-
-
-def test_an_analysis_file_that_is_a_link_out_of_its_folder_is_refused(tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    source.mkdir()
-    (tmp_path / "secret.csv").write_text("1")
-    (source / "variance.csv").symlink_to(tmp_path / "secret.csv")
-    with pytest.raises(InputError, match="is a link to a file outside"):
-        copy_files(source, tmp_path / "copy")
-    assert not list((tmp_path / "copy").iterdir())
+    earlier = report.with_name("report_files") / "classification"
+    with pytest.raises(InputError, match=r"classify = .* must be a classification of all presses of these runs"):
+        Classification.open(earlier, Design.of(lab.read(tmp_path / "runs")))
+    damaged = Path(shutil.copytree(earlier, tmp_path / "damaged"))
+    for content in ("estimator,trial\nforest,1\n", "", 'estimator\n"forest'):
+        (damaged / "predictions.csv").write_text(content)
+        with pytest.raises(InputError, match=r"predictions\.csv.*classify again"):
+            Classification.open(damaged)
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -284,9 +250,8 @@ def test_a_study_with_too_few_data_gets_a_page_with_reasons(tmp_path: Path) -> N
         return np.full((24, 32), 7, dtype=np.uint8)
 
     write_study(tmp_path / "runs", textures=[1], copies=1, prints=[("ender-3", "petg")], image=dull, still=0)
-    out = tmp_path / "page.html"
-    write_report([tmp_path / "runs"], out)
-    text = Page(out.read_text(encoding="utf-8")).text
+    lab.report(lab.read(tmp_path / "runs"), tmp_path / "page.html")
+    text = Page((tmp_path / "page.html").read_text(encoding="utf-8")).text
     assert "These data have no classification: " in text
     assert "Findings, at most 5 for each run" in text and "dark" in text
     assert "Simulated" not in text and "simulated data" not in text
@@ -295,35 +260,36 @@ def test_a_study_with_too_few_data_gets_a_page_with_reasons(tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("no_figures")
-def test_a_damaged_image_is_reported_and_the_rest_is_analysed(tmp_path: Path) -> None:
+def test_damaged_files_are_reported_and_the_rest_is_analysed(tmp_path: Path) -> None:
     folders = write_study(tmp_path / "runs", image=texture_image, grid=GRID)
     picture = folders[0] / "sensor_images" / "image_3.png"
     picture.write_bytes(picture.read_bytes()[:40])
-    out = tmp_path / "page.html"
-    write_report([tmp_path / "runs"], out)
-    text = Page(out.read_text(encoding="utf-8")).text
+    (folders[1] / "print.toml").write_text("nozzle = ")
+    lab.report(lab.read(tmp_path / "runs"), tmp_path / "page.html")
+    text = Page((tmp_path / "page.html").read_text(encoding="utf-8")).text
     assert "image_3.png" in text.split("Data quality")[-1]
     assert "the check found" in text and "1 unreadable" in text
     assert "1 frame could not be used and was left out" in text
     assert "These data have no classification: " in text
+    assert "Print records that cannot be read:" in text and f"{folders[1].name}/print.toml" in text
     assert (tmp_path / "page_files" / "variance" / "variance.csv").is_file()
 
 
-@pytest.mark.usefixtures("no_figures")
-def test_a_damaged_record_is_reported(runs: Path, tmp_path: Path) -> None:
-    shutil.copytree(runs, tmp_path / "runs")
-    first = sorted((tmp_path / "runs").iterdir())[0]
-    (first / "print.toml").write_text("nozzle = ")
-    out = tmp_path / "page.html"
-    write_report([tmp_path / "runs"], out, ReportOptions(classify=False))
-    text = Page(out.read_text(encoding="utf-8")).text
-    assert "Print records that cannot be read:" in text and f"{first.name}/print.toml" in text
+def test_images_that_were_not_imported_get_a_page(tmp_path: Path) -> None:
+    for label, level in (("cork", 40), ("felt", 90)):
+        (tmp_path / "photographs" / label).mkdir(parents=True)
+        for number in range(8):
+            image = np.random.default_rng([level, number]).integers(level, level + 40, (12, 16), dtype=np.uint8)
+            Image.fromarray(image).save(tmp_path / "photographs" / label / f"{number}.png")
+    lab.report(lab.read(tmp_path / "photographs"), tmp_path / "page.html")
+    text = Page((tmp_path / "page.html").read_text(encoding="utf-8")).text
+    assert "16 samples of 2 labels" in text and "random split, may leak" in text
+    assert "16 samples were imported from a folder of images, with 2 labels" in text
 
 
-@pytest.mark.parametrize("name", ["report.txt", "report"])
-def test_a_page_must_be_html(runs: Path, tmp_path: Path, name: str) -> None:
+def test_a_page_must_be_html(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"must end in \.html"):
-        write_report([runs], tmp_path / name)
+        lab.report(lab.read(runs), tmp_path / "report.txt")
 
 
 def test_the_sheet_shows_a_good_frame_of_each_texture_and_lists_textures_without(tmp_path: Path) -> None:
@@ -331,61 +297,45 @@ def test_the_sheet_shows_a_good_frame_of_each_texture_and_lists_textures_without
     for folder in folders:
         for number in range(1, 9) if "texture-3" in folder.name else [1] if "texture-1" in folder.name else []:
             (folder / "sensor_images" / f"image_{number}.png").write_bytes(b"")
-    study = Collection.open([tmp_path / "runs"])
-    first = study.frame(1)
-    finding = Finding(
-        kind="blurred", where=study.paths(int(np.flatnonzero(study.texture == "texture-2")[0]))[0], text=""
-    )
-    report = RunReport(folder=folders[1], name="", simulated=(), planned=8, findings=(finding,))
-    drawn: list[tuple[str, Any]] = []
+    findings = (Finding(kind="blurred", where="sensor_images/image_1.png", text=""),)
+    report = RunReport(folder=folders[1], name="", simulated=(), planned=8, findings=findings)
+    design, drawn = Design.of(lab.read(tmp_path / "runs")), list[tuple[str, Any]]()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("matplotlib.axes.Axes.set_title", lambda axes, name, **_: drawn.append((name, axes.images[0])))
-        caption = draw_frames(Results(collection=study, reports=(report,)), tmp_path)
-    assert caption.endswith("without a problem. No frame of texture-3 can be read.")
+        caption = draw_frames(Results(design=design, reports=(report,)), tmp_path)
+    assert caption.endswith("if there is one. No frame of texture-3 can be read.")
     assert [name for name, _ in drawn] == ["texture-1", "texture-2"]
-    expected = first, study.frame(int(np.flatnonzero(study.texture == "texture-2")[1]))
-    assert all(np.array_equal(image.get_array(), frame) for (_, image), frame in zip(drawn, expected, strict=True))
-    assert read_image(tmp_path / "frames.png").width < 400 and (tmp_path / "frames.pdf").is_file()
+    for (_, image), folder in zip(drawn, folders, strict=False):
+        assert np.array_equal(image.get_array(), read_frame(folder / "sensor_images" / "image_2.png"))
+    assert (tmp_path / "frames.pdf").is_file()
 
 
-def test_a_texture_whose_frames_all_have_findings_is_shown_too(tmp_path: Path) -> None:
-    folders = write_study(tmp_path / "runs", prints=[("ender-3", "petg")], textures=(1, 2), copies=1, still=0)
-    study = Collection.open([tmp_path / "runs"])
-    paths = [study.paths(at)[0] for at in np.flatnonzero(study.texture == "texture-2").tolist()]
-    findings = tuple(Finding(kind="blurred", where=path, text="") for path in paths)
-    report = RunReport(folder=folders[1], name="", simulated=(), planned=8, findings=findings)
-    drawn: list[str] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("matplotlib.axes.Axes.set_title", lambda _, name, **__: drawn.append(name))
-        caption = draw_frames(Results(collection=study, reports=(report,)), tmp_path)
-    assert drawn == ["texture-1", "texture-2"]
-    assert caption.endswith("without a problem. All frames of texture-2 have a finding of the check.")
-
-
-def test_table_cells_are_escaped() -> None:
-    table = Shown("a < b", pd.DataFrame({"<h>": ["<script>alert(1)</script>"], "n": [1234]}))
-    document = {"version": "1", "folder": "f", "title": "t", "simulated": ["<i>"], "notice": "<b>", "summary": []}
-    text = render_page({**document, "figures": [], "table": table_part(table), "sections": []}, Path())
-    assert "<script>" not in text and "a &lt; b" in text and "<b>" not in text and "<i>" not in text
-    assert '<td class="n">1,234</td>' in text and '<th scope="col">&lt;h&gt;</th>' in text
-    Page(text)
-
-
-def test_a_figure_must_be_a_png(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        read_image(tmp_path / "f.png")
-    (tmp_path / "f.png").write_bytes(b"<svg>")
-    with pytest.raises(InputError, match="is not a PNG file"):
-        read_image(tmp_path / "f.png")
+def test_sections_of_others_are_shown_and_escaped(tmp_path: Path) -> None:
+    write_study(tmp_path / "runs", textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1)
+    results = Results(design=Design.of(lab.read(tmp_path / "runs")))
+    table = pd.DataFrame({"<h>": ["<script>alert(1)</script>"] * 60, "n": [1234] * 60})
+    section = ReportSection(title="<t>", parts=["<p>", ["<l>"], Shown("a < b", table)], tables={"own.csv": table})
+    vars(results)["added"] = {"own": section}
+    text = write_files(results, tmp_path / "files")
+    assert "<script>" not in text and "a &lt; b (the first 50 of 60)" in text and "<li>&lt;l&gt;</li>" in text
+    assert text.count('<td class="n">1,234</td>') == 50 and '<th scope="col">&lt;h&gt;</th>' in text
+    assert (tmp_path / "files" / "own.csv").is_file() and "files/own.csv" in Page(text).text
 
 
 def test_depth_mode_is_not_comparable_with_forces(runs: Path) -> None:
-    from dataclasses import replace
-
-    collection = Collection.open([runs])
-    design = macro("methods.j2", "design")
-    assert "Target forces were 0.08045 ± 0.00195 N" in design(collection)
-    first = collection.runs[0]
+    design = Design.of(lab.read(runs))
+    assert "Target forces were 0.08045 ± 0.00195 N" in forces_in_words(design)
+    first = design.runs[0]
     info = replace(first.info, protocol=first.info.protocol.changed(contact="depth", touch="sensor"))
-    changed = replace(collection, runs=(replace(first, info=info), *collection.runs[1:]))
-    assert "0.35 mm below first contact (detected by a change of the sensor's frames)" in design(changed)
+    changed = replace(design, runs=(replace(first, info=info), *design.runs[1:]))
+    assert "0.35 mm below first contact (detected by a change of the sensor's frames)" in forces_in_words(changed)
+
+
+def test_tables_fit_on_paper() -> None:
+    row = pd.DataFrame({"estimator": ["forest"], **{f"texture_{n}": [float(n)] for n in range(20)}, "empty": [None]})
+    pieces = list(narrow(readable("recall", row)))
+    assert [len(piece.heads) for piece in pieces] == [9, 9, 5]
+    assert all(piece.texts[0][0] == "forest" and piece.title == "recall" for piece in pieces)
+    assert [text for piece in pieces for text in piece.texts[0][1:]] == [str(n) for n in range(20)]
+    assert pieces[0].heads[1] == "texture 0"
+    assert [piece.heads for piece in narrow(Shown("", row[["estimator"]]))] == [["estimator"]]

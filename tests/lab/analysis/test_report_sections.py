@@ -12,9 +12,10 @@ from helpers.studies import write_study
 
 pytest.importorskip("cv2")
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.report.document import write_document
+from tacbench_cad import lab
+from tacbench_cad.lab.analysis.report.page import write_files
 from tacbench_cad.lab.analysis.report.results import Results
+from tacbench_cad.lab.analysis.study_design import Design
 from tacbench_cad.util.entries import groups
 
 
@@ -28,13 +29,10 @@ def test_the_section_of_the_manual_is_in_the_document_and_its_table_beside_it(
     install_package(tmp_path / "site", monkeypatch, point, weather=code.group(1))
     try:
         (run,) = write_study(tmp_path / "runs", textures=(1,), prints=(("ender-3", "pla-plus"),), copies=1)
-        results = Results(collection=Collection.open([tmp_path / "runs"]), reports=())
-        (tmp_path / "files").mkdir()
-        document = write_document(results, tmp_path / "files")
+        results = Results(design=Design.of(lab.read(tmp_path / "runs")))
+        page = write_files(results, tmp_path / "files")
     finally:
         groups.cache_clear()
-    sections = {section["title"]: section for section in document["sections"]}
-    assert sections["Weather"]["anchor"] == "weather"
-    assert sections["Weather"]["parts"][0]["rows"] == [[run.name, "21.5"]]
+    assert '<details id="weather"><summary><h2>Weather</h2>' in page and f"<td>{run.name}</td>" in page
     assert (tmp_path / "files" / "weather.csv").read_text(encoding="utf-8").count(run.name) == 1
-    assert "no_such_package, which is not installed" in sections["gone"]["parts"][0]["text"]
+    assert "no_such_package, which is not installed" in page

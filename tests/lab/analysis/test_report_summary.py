@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -12,14 +11,11 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from tacbench_cad.lab.analysis import conclusions
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, THE_OTHERS
-from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS
-from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, RIGHT, WHICH_TEXTURES, Answer
-from tacbench_cad.lab.analysis.report.classification import Classification
-from tacbench_cad.lab.analysis.report.parts import long_part, wide_parts
+from tacbench_cad.lab.analysis.classification.accuracy import ALL
+from tacbench_cad.lab.analysis.classification.classification import Classification, ClassificationRecord
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings
+from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, RIGHT, WHICH_TEXTURES, Answer, answer_table
+from tacbench_cad.lab.analysis.pixels import Pixels
 from tacbench_cad.lab.analysis.report.results import Results
 from tacbench_cad.lab.analysis.report.summary import (
     listed,
@@ -30,9 +26,9 @@ from tacbench_cad.lab.analysis.report.summary import (
     summary,
     textures_sentence,
 )
-from tacbench_cad.lab.analysis.tables import Shown, frame_of
-from tacbench_cad.lab.analysis.variance.cells import FRAMES, Cell
-from tacbench_cad.lab.analysis.variance.view import Settings, VarianceView
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.variance.cells import FRAMES
+from tacbench_cad.lab.analysis.variance.result import Variance
 from tacbench_cad.lab.runs.checking import Finding, RunReport
 from tacbench_cad.spec.protocol import PressGrid
 
@@ -42,20 +38,16 @@ PUBLISH = 'the data set together with this report: run "tacbench publish".'
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Collection:
+def design(make_study: Callable[..., pd.DataFrame]) -> Design:
     """Return a study of two copies of two textures from each of two printers that is not marked as simulated."""
-    from helpers.studies import write_study
-
-    folder = tmp_path_factory.mktemp("study")
-    write_study(folder, prints=(ENDER, BAMBU), grid=ONE_PLACE, still=1)
-    return Collection.open([folder])
+    return Design.of(make_study(prints=(ENDER, BAMBU), grid=ONE_PLACE, still=1))
 
 
-def reports(study: Collection, *kinds: str, **fields: Any) -> tuple[RunReport, ...]:
+def reports(design: Design, *kinds: str, **fields: Any) -> tuple[RunReport, ...]:
     """Return the check's report of each run; all findings belong to the first run."""
     findings = tuple(Finding(kind=kind, where=f"{i}.png", text="is wrong") for i, kind in enumerate(kinds))
-    reports = [RunReport(folder=r.folder, name="", simulated=(), planned=2, presses=2) for r in study.runs]
-    return (replace(reports[0], findings=findings, **fields), *reports[1:])
+    of_runs = [RunReport(folder=run.folder, name="", simulated=(), planned=2, presses=2) for run in design.runs]
+    return (replace(of_runs[0], findings=findings, **fields), *of_runs[1:])
 
 
 def repeatable(about: str, answer: str, figure: float | None = None) -> Answer:
@@ -63,49 +55,33 @@ def repeatable(about: str, answer: str, figure: float | None = None) -> Answer:
     return Answer(question=IS_REPEATABLE, about=about, figure=figure, answer=answer, **ends)
 
 
-def variance(study: Collection, *rows: Answer, floor_from: str = FRAMES) -> VarianceView:
-    of_cell = {"variance": 4.0, "low": 3.0, "high": 5.0, "floor": 1.1, "noise_alone": 1.0, "floor_from": floor_from}
+def variance(design: Design, *rows: Answer, floor_from: str = FRAMES) -> Variance:
+    of_cell = {"force_level": 1, "variance": 4.0, "low": 3.0, "high": 5.0, "noise_alone": 1.0, "floor_from": floor_from}
     cells = [
-        Cell(printer=printer, filament=filament, texture=texture, force_level=1, prints=2, presses=4, **of_cell)
+        {"printer": printer, "filament": filament, "texture": texture, "prints": 2, "presses": 4, **of_cell}
         for printer, filament in (ENDER, BAMBU)
-        for texture in study.textures
+        for texture in design.textures
     ]
-    how = {"colour": False, "resolution": 1.0, "ddof": 0, "seed": 0, "registered": False, "left_out": (), "data": ""}
-    tables = {"printer_answers": conclusions.answer_table(rows)}
-    return VarianceView(collection=study, settings=Settings(**how), cells=tuple(cells), tables=tables)
+    tables = {"variance": pd.DataFrame(cells), "printer_answers": answer_table(rows)}
+    how = {"feature": Pixels(), "protocol": "paper", "ddof": 0, "seed": 0, "maps": {}, "means": {}}
+    return Variance(design=design, tables=tables, outside=None, left_out=(), **how)
 
 
-def classification(study: Collection, hold_out: str, recall: Sequence[float], *rows: Answer) -> Classification:
-    who = {
-        "protocol": "leak-free",
-        "estimator": "forest",
-        "train_on": THE_OTHERS,
-        "tested_on": ALL,
-        "hold_out": hold_out,
-    }
-    score = {**who, "accuracy": sum(recall) / 2.0, "low": 0.25, "high": 0.875, "trials": 1, "images": 16}
-    first, second = study.textures
-    cells = {
-        (first, first): recall[0],
-        (first, second): 1.0 - recall[0],
-        (second, second): recall[1],
-        (second, first): 1.0 - recall[1],
-    }
-    confusion = [
-        {**who, "texture": texture, "predicted": predicted, "count": 1, "fraction": fraction}
-        for (texture, predicted), fraction in cells.items()
-    ]
+def classification(design: Design, hold_out: str, recall: Sequence[float], *rows: Answer) -> Classification:
+    """Return a classification with the given accuracies and answers, without predictions."""
+    who = {"estimator": "forest", "train_on": "the others", "tested_on": ALL, "hold_out": hold_out}
+    score = {**who, "accuracy": sum(recall) / 2.0, "low": 0.25, "high": 0.875}
+    first, second = design.textures
+    fractions = [(first, first, recall[0]), (first, second, 1.0 - recall[0])]
+    fractions += [(second, second, recall[1]), (second, first, 1.0 - recall[1])]
+    about = {"features": "", "summary": "frames", "units": "counts", "sensor": "", "simulated": (), "data": ""}
     record = ClassificationRecord(
-        trials=1, textures=study.textures, sensor="", units="counts", simulated=(), data="", notes=()
+        settings=ClassificationSettings(), trials=1, textures=design.textures, notes=(), **about
     )
-    return Classification(
-        folder=Path("classification"),
-        record=record,
-        methods="",
-        answers=conclusions.answer_table(rows),
-        scores=frame_of([score], COLUMNS),
-        confusion=frame_of(confusion, CONFUSION_COLUMNS),
-    )
+    result = Classification(record=record, predictions=pd.DataFrame())
+    confusion = pd.DataFrame([{**who, "texture": a, "predicted": b, "fraction": c} for a, b, c in fractions])
+    vars(result).update(table=pd.DataFrame([score]), confusion=confusion, answers=answer_table(rows))
+    return result
 
 
 def texture_answer(texture: str, answer: str, figure: float | None) -> Answer:
@@ -114,15 +90,15 @@ def texture_answer(texture: str, answer: str, figure: float | None) -> Answer:
 
 
 @pytest.fixture
-def complete(study: Collection) -> Results:
+def complete(design: Design) -> Results:
     """Return the results of a study without missing information and without problems."""
     rows = [repeatable(name, "yes, below 30 %", 12.5) for name in ("ender-3 pla-plus", "Bambu P1P PLA-")]
-    apart = [texture_answer(texture, "yes", 90.0) for texture in study.textures]
+    apart = [texture_answer(texture, "yes", 90.0) for texture in design.textures]
     return Results(
-        collection=study,
-        reports=reports(study),
-        variance=variance(study, *rows),
-        classifications=(classification(study, "copy", (0.9, 0.9), *apart),),
+        design=design,
+        reports=reports(design),
+        variance=variance(design, *rows),
+        classifications=(classification(design, "copy", (0.9, 0.9), *apart),),
     )
 
 
@@ -172,18 +148,18 @@ def test_words_are_joined_to_a_list(words: str, text: str) -> None:
     ],
 )
 def test_quality(complete: Results, kinds: tuple[str, ...], fields: dict[str, int], text: str) -> None:
-    bad = replace(complete, reports=reports(complete.collection, *kinds, **fields))
+    bad = replace(complete, reports=reports(complete.design, *kinds, **fields))
     assert text in quality_sentence(bad)
     if kinds:
-        run = complete.collection.runs[0].folder.name
+        run = complete.design.runs[0].folder.name
         assert next_steps(bad)[0].startswith(f'Look at the problems of {run} with "tacbench check-runs"')
         assert next_steps(bad)[-1] == f"Then publish {PUBLISH}"
 
 
 def test_frames_that_only_look_different_are_not_to_be_left_out_unseen(complete: Results) -> None:
-    (step, *_) = next_steps(replace(complete, reports=reports(complete.collection, "blurred", "saturated")))
+    (step, *_) = next_steps(replace(complete, reports=reports(complete.design, "blurred", "saturated")))
     assert step.endswith("only you can tell whether they are wrong.")
-    (step, *_) = next_steps(replace(complete, reports=reports(complete.collection, "blurred", "checksum")))
+    (step, *_) = next_steps(replace(complete, reports=reports(complete.design, "blurred", "checksum")))
     assert step.endswith("repair them or press again.")
 
 
@@ -198,17 +174,17 @@ def test_frames_that_only_look_different_are_not_to_be_left_out_unseen(complete:
 def test_printers(complete: Results, answer: str, step: str) -> None:
     figure = None if answer.startswith("cannot") else 60.0
     rows = repeatable("ender-3 pla-plus", "yes, below 30 %", 10.0), repeatable("Bambu P1P PLA-", answer, figure)
-    results = replace(complete, variance=variance(complete.collection, *rows))
+    results = replace(complete, variance=variance(complete.design, *rows))
     assert f"; Bambu P1P PLA-: {answer}" in printing_sentence(results)
     steps = next_steps(results)[:-1]
     assert [step] == [text[: len(step)] for text in steps] if step else not steps
     assert all("Bambu P1P PLA-" in text for text in steps)
 
 
-def test_confused_and_unclear_textures(complete: Results, study: Collection) -> None:
-    first, second = study.textures
+def test_confused_and_unclear_textures(complete: Results, design: Design) -> None:
+    first, second = design.textures
     rows = texture_answer(first, "no", 30.0), texture_answer(second, "unclear", 60.0)
-    results = replace(complete, classifications=(classification(study, "copy", (0.3, 0.6), *rows),))
+    results = replace(complete, classifications=(classification(design, "copy", (0.3, 0.6), *rows),))
     assert textures_sentence(results).endswith("(chance: 50.0 %). Textures: not told apart: 1; unclear: 2.")
     assert [step.partition(":")[0] for step in next_steps(results)[:-1]] == [
         "Press more prints of texture 2",
@@ -216,11 +192,11 @@ def test_confused_and_unclear_textures(complete: Results, study: Collection) -> 
     ]
 
 
-def test_without_unseen_prints_the_easier_hold_out_level_is_named(complete: Results, study: Collection) -> None:
+def test_without_unseen_prints_the_easier_hold_out_level_is_named(complete: Results, design: Design) -> None:
     reason = Answer(
         question=WHICH_TEXTURES, about="", answer="cannot be said: level copy is left out: one copy; add one"
     )
-    results = replace(complete, classifications=(classification(study, "press", (0.5, 0.7), reason),))
+    results = replace(complete, classifications=(classification(design, "press", (0.5, 0.7), reason),))
     sentence = textures_sentence(results)
     assert sentence.startswith(
         "A random forest predicts 60.0 % (25 to 87.5 %) of the presses correctly, held out: press"
@@ -229,32 +205,16 @@ def test_without_unseen_prints_the_easier_hold_out_level_is_named(complete: Resu
     assert results.shown_textures.heads[-1] == "predicted correctly, held out: press (%)"
 
 
-def test_steps_for_missing_results(study: Collection) -> None:
-    nothing = Results(collection=study, reports=reports(study), no_variance="it needs x; get it", no_classification="y")
+def test_missing_results_have_their_reason(design: Design) -> None:
+    nothing = Results(design=design, reports=reports(design), no_variance="it needs x; get it", no_classification="y")
     assert printing_sentence(nothing) == "Nothing can be said about the prints: it needs x; get it."
     assert textures_sentence(nothing) == "Nothing was classified: y."
-    assert next_steps(nothing)[:2] == [
-        "There is no variance table: it needs x; get it.",
-        "There is no classification: y.",
-    ]
-    left_out = replace(nothing, no_classification="")
-    assert any(step.startswith("Write the report with a classification") for step in next_steps(left_out))
 
 
-def test_simulated_data_are_not_published(make_study: Callable[..., Collection], complete: Results) -> None:
-    single = make_study(simulated="a formula", copies=1, textures=(1,), prints=(ENDER,), grid=ONE_PLACE, still=0)
-    results = Results(collection=single, reports=reports(single), variance=variance(single, floor_from=""))
+def test_simulated_data_are_not_published(make_study: Callable[..., pd.DataFrame]) -> None:
+    presses = make_study(simulated="a formula", copies=1, textures=(1,), prints=(ENDER,), grid=ONE_PLACE, still=0)
+    single = Design.of(presses)
+    results = Results(design=single, reports=reports(single), variance=variance(single, floor_from=""))
     assert pressed_sentence(results).startswith("1 print of 1 texture on ender-3 pla-plus was pressed 2 times")
-    assert [step.partition(" ")[0] for step in next_steps(results)] == ["Print", "Record", "Write", "These"]
+    assert [step.partition(" ")[0] for step in next_steps(results)] == ["Press", "Record", "These"]
     assert "sensor noise alone causes at most 25 % of the variance" in quality_sentence(results)
-
-
-def test_tables_fit_on_paper(complete: Results) -> None:
-    row = pd.DataFrame({"estimator": ["forest"], **{f"texture-{n}": [float(n)] for n in range(20)}})
-    pieces = list(wide_parts(Shown("recall", row), "confusion.csv"))
-    assert [len(piece["heads"]) for piece in pieces] == [9, 9, 5]
-    assert all(piece["rows"][0][0] == "forest" and piece["title"] == "recall" for piece in pieces)
-    assert [text for piece in pieces for text in piece["rows"][0][1:]] == [str(n) for n in range(20)]
-    assert [piece["heads"] for piece in wide_parts(Shown("", row[["estimator"]]), "")] == [["estimator"]]
-    long = long_part(Shown("findings", pd.concat([row] * 60)), "findings.csv")
-    assert len(long["rows"]) == 50 and long["title"] == "findings (the first 50 of 60)"

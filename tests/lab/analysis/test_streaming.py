@@ -8,156 +8,128 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from helpers.studies import PRINTERS, SHAPE, write_study
+from helpers.studies import PRINTERS, write_study
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.variance.moments import MAP_SIDE, small_map, sum_of_squares
-from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream
+from tacbench_cad import lab
+from tacbench_cad.lab.analysis.feature import MAP_SIDE, small_map
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.variance.streaming import Pass, levels_with_most_prints, stream, sum_of_squares
 from tacbench_cad.lab.parallel import workers
 from tacbench_cad.lab.rig.sensor import Frame
+from tacbench_cad.lab.runs.press_table import read_frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util.types import Floats, Ints
+from tacbench_cad.util.types import Floats
 
 
-def passed(collection: Collection, jobs: int = 1) -> Pass:
-    with workers(jobs) as team:
-        return stream(collection, Pixels(), team)
+def passed(study: pd.DataFrame | Design, jobs: int = 1, updates: list[tuple[int, int]] | None = None) -> Pass:
+    design = study if isinstance(study, Design) else Design.of(study)
+    with workers(jobs) as executor:
+        progress = None if updates is None else lambda *at: updates.append(at)
+        return stream(design, lab.Pixels().fit(design.presses), executor, progress)
 
 
-def at(collection: Collection, level: int, position: int) -> Ints:
-    return np.flatnonzero((collection.level == level) & (collection.position == position))
-
-
-def frames_of(collection: Collection, which: Ints) -> Floats:
-    return np.stack([collection.frame(int(i)).astype(np.float64).ravel() for i in which])
-
-
-@pytest.fixture(scope="module")
-def study(make_study: Callable[..., Collection]) -> Collection:
-    return make_study(levels=(1, 3), copies=3)
+def frames_of(presses: pd.DataFrame) -> Floats:
+    """Return the frames with another reader than the analysis, (n, pixels)."""
+    return np.stack([read_frame(path).astype(np.float64).ravel() for path in presses["frame"]])
 
 
 @pytest.fixture(scope="module")
-def streamed(study: Collection) -> Pass:
+def study(make_study: Callable[..., pd.DataFrame]) -> pd.DataFrame:
+    return Design.of(make_study(levels=(1, 3), copies=3)).presses
+
+
+@pytest.fixture(scope="module")
+def streamed(study: pd.DataFrame) -> Pass:
     return passed(study)
 
 
 @pytest.mark.parametrize("ddof", [0, 1])
-def test_each_cell_has_numpys_variance(study: Collection, streamed: Pass, ddof: int) -> None:
-    assert len(streamed.places) == 2 * 4
+def test_each_cell_has_numpys_variance(study: pd.DataFrame, streamed: Pass, ddof: int) -> None:
+    cells = study.groupby(["level", "position", "combination", "texture"])
+    assert sum(len(place.cells) for place in streamed.places) == len(cells) == 2 * 4 * 4
     for place in streamed.places:
-        assert len(place.cells) == 4
-        here = at(study, place.level, place.position)
-        for (combination, texture), cell in place.cells.items():
-            mine = here[(study.combination[here] == combination) & (study.texture[here] == texture)]
-            two_pass = frames_of(study, mine).var(axis=0, ddof=ddof).mean()
+        for key, cell in place.cells.items():
+            two_pass = frames_of(cells.get_group((place.level, place.position, *key))).var(axis=0, ddof=ddof).mean()
             assert cell.variance(ddof) == pytest.approx(two_pass, rel=1e-9)
             assert cell.prints == 3 and cell.presses == 6
 
 
-def test_the_nested_sums_of_squares_equal_those_of_two_passes(study: Collection, streamed: Pass) -> None:
-    for place in streamed.places:
-        here = at(study, place.level, place.position)
-        values = frames_of(study, here)
-        labels = [(study.texture[i], study.combination[i], study.copy[i], i) for i in here]
-        means = [
-            np.stack([values[[other[:depth] == label[:depth] for other in labels]].mean(axis=0) for label in labels])
-            for depth in range(5)
-        ]
-        direct = [((fine - coarse) ** 2).sum(axis=0).mean() for coarse, fine in pairwise(means)]
-        np.testing.assert_allclose(place.nested.squares, direct, rtol=1e-9)
-        # There are 2 textures, 2 printers for each texture, 3 prints for each printer and 2 repeats for each print.
-        assert place.nested.dof.tolist() == [1, 2, 8, 12]
-
-
-def test_distances_of_textures_are_distances_of_their_means(study: Collection, streamed: Pass) -> None:
+def test_the_sums_of_a_place_equal_those_of_two_passes(study: pd.DataFrame, streamed: Pass) -> None:
     place = streamed.places[5]
-    here = at(study, place.level, place.position)
-    for combination, (names, distances) in place.distances.items():
-        mine = study.combination[here] == combination
-        means = [frames_of(study, here[mine & (study.texture[here] == name)]).mean(axis=0) for name in names]
-        assert distances[0, 1] == pytest.approx(((means[0] - means[1]) ** 2).mean(), rel=1e-9)
-        assert distances[0, 0] == 0.0
+    here = study[(study["level"] == place.level) & (study["position"] == place.position)]
+    values, labels = frames_of(here), list(here[["texture", "combination", "copy", "press"]].itertuples(name=None))
+    labels = [(texture, combination, copy, index) for index, texture, combination, copy, _ in labels]
+    means = [
+        np.stack([values[[other[:depth] == label[:depth] for other in labels]].mean(axis=0) for label in labels])
+        for depth in range(5)
+    ]
+    direct = [((fine - coarse) ** 2).sum(axis=0).mean() for coarse, fine in pairwise(means)]
+    np.testing.assert_allclose(place.nested.squares, direct, rtol=1e-9)
+    # There are 2 textures, 2 printers for each texture, 3 prints for each printer and 2 repeats for each print.
+    assert place.nested.dof.tolist() == [1, 2, 8, 12]
+    of_cells = [
+        frames_of(here[(here[["combination", "texture"]] == list(key)).all(axis=1)]).mean(axis=0) for key in place.cells
+    ]
+    distances = [[((a - b) ** 2).mean() for a in of_cells] for b in of_cells]
+    np.testing.assert_allclose(place.distances, distances, rtol=1e-9, atol=1e-9)
 
 
-def test_the_noise_floor_is_the_variance_of_the_stationary_frames_of_a_series(
-    study: Collection, streamed: Pass
+def test_the_noise_floor_is_the_variance_within_the_sessions_of_stationary_frames(
+    study: pd.DataFrame, streamed: Pass
 ) -> None:
-    assert list(streamed.floors) == list(range(12))
-    run = study.runs[7]
-    series = [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
-    found, dof = streamed.floors[7]
-    assert dof == 4
-    squares = sum(2.0 * frames.var(axis=0, ddof=1).mean() for frames in series)
-    assert found == pytest.approx(squares, rel=1e-9)
-
-
-def test_maps_are_the_sum_of_the_pixels_variances(study: Collection, streamed: Pass) -> None:
+    assert len(streamed.floors) == 4
     key = ("ender-3_pla-plus", "texture-2")
-    mine = (study.combination == key[0]) & (study.texture == key[1])
-    total = np.zeros(SHAPE)
-    for level in (1, 3):
-        for position in range(1, 5):
-            here = np.flatnonzero(mine & (study.level == level) & (study.position == position))
-            total += frames_of(study, here).var(axis=0).reshape(SHAPE)
-    picture, count = streamed.maps[key]
-    assert count == 8
-    np.testing.assert_allclose(picture, total, rtol=1e-9)
+    sessions = []
+    for run in Design.of(study).runs:
+        if (run.info.printed.combination, run.info.printed.texture) == key:
+            sessions += [np.stack(run.stationary(when, True)).astype(np.float64) for when in ("start", "end")]
+    assert len(sessions) == 6
+    squares = sum(((frames - frames.mean(axis=0)) ** 2).sum(axis=0).mean() for frames in sessions)
+    assert streamed.floors[key] == pytest.approx(squares / sum(len(frames) - 1 for frames in sessions), rel=1e-9)
 
 
-def test_worker_processes_change_no_digit(study: Collection, streamed: Pass) -> None:
-    other = passed(study, jobs=2)
-    for ours, theirs in zip(streamed.places, other.places, strict=True):
-        assert (ours.level, ours.position) == (theirs.level, theirs.position)
-        assert np.array_equal(ours.nested.squares, theirs.nested.squares)
-        for key, cell in ours.cells.items():
-            assert np.array_equal(cell.gram, theirs.cells[key].gram)
-    assert other.frames == streamed.frames == len(study) + 12 * 6
-
-
-def test_progress_ends_at_the_number_of_frames(study: Collection) -> None:
+def test_processes_change_no_digit_and_progress_ends_at_the_number_of_frames(
+    study: pd.DataFrame, streamed: Pass
+) -> None:
     updates: list[tuple[int, int]] = []
-    with workers(1) as team:
-        stream(study, Pixels(), team, lambda done, total: updates.append((done, total)))
+    other = passed(study, 2, updates)
     assert updates[-1] == (len(study) + 12 * 6, len(study) + 12 * 6)
-
-
-def taxels(value: Callable[[PrintedBlock, Press], float]) -> Callable[..., Frame]:
-    def read(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
-        result = 1e-3 * rng.standard_normal((4, 4, 3))
-        result[0, 0, 0] += value(printed, press)
-        return result
-
-    return read
+    for a, b in zip(streamed.places, other.places, strict=True):
+        assert (a.level, a.position) == (b.level, b.position)
+        assert all(np.array_equal(cell.gram, b.cells[key].gram) for key, cell in a.cells.items())
+    assert streamed.floors == other.floors
+    assert all(np.array_equal(picture, other.maps[key]) for key, picture in streamed.maps.items())
 
 
 def test_arrays_are_accepted_and_frames_with_nan_are_excluded_by_name(tmp_path: Path) -> None:
-    def value(printed: PrintedBlock, press: Press) -> float:
-        return np.nan if (printed.name, press.number) == (name, 3) else 0.0
+    def image(printed: PrintedBlock, press: Press, rng: np.random.Generator) -> Frame:
+        result = 1e-3 * rng.standard_normal((4, 4, 3))
+        result[0, 0, 0] += np.nan if (printed.name, press.number) == (name, 3) else 0.0
+        return result
 
     name = "texture-1_paper_x1_ender-3_pla-plus_copy02"
-    write_study(tmp_path, image=taxels(value), shape=(4, 4, 3), units="kPa", levels=(2,))
-    result = Collection.open([tmp_path])
-    streamed = passed(result)
+    write_study(tmp_path, image=image, shape=(4, 4, 3), units="kPa", levels=(2,))
+    presses = lab.read(tmp_path)
+    streamed = passed(presses)
     assert len(streamed.left_out) == 1
     assert f"{name}/sensor_data/reading_3.npy: contains NaN" in streamed.left_out[0]
     cells = {place.position: place.cells["ender-3_pla-plus", "texture-1"] for place in streamed.places}
     assert [cells[position].presses for position in (1, 2, 3, 4)] == [4, 4, 3, 4]
-    here = np.flatnonzero((result.combination == "ender-3_pla-plus") & (result.texture == "texture-1"))
-    usable = [i for i in here if result.position[i] == 3 and np.isfinite(result.frame(int(i))).all()]
-    assert cells[3].variance() == pytest.approx(frames_of(result, np.array(usable)).var(axis=0).mean(), rel=1e-9)
-    assert streamed.maps["ender-3_pla-plus", "texture-1"][0].shape == (4, 4)
+    here = (presses["printer"] == "ender-3") & (presses["texture"] == "texture-1") & (presses["position"] == 3)
+    usable = presses[here & ~((presses["run"] == name) & (presses["press"] == 3))]
+    assert cells[3].variance() == pytest.approx(frames_of(usable).var(axis=0).mean(), rel=1e-9)
+    assert streamed.maps["ender-3_pla-plus", "texture-1"].shape == (4, 4)
 
 
 def test_only_a_damaged_image_is_excluded_by_name(tmp_path: Path) -> None:
     folders = write_study(tmp_path, textures=(1,))
-    clean = passed(Collection.open([tmp_path]))
+    clean = passed(lab.read(tmp_path))
     (folders[1] / "sensor_images" / "image_6.png").write_bytes(b"\x89PNG but no more")
-    damaged = passed(Collection.open([tmp_path]))
+    damaged = passed(lab.read(tmp_path))
     assert [folders[1].name in line and "image_6.png" in line for line in damaged.left_out] == [True]
     for before, after in zip(clean.places, damaged.places, strict=True):
         for key, cell in before.cells.items():
@@ -166,14 +138,13 @@ def test_only_a_damaged_image_is_excluded_by_name(tmp_path: Path) -> None:
             assert (after.cells[key].variance() == cell.variance()) != hit
 
 
-def peak(collection: Collection) -> int:
-    collection.level, collection.repeat, collection.position  # noqa: B018 the table of presses is read before
-    tracemalloc.start()
-    try:
-        passed(collection)
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+def test_a_place_without_usable_frames_is_left_out(tmp_path: Path) -> None:
+    write_study(tmp_path, textures=(1,), prints=PRINTERS[:1], copies=1)
+    presses = lab.read(tmp_path)
+    for path in presses.loc[presses["position"] == 3, "frame"]:
+        Path(path).unlink()
+    result = passed(presses)
+    assert [place.position for place in result.places] == [1, 2, 4] and len(result.left_out) == 2
 
 
 def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
@@ -186,15 +157,21 @@ def test_memory_does_not_grow_with_the_number_of_images(tmp_path: Path) -> None:
     for name, side in (("few", 2), ("many", 5)):
         grid = PressGrid(x_mm=tuple(4.0 + i for i in range(side)), y_mm=tuple(18.0 + i for i in range(side)))
         write_study(tmp_path / name, image=image, shape=shape, grid=grid, prints=PRINTERS[:1], still=0)
-        peaks.append(peak(Collection.open([tmp_path / name])))
-    # With 32 and 200 images of 77 kB only the records of the sums grow, by about 1 kB for each image.
+        design = Design.of(lab.read(tmp_path / name))
+        tracemalloc.start()
+        try:
+            passed(design)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    # With 32 and 200 images of 77 kB only the records of the sums grow, by about 2 kB for each image.
     assert peaks[1] - peaks[0] < 0.03 * (200 - 32) * 240 * 320
 
 
 @pytest.mark.parametrize("count", [0, 1, 35])
 def test_the_sum_of_squares_of_large_numbers_is_exact(count: int) -> None:
     frames = 1e6 + np.random.default_rng(count).standard_normal((count, 30))
-    found, squares = sum_of_squares(iter(frames))
+    found, squares = sum_of_squares(frames[start : start + 8] for start in range(0, count, 8))
     assert found == count
     if count:
         assert squares == pytest.approx(count * frames.var(axis=0).mean(), rel=1e-7, abs=1e-12)
@@ -211,5 +188,6 @@ def test_small_maps_keep_means_and_places() -> None:
 
 
 def test_levels_with_most_prints() -> None:
-    result = levels_with_most_prints({(1, ("a", "t")): [1, 1], (2, ("a", "t")): [1, 1, 2, 2], (3, ("b", "t")): [1]})
-    assert result == {("a", "t"): (2,), ("b", "t"): (3,)}
+    a, b = ("a", "t"), ("b", "t")
+    designs = {(1, a): np.array([1, 1]), (2, a): np.array([1, 1, 2, 2]), (3, b): np.array([1])}
+    assert levels_with_most_prints(designs) == {a: (2,), b: (3,)}

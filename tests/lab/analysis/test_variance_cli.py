@@ -6,25 +6,22 @@ import contextlib
 import csv
 import io
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.studies import PRINTERS, SHAPE, write_study
 
+from tacbench_cad import lab
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.variance.view import VarianceView
 from tacbench_cad.lab.rig.sensor import Frame
 from tacbench_cad.lab.study.presses import Press
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.util.errors import InputError
 
 FIGURES = ("variance", "variance_pixels", "variance_positions", "between_textures", "components")
 TABLES = (
-    *("printer_answers", "variance", "floor_removed", "components", "between_textures", "positions", "permutation"),
-    "print_distances",
+    *("printer_answers", "variance", "components", "between_textures", "positions", "permutation"),
+    *("print_distances", "registration"),
 )
 #: A combination with figures in the paper.
 PAPERS = ("bambu-p1p", "pla-minus")
@@ -53,7 +50,7 @@ def written(study: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 
 def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     out, shown = written
-    expected = {f"{name}.csv" for name in (*TABLES, "registration")}
+    expected = {f"{name}.csv" for name in TABLES}
     expected |= {"variance_settings.json"} | {f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")}
     assert {path.name for path in out.iterdir()} == expected
     for name in FIGURES:
@@ -62,14 +59,14 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
     result = rows(out / "variance.csv")
     assert len(result) == 3 * 2 * 2
     assert {row["force_level"] for row in result} == {"1", "2", "all"}
-    for name in (*TABLES, "registration"):
+    for name in TABLES:
         heads = list(rows(out / f"{name}.csv")[0])
         assert heads[-1] == "simulated" and len(set(heads)) == len(heads)
-    cell = ["printer", "filament", "texture", "force_level"]
-    numbers = ["variance", "floor", "low", "high", "prints", "presses", "noise_alone", "quantity", "published"]
-    assert list(result[0]) == [*cell, *numbers, "simulated"]
-    removed = ["variance", "floor", "floor_from", "floor_removed", "low", "high"]
-    assert list(rows(out / "floor_removed.csv")[0]) == [*cell, *removed, "simulated"]
+    assert list(result[0]) == [
+        *("printer", "filament", "texture", "force_level", "variance", "low", "high", "floor", "floor_from"),
+        *("noise_alone", "unbiased", "floor_removed", "floor_removed_low", "floor_removed_high", "prints", "presses"),
+        *("quantity", "published", "simulated"),
+    ]
     assert len(rows(out / "positions.csv")) == 2 * 2 * 2 * 4
     for words in (
         "simulated: sensor (see run.json)\n",
@@ -92,36 +89,22 @@ def test_everything_is_written_and_printed(written: tuple[Path, str]) -> None:
 def test_json_equals_the_csv(study: Path, written: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["variance", str(study), "--json", "--jobs", "1"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["ddof"] == 0 and document["grey"] and document["units"] == "counts^2"
+    assert document["ddof"] == 0 and document["colour"] is False and document["units"] == "counts^2"
     assert document["simulated"] == ["sensor: simulated TacTip"] and document["left_out"] == document["files"] == []
     for ours, theirs in zip(document["variance"], rows(written[0] / "variance.csv"), strict=True):
         assert theirs.pop("simulated") == "true"
         assert {name: "" if ours[name] is None else str(ours[name]) for name in theirs} == theirs
 
 
-def test_the_output_of_saved_results_is_the_same(study: Path, written: tuple[Path, str]) -> None:
-    view = VarianceView.read(written[0], Collection.open([study]))
-    texts = [" ".join(row).split() for _, table in view.shown() for row in table.texts]
+def test_the_function_gives_the_tables_of_the_command(study: Path, written: tuple[Path, str], tmp_path: Path) -> None:
+    result = lab.variance(lab.read(study))
+    texts = [" ".join(row).split() for _, table in result.shown() for row in table.texts]
     lines = [line.split() for line in written[1].splitlines()]
     assert len(texts) > 20 and all(text in lines for text in texts)
-    assert all(f"warning: {text}" in written[1].splitlines() for text in view.warnings)
-    (written[0] / "variance.csv").rename(written[0] / "other.csv")
-    with pytest.raises(InputError, match=r"variance\.csv.*cannot be read"):
-        VarianceView.read(written[0], view.collection)
-    (written[0] / "other.csv").rename(written[0] / "variance.csv")
-
-
-@pytest.mark.parametrize(("column", "value"), [("variance", "-1.0"), ("prints", "0")])
-def test_impossible_values_in_an_edited_table_are_refused(
-    column: str, value: str, study: Path, written: tuple[Path, str], tmp_path: Path
-) -> None:
-    folder = shutil.copytree(written[0], tmp_path / "edited")
-    table = rows(folder / "variance.csv")
-    table[1][column] = value
-    text = "\n".join([",".join(table[0]), *(",".join(row.values()) for row in table)])
-    (folder / "variance.csv").write_text(text + "\n")
-    with pytest.raises(InputError, match=r"variance\.csv.*no negative variance and no 0 prints"):
-        VarianceView.read(folder, Collection.open([study]))
+    assert all(f"warning: {text}" in written[1].splitlines() for text in result.warnings)
+    assert (tmp_path / "variance.csv") in result.save(tmp_path)
+    assert rows(tmp_path / "variance.csv") == rows(written[0] / "variance.csv")
+    assert [axes.get_visible() for axes in result.figure().axes] == [True, True, True, False]
 
 
 def test_a_damaged_image_is_reported_and_the_exit_code_is_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

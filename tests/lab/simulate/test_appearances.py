@@ -18,26 +18,14 @@ from scipy.spatial import cKDTree
 
 from tacbench_cad.cli import main
 from tacbench_cad.extensions.markers.markers import MarkerFinder
-from tacbench_cad.lab import (
-    LOOKS,
-    Clock,
-    Collection,
-    DomeContact,
-    HolderRim,
-    Look,
-    PrintedBlock,
-    SimulationOptions,
-    TacTip,
-    check_run,
-    contact_for,
-    flat_plate,
-    simulate_study,
-    variance_table,
-)
+from tacbench_cad.lab import SimulationOptions, check_run, read, simulate_study, variance
+from tacbench_cad.lab.rig import Clock
 from tacbench_cad.lab.rig.frames import frame_faults
 from tacbench_cad.lab.runs.region_search import find_region
+from tacbench_cad.lab.simulate import LOOKS, DomeContact, Look, TacTip, contact_for, flat_plate
 from tacbench_cad.lab.simulate.appearances import look_named
 from tacbench_cad.lab.simulate.simulated_devices import SimulatedSensor
+from tacbench_cad.lab.study import HolderRim, PrintedBlock
 from tacbench_cad.lab.study.spec import PlannedBlock, Protocol, Study, WorkFrame
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import FORCES_N, PressGrid
@@ -274,11 +262,11 @@ def test_a_study_with_a_look_passes_the_check_and_names_the_look(runs: Path) -> 
 
 
 def test_repeats_of_a_print_differ_as_on_a_real_rig(runs: Path) -> None:
-    table = variance_table(Collection.open([runs]), protocol="as-published")
-    assert {cell.quantity for cell in table.cells} == {"repeats of one print"}
+    table = variance(read(runs), protocol="as-published").table
+    assert set(table["quantity"]) == {"repeats of one print"}
     # The variance is 2.6 to 3.7 in the authors' notebooks and 0.1 with the clean look.
-    assert 1.5 < np.mean([cell.variance for cell in table.cells]) < 6.0
-    assert all(cell.noise_alone is not None and cell.noise_alone < cell.variance / 3.0 for cell in table.cells)
+    assert 1.5 < table["variance"].mean() < 6.0
+    assert (table["noise_alone"] < table["variance"] / 3.0).all()
 
 
 def test_textures_on_an_unseen_print_are_distinguished(runs: Path, tmp_path: Path) -> None:

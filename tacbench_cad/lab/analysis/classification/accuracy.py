@@ -1,192 +1,186 @@
-"""The accuracies of estimators, with intervals whose units are prints and other held-out groups."""
+"""The accuracies of estimators, with intervals whose units are prints and other held-out groups.
+
+All tables are computed from the predictions, which have a row for each tested frame and the columns
+:data:`PREDICTIONS`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tacbench_cad.lab.analysis import published
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW, correlation_of, interval_of
-from tacbench_cad.lab.analysis.classification.outcomes import ALL, ALL_OTHERS
-from tacbench_cad.lab.analysis.classification.splits import UNITS, PressTable
-from tacbench_cad.lab.analysis.conclusions import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer
-from tacbench_cad.util.text import natural_unique
-from tacbench_cad.util.types import Floats, Ints
+from tacbench_cad.lab.analysis.classification.hold_out import shown_level, unit_name
+from tacbench_cad.lab.analysis.conclusions import RIGHT, TOLD_APART, WHICH_TEXTURES, Answer, answer_table
+from tacbench_cad.lab.analysis.tables import Shown, intervals, percent, records
+
+#: ``tested_on`` of a row that contains a whole hold-out level, not a single held-out group.
+ALL = "all"
+#: The columns that name a row: how it was trained, and on what it was tested.
+WHO = ["estimator", "train_on", "hold_out"]
+#: The columns of the predictions: the estimator; the training data; the held-out group; the hold-out level, or
+#: ``train``, ``test`` or ``unseen`` in the paper's protocol; the trial, from 1; the run and the number of the press;
+#: the unit of the interval to which it belongs at this level; the copy of the frame; its texture; and the predicted
+#: one.
+PREDICTIONS = [
+    *("estimator", "train_on", "tested_on", "hold_out", "trial"),
+    *("run", "press", "unit", "augmentation", "texture", "predicted"),
+]
+#: The columns of the accuracies.
+SCORES = [
+    *("estimator", "train_on", "tested_on", "hold_out", "accuracy", "standard_deviation", "low", "high"),
+    *("units", "trials", "images"),
+]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FoldScore:
-    """One row of the result.
+def _tallied(predictions: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each press of one hold-out level: the numbers of tests and of correct predictions."""
+    right = predictions.assign(right=predictions["texture"] == predictions["predicted"])
+    first = dict.fromkeys(["texture", "unit", "tested_on"], "first")
+    tallied = right.groupby(["run", "press"], sort=False).agg({"right": ["size", "sum"], **first})
+    tallied.columns = pd.Index(["tries", "correct", *first])
+    return tallied.reset_index()
+
+
+def scores(predictions: pd.DataFrame, unknown_groups: Sequence[str] = ()) -> pd.DataFrame:
+    """Return the accuracies: for each hold-out level (or column of the paper) the total, then each held-out group.
+
+    All rows of a level have intervals from one correlation of the presses of a unit. The unit of a group's interval is
+    the print; if prints are unknown, it is the recording, or else the sample.
 
     Args:
-        protocol: The protocol.
-        estimator: The name of the estimator.
-        train_on: The training data.
-        tested_on: The test data.
-        hold_out: The hold-out level, or the paper's column.
-        accuracy: The fraction of tested rows that were predicted correctly, over all trials.
-        standard_deviation: The standard deviation of the trials' accuracies; None for one trial.
-        low: The lower end of the interval; None if there are too few groups.
-        high: The upper end of the interval; None if there are too few groups.
-        units: The number and the name of the interval's units: ``24 prints``.
-        trials: The number of trials.
-        images: The number of different presses that were tested.
-        confusion: How often each texture (rows) was predicted as each texture (columns), over all trials.
+        predictions: The predictions.
+        unknown_groups: See :attr:`.Design.unknown_groups`.
+
+    Returns:
+        ``accuracy`` is the fraction of tested rows that were predicted correctly, over all trials, and
+        ``standard_deviation`` that of the trials' accuracies; ``units`` is the number and the name of the interval's
+        units, ``24 prints``; and ``images`` is the number of different presses. What is unknown is missing.
     """
-
-    protocol: str
-    estimator: str
-    train_on: str
-    tested_on: str
-    hold_out: str
-    accuracy: float
-    standard_deviation: float | None
-    low: float | None
-    high: float | None
-    units: str
-    trials: int
-    images: int
-    confusion: Ints
-
-    @property
-    def whole(self) -> bool:
-        """Whether the row contains all held-out groups, not a single one."""
-        return is_whole(self.tested_on, self.train_on)
-
-    @property
-    def fractions(self) -> Floats:
-        """The confusion matrix as fractions of each texture's rows; NaN for a texture that was not tested."""
-        totals = self.confusion.sum(axis=1, keepdims=True)
-        result = np.full(self.confusion.shape, np.nan)
-        np.divide(self.confusion, totals, out=result, where=totals > 0)
-        return result
-
-    @property
-    def recall(self) -> list[float | None]:
-        """The fraction of correct predictions for each texture; None for a texture that was not tested."""
-        return [None if np.isnan(value) else float(value) for value in np.diag(self.fractions)]
+    rows = []
+    for keys, level in predictions.groupby(WHO, sort=False):
+        presses, right = _tallied(level), level["texture"] == level["predicted"]
+        for group in dict.fromkeys([ALL, *presses["tested_on"]]):
+            mine, part = presses, right
+            name, unit = unit_name(str(keys[2]), unknown_groups), presses["unit"].to_numpy()
+            if group != ALL:
+                mine, part = presses[presses["tested_on"] == group], right[level["tested_on"] == group]
+                name = unit_name("copy", unknown_groups)
+                unit = presses["run"].to_numpy() if name != "samples" else np.arange(len(presses))
+            correlation = correlation_of(presses["correct"], presses["tries"], unit, presses["texture"].to_numpy())
+            accuracy, sizes = float(part.mean()), np.unique(unit[mine.index], return_counts=True)[1]
+            trials = part.groupby(level["trial"]).mean()
+            ends = (accuracy, trials.std(), *interval_of(accuracy, sizes, correlation))
+            rows.append((*keys[:2], group, keys[2], *ends, f"{len(sizes)} {name}", len(trials), len(mine)))
+    return pd.DataFrame(rows, columns=SCORES).astype({"low": float, "high": float})
 
 
-def texture_answers(outcomes: pd.DataFrame, presses: PressTable, notes: Sequence[str]) -> Iterator[Answer]:
-    """Yield the answer for each texture: can the first estimator tell it apart on a print that training has not seen?
+def confusion(predictions: pd.DataFrame, textures: Sequence[str]) -> pd.DataFrame:
+    """Return how often each texture was predicted as each texture at each hold-out level, over all trials.
+
+    ``fraction`` is the part of the rows of a texture; it is missing for a texture that was not tested.
+    """
+    names, parts = list(textures), []
+    for keys, level in predictions.groupby(WHO, sort=False):
+        estimator, train_on, hold_out = map(str, keys)
+        counts = pd.crosstab(level["texture"], level["predicted"]).reindex(index=names, columns=names, fill_value=0)
+        long = counts.reset_index().melt(id_vars="texture", value_name="count")
+        totals = long.groupby("texture")["count"].transform("sum")
+        long["fraction"] = long["count"] / totals.where(totals > 0)
+        parts.append(long.assign(estimator=estimator, train_on=train_on, hold_out=hold_out))
+    return pd.concat(parts, ignore_index=True)[[*WHO, "texture", "predicted", "count", "fraction"]]
+
+
+def texture_answers(
+    predictions: pd.DataFrame, textures: Sequence[str], unknown_groups: Sequence[str], notes: Sequence[str]
+) -> pd.DataFrame:
+    """Return the answer for each texture: can the first estimator tell it apart on a print never seen in training?
 
     Args:
-        outcomes: The predictions with the leak-free protocol, see :data:`.outcomes.OUTCOMES`.
-        presses: The presses.
+        predictions: The predictions with the leak-free protocol.
+        textures: The textures.
+        unknown_groups: See :attr:`.Design.unknown_groups`.
         notes: The notes of the classification, with the reasons why hold-out levels were left out.
     """
-    mine = outcomes[(outcomes["hold_out"] == "copy") & (outcomes["estimator"] == outcomes["estimator"].iloc[0])]
+    mine = predictions[predictions["estimator"] == predictions["estimator"].iloc[0]]
+    mine = mine[mine["hold_out"] == "copy"]
     if mine.empty:
         reason = next((note for note in notes if "level copy" in note), "hold-out level copy was not computed")
-        yield Answer(question=WHICH_TEXTURES, about="", answer=f"cannot be said: {reason}")
-        return
-    textures, truth = natural_unique(presses.texture)
-    tries, correct = _tallied(mine, presses)
-    correlation = _correlation(tries, correct, presses.run, truth)
-    for index, texture in enumerate(textures.tolist()):
-        tested = (truth == index) & (tries > 0)
-        if not tested.any():
-            yield Answer(
-                question=WHICH_TEXTURES, about=texture, answer="cannot be said: none of its prints was held out"
-            )
-            continue
-        fraction = float(correct[tested].sum() / tries[tested].sum())
-        low, high = interval_of(fraction, _sizes(presses.run[tested]), correlation)
-        answer = "unclear"
-        if low is None or high is None:
+        return answer_table([Answer(question=WHICH_TEXTURES, about="", answer=f"cannot be said: {reason}")])
+    table = scores(mine.assign(tested_on=mine["texture"]), unknown_groups)
+    of_texture, answers = {row["tested_on"]: row for row in records(table)}, []
+    for texture in textures:
+        answer, row = "unclear", of_texture.get(texture)
+        ends = {} if row is None else {name: row[name] and 100.0 * row[name] for name in ("low", "high")}
+        if row is None:
+            answer = "cannot be said: none of its prints was held out"
+        elif row["low"] is None:
             answer = f"unclear: {TOO_FEW}"
-        elif low > TOLD_APART or high < TOLD_APART:
-            answer = "yes" if low > TOLD_APART else "no"
-        yield Answer(
-            question=WHICH_TEXTURES,
-            about=texture,
-            figure=100.0 * fraction,
-            low=None if low is None else 100.0 * low,
-            high=None if high is None else 100.0 * high,
-            unit=RIGHT,
-            answer=answer,
-        )
+        elif row["low"] > TOLD_APART or row["high"] < TOLD_APART:
+            answer = "yes" if row["low"] > TOLD_APART else "no"
+        if row is not None:
+            ends |= {"figure": 100.0 * row["accuracy"], "unit": RIGHT}
+        answers.append(Answer(question=WHICH_TEXTURES, about=texture, answer=answer, **ends))
+    return answer_table(answers)
 
 
-def is_whole(tested_on: str, train_on: str) -> bool:
-    """Whether a row contains all held-out groups, not a single one."""
-    return tested_on in (ALL, ALL_OTHERS, train_on)
+def beside_paper(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the accuracies with the protocol as-published beside those of the paper's table, in %.
+
+    Args:
+        table: The accuracies from :func:`scores`. The paper's ``unseen`` is beside ``all copies``.
+    """
+    printed = {
+        ("_".join(row.train_on), row.model, column): value
+        for row in published.CLASSIFICATION
+        for column, value in (("train", row.train), ("test", row.test), ("all copies", row.unseen))
+    }
+    mine = table[["estimator", "train_on", "hold_out"]].assign(ours=100.0 * table["accuracy"])
+    keys = zip(mine["train_on"], mine["estimator"], mine["hold_out"], strict=True)
+    return mine.assign(paper=[printed.get(key, np.nan) for key in keys])
 
 
-def scores(outcomes: pd.DataFrame, presses: PressTable, protocol: str) -> list[FoldScore]:
-    """Return the rows: for each hold-out level (or column of the paper) the total, then each named held-out group."""
-    rows = []
-    truth = np.unique(presses.texture, return_inverse=True)[1]
-    for (_, _, hold_out), whole in outcomes.groupby(["train_on", "estimator", "hold_out"], sort=False):
-        named = whole["tested_on"].iloc[0]
-        tries, correct = _tallied(whole, presses)
-        parts: dict[Any, pd.DataFrame] = {ALL if hold_out in UNITS else named: whole}
-        if named == ALL_OTHERS:
-            of_combination: dict[Any, pd.DataFrame] = dict(list(whole.groupby(presses.combination[whole["press"]])))
-            parts |= of_combination if len(of_combination) > 1 else {}
-        elif named not in (ALL, whole["train_on"].iloc[0]):
-            parts |= dict(list(whole.groupby("tested_on", sort=False)))
-        for name, part in parts.items():
-            units, unit = presses.units(str(hold_out) if part is whole else "copy")
-            correlation = _correlation(tries, correct, unit, truth)
-            rows.append(_score(part, presses, protocol, str(name), units, unit, correlation))
-    return rows
+def shown_beside_paper(table: pd.DataFrame) -> Shown:
+    """Return the rows of :func:`beside_paper` as a table for readers, with a row for each training combination."""
+    wide = table.pivot(index=["estimator", "train_on"], columns="hold_out", values=["ours", "paper"])
+    wide.columns = pd.Index([f"{column[1]}, {column[0]}" for column in wide.columns])
+    title = "your results beside the paper's table, in % (computed as in the authors' notebooks; other copies: "
+    return Shown(title + "without copy 1)", wide.dropna(axis="columns", how="all").round(2).reset_index())
 
 
-def _tallied(outcomes: pd.DataFrame, presses: PressTable) -> tuple[Floats, Floats]:
-    """Count the tests and the correct predictions of each press, (n,)."""
-    which = outcomes["press"].to_numpy()
-    right = presses.texture[which] == outcomes["predicted"].to_numpy(str)
-    tries, correct = (np.bincount(which, weight, len(presses.run)).astype(np.float64) for weight in (None, right))
-    return tries, correct
+def shown_scores(table: pd.DataFrame, unknown_groups: Sequence[str], title: str, parameter: str = "") -> Shown:
+    """Return a table of accuracies for readers.
+
+    Args:
+        table: The accuracies from :func:`scores`.
+        unknown_groups: See :attr:`.Design.unknown_groups`.
+        title: The title.
+        parameter: The setting of a sweep, whose column is ``value``.
+    """
+    columns: dict[str, Any] = {
+        "estimator": table["estimator"],
+        "held out": [shown_level(level, unknown_groups) for level in table["hold_out"]],
+        "trained on": table["train_on"],
+        **({parameter: table["value"].map("{:g}".format)} if parameter else {"tested on": table["tested_on"]}),
+        "accuracy": table["accuracy"].map(percent),
+        "standard deviation": table["standard_deviation"].map(percent),
+        "95 % interval": intervals(table, empty=TOO_FEW),
+        **{name: table[name] for name in ("units", "trials", "images")},
+    }
+    if table["standard_deviation"].isna().all():
+        del columns["standard deviation"]
+    return Shown(title, pd.DataFrame(columns))
 
 
-def _correlation(tries: Floats, correct: Floats, unit: NDArray[Any], truth: Ints) -> float | None:
-    """Return the correlation of the tested presses of one unit; None if it is unknown."""
-    tested = tries > 0
-    return correlation_of(correct[tested], tries[tested], unit[tested], truth[tested])
-
-
-def _sizes(unit: NDArray[Any]) -> Ints:
-    """Return the number of presses of each unit."""
-    return np.unique(unit, return_counts=True)[1]
-
-
-def _score(
-    outcomes: pd.DataFrame,
-    presses: PressTable,
-    protocol: str,
-    tested_on: str,
-    units: str,
-    unit: NDArray[Any],
-    correlation: float | None,
-) -> FoldScore:
-    """Compute the row of some outcomes; ``unit`` has the unit of every press of the study, (n,)."""
-    textures = presses.textures
-    tries, correct = _tallied(outcomes, presses)
-    tested = tries > 0
-    sizes = _sizes(unit[tested])
-    low, high = interval_of(float(correct.sum() / tries.sum()), sizes, correlation)
-    truth = pd.Series(presses.texture[outcomes["press"]], index=outcomes.index)
-    accuracies = (truth == outcomes["predicted"]).groupby(outcomes["trial"]).mean()
-    confusion = pd.crosstab(truth, outcomes["predicted"]).reindex(index=textures, columns=textures, fill_value=0)
-    first = outcomes.iloc[0]
-    return FoldScore(
-        protocol=protocol,
-        estimator=first["estimator"],
-        train_on=first["train_on"],
-        tested_on=tested_on,
-        hold_out=first["hold_out"],
-        accuracy=float(correct.sum() / tries.sum()),
-        standard_deviation=float(accuracies.std()) if len(accuracies) > 1 else None,
-        low=low,
-        high=high,
-        units=f"{len(sizes)} {units}",
-        trials=len(accuracies),
-        images=int(tested.sum()),
-        confusion=confusion.to_numpy(),
-    )
+def recall_table(table: pd.DataFrame, unknown_groups: Sequence[str]) -> Shown:
+    """Return the recall of each texture at each hold-out level, from the rows of :func:`confusion`."""
+    right = table[table["texture"] == table["predicted"]]
+    recall = right.pivot_table(index=WHO, columns="texture", values="fraction", sort=False, dropna=False)
+    frame = recall.map(percent).dropna(how="all").reset_index()
+    frame["hold_out"] = [shown_level(level, unknown_groups) for level in frame["hold_out"]]
+    names = {"hold_out": "held out", "train_on": "trained on"}
+    return Shown("recall of each texture (%)", frame.rename(columns=names).rename_axis(columns=None))

@@ -13,25 +13,21 @@ that combination, including copy 1. Here it is called ``all copies``, and ``othe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from joblib import delayed
+from sklearn.model_selection import train_test_split
+from threadpoolctl import threadpool_limits
 
-from tacbench_cad.lab.analysis.classification.augment import Augmentation, trial_seed
-from tacbench_cad.lab.analysis.classification.features import Rows
-from tacbench_cad.lab.analysis.classification.outcomes import (
-    ALL_OTHERS,
-    ClassifiedStudy,
-    guarded,
-    predictions,
-)
-from tacbench_cad.lab.analysis.classification.principal import Products, coordinates, noisy
-from tacbench_cad.lab.analysis.classification.settings import ESTIMATORS, ClassificationSettings, one_thread
-from tacbench_cad.lab.analysis.classification.splits import PressTable
+from tacbench_cad.lab.analysis.classification.accuracy import ALL
+from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, predicted, trial_seed
+from tacbench_cad.lab.analysis.classification.training_rows import Augmentation, coordinates, inner_products, noisy
+from tacbench_cad.lab.analysis.classification.trials import TrialData
 from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.text import counted
 from tacbench_cad.util.types import Floats, Ints
 
 #: The columns of each protocol's table. The paper printed the first three of ``as-published``.
@@ -50,148 +46,133 @@ WARNINGS = {
     'images, and "test" includes noisy copies of most of them, to which the principal components were also fitted; '
     'both are inflated, and only "other copies" has prints that training has not seen',
 }
+#: The number of images of each texture in training, and who says so.
+EXPECTED = {
+    "paper": (300, "the text says 300 of each (6 prints x 25 positions x 2, one force)"),
+    "as-published": (50, "the notebooks had 50 of each (1 print x 25 positions x 2, one force)"),
+}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ProtocolDesign:
-    """The training and test presses of a protocol.
+def sets_of(protocol: str, presses: pd.DataFrame, train_on: str) -> tuple[Ints, dict[str, Ints]]:
+    """Return the training presses of a protocol for one combination, and its test presses by column.
 
     Args:
-        trained: The indices of the training presses, before copies are made.
-        tested: The indices of the test presses, by column.
-        tested_on: The name of the test data.
+        protocol: ``paper`` or ``as-published``.
+        presses: One row for each press.
+        train_on: The training combination.
     """
-
-    trained: Ints
-    tested: Mapping[str, Ints]
-    tested_on: str
-
-    @classmethod
-    def of(cls, protocol: str, presses: PressTable, train_on: str) -> ProtocolDesign:
-        """Make the design of a protocol for one combination."""
-        inside = presses.combination == train_on
-        if protocol == "paper":
-            columns = {"unseen": np.flatnonzero(~inside)}
-            return cls(trained=np.flatnonzero(inside), tested=columns, tested_on=ALL_OTHERS)
-        first = inside & (presses.copy == np.unique(presses.copy[inside])[0])
-        columns = {"all copies": np.flatnonzero(inside), "other copies": np.flatnonzero(inside & ~first)}
-        return cls(trained=np.flatnonzero(first), tested=columns, tested_on=train_on)
+    inside = (presses["combination"] == train_on).to_numpy()
+    if protocol == "paper":
+        return np.flatnonzero(inside), {"unseen": np.flatnonzero(~inside)}
+    first = inside & (presses["copy"] == presses["copy"][inside].min()).to_numpy()
+    return np.flatnonzero(first), {
+        "all copies": np.flatnonzero(inside),
+        "other copies": np.flatnonzero(inside & ~first),
+    }
 
 
-def _require_possible(study: ClassifiedStudy) -> None:
-    """Check that this protocol can be used with the data.
+def differences(settings: ClassificationSettings, presses: pd.DataFrame) -> Iterator[str]:
+    """Yield differences between the data and the paper's text, or the authors' notebooks.
 
     Raises:
-        InputError: The frames are not images, or a combination is missing or has fewer than two textures.
+        InputError: A combination is missing or has fewer than two textures, or there are several force levels.
     """
-    protocol = study.settings.protocol
-    if not study.features.is_image:
-        what = "is for images (its copies are in counts of 0 to 255); use --protocol leak-free for other sensors"
-        raise InputError("protocol", protocol, what)
-    levels = np.unique(study.presses.level)
-    if protocol == "as-published" and len(levels) > 1:
+    levels = presses["level"].unique()
+    if settings.protocol == "as-published" and len(levels) > 1:
         raise InputError("force-level", levels.tolist(), "must be one for the protocol as-published")
-    combinations, textures = study.presses.combination, study.presses.texture
-    known = [str(name) for name in np.unique(combinations)]
-    for name in study.settings.train_on:
-        if name not in known:
-            raise InputError("train-on", name, f"must be a combination of the runs: {', '.join(known)}")
-        present = np.unique(textures[ProtocolDesign.of(protocol, study.presses, name).trained])
-        if len(present) < 2:
-            raise InputError("train-on", name, f"has only {present[0]}; training needs at least two textures")
+    expected, whose = EXPECTED[settings.protocol]
+    for train_on in settings.train_on:
+        known = presses["combination"].unique()
+        if train_on not in known:
+            raise InputError("train-on", train_on, f"must be a combination of the runs: {', '.join(sorted(known))}")
+        mine = presses.iloc[sets_of(settings.protocol, presses, train_on)[0]]
+        textures = mine["texture"].unique()
+        if len(textures) < 2:
+            raise InputError("train-on", train_on, f"has only {textures[0]}; training needs at least two textures")
+        images, of_levels = len(mine) / len(textures), counted(mine["level"].nunique(), "force level")
+        if images != expected:
+            yield f"{train_on}: trained on {images:g} images of each texture ({of_levels}); {whose}"
 
 
-def calls(study: ClassifiedStudy, train_on: str, trials: Sequence[int]) -> list[Any]:
+def calls(data: TrialData, train_on: str, trials: Sequence[int]) -> list[Any]:
     """Return a call for each trial, for worker processes.
 
     Args:
-        study: The data and settings that all trials share.
+        data: The data and settings that all trials share.
         train_on: The training combination.
         trials: The numbers of the trials.
 
     Raises:
-        InputError: The protocol cannot be used with these data, or there are too many components.
+        InputError: The frames are not images, or there are too many components.
     """
-    from joblib import delayed
-
-    _require_possible(study)
-    settings, presses, rows = study.settings, study.presses, study.features.rows
-    trained = ProtocolDesign.of(settings.protocol, presses, train_on).trained
-    everything, components = np.arange(len(rows)), settings.components
-    assert components is not None  # ClassificationSettings refuses it for this protocol
-    if settings.clip:
-        scores = [_clipped(rows, trained, settings, trial_seed(settings.seed, trial)) for trial in trials]
-    else:
-        found = coordinates(Products.of(rows), settings.augmentation, components, trained, everything)
-        scores = [found] * len(trials)
+    settings, rows, presses = data.settings, data.rows, data.design.first_steps
+    if rows.dtype != np.uint8:
+        what = "is for images (its copies are in counts of 0 to 255); use --protocol leak-free for other sensors"
+        raise InputError("protocol", settings.protocol, what)
+    sets = sets_of(settings.protocol, presses, train_on)
+    chosen, every, components = sets[0], np.arange(len(rows)), settings.components or 1
+    found = {}
+    if not settings.clip:
+        found = dict.fromkeys(trials, coordinates(data.products, settings.augmentation, components, chosen, every))
+    for trial in trials if settings.clip else ():
+        copies = settings.augmentation.rows(rows[chosen], trial_seed(settings.seed, trial))
+        whole = np.concatenate([np.clip(np.rint(copies), 0, 255).astype(np.uint8), rows])
+        parts = np.split(np.arange(len(whole)), [len(copies)])
+        found[trial] = coordinates(inner_products(whole), Augmentation(), components, *parts)
     train = delayed(paper_trial)
-    return [train(settings, presses, train_on, trial, *of) for trial, of in zip(trials, scores, strict=True)]
+    return [train(settings, presses, train_on, *sets, trial, scores) for trial, scores in found.items()]
 
 
-def _clipped(rows: Rows, trained: Ints, settings: ClassificationSettings, seed: int) -> tuple[Floats, Floats]:
-    """Return the scores of copies that are rounded and clipped as in image files, and of all frames."""
-    copies = np.clip(np.rint(settings.augmentation.rows(rows[trained], seed)), 0, 255).astype(np.uint8)
-    products = Products.of(np.concatenate([copies, rows]))
-    train, test = np.split(np.arange(len(products.gram)), [len(copies)])
-    return coordinates(products, Augmentation(), settings.components or 1, train, test)
-
-
-@one_thread()
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
 def paper_trial(
     settings: ClassificationSettings,
-    presses: PressTable,
+    presses: pd.DataFrame,
     train_on: str,
+    chosen: Ints,
+    tested: Mapping[str, Ints],
     trial: int,
-    trained: Floats,
-    tested: Floats,
+    scores: tuple[Floats, Floats],
 ) -> pd.DataFrame:
-    """Train and test every estimator in a trial, and return the predictions, see :data:`.outcomes.OUTCOMES`.
+    """Train and test every estimator in a trial, and return the predictions.
 
     Args:
         settings: The settings.
-        presses: The presses.
+        presses: One row for each press.
         train_on: The training combination.
+        chosen: The indices of the training presses.
+        tested: The indices of the test presses, by column.
         trial: The number of the trial.
-        trained: The coordinates of the training set, see :func:`.principal.coordinates`.
-        tested: The coordinates of all frames.
+        scores: The coordinates of the training set and of all frames, see :func:`.training_rows.coordinates`.
 
     Raises:
         InputError: An estimator raises an error, or predicts an unknown texture.
     """
-    from sklearn.model_selection import train_test_split
-
-    design = ProtocolDesign.of(settings.protocol, presses, train_on)
-    chosen, columns = design.trained, COLUMNS[settings.protocol]
-    labels = np.tile(presses.texture[chosen], settings.augmentation.count)
     copies = Augmentation() if settings.clip else settings.augmentation
     seed, where = trial_seed(settings.seed, trial), f"trial {trial} on {train_on}"
+    labels = np.tile(presses["texture"].to_numpy(str)[chosen], settings.augmentation.count)
     outcomes: list[pd.DataFrame] = []
     for name in settings.estimators:
-        rows, plain = noisy(trained, tested, copies, settings.components or 1, seed)
-        if settings.protocol == "as-published" and name == ESTIMATORS[1]:
+        rows, plain = noisy(*scores, copies, settings.components or 1, seed)
+        split = [np.arange(len(labels))]
+        if settings.protocol == "as-published" and name == "network":
             # The notebooks scale the scores to 0 to 1, with one minimum and maximum for all numbers of a set.
-            ends = plain[design.tested["all copies"]]
+            ends = plain[tested["all copies"]]
             rows, plain = (rows - rows.min()) / np.ptp(rows), (plain - ends.min()) / np.ptp(ends)
-            split = [np.arange(len(labels))]
         else:
             try:
-                fraction = TEST_FRACTIONS[settings.protocol]
-                split = train_test_split(np.arange(len(labels)), test_size=fraction, random_state=seed)
+                split = train_test_split(*split, test_size=TEST_FRACTIONS[settings.protocol], random_state=seed)
             except ValueError as error:
                 raise InputError("train-on", train_on, f"has too few presses for a split: {error}") from error
-        with guarded(name, where):
-            model = settings.estimator(name, seed).fit(rows[split[0]], labels[split[0]])
-        sets = [
-            (column, train_on, rows[which], chosen[which % len(chosen)], which // len(chosen))
-            for column, which in zip(columns, split, strict=False)
-        ]
-        sets += [
-            (column, design.tested_on, plain[which], which, 0 * which)
-            for column, which in design.tested.items()
-            if len(which)
-        ]
-        for column, tested_on, values, press, copied in sets:
-            predicted = predictions(model, values, presses.textures, name, where)
-            same = {"estimator": name, "train_on": train_on, "tested_on": tested_on, "hold_out": column, "trial": trial}
-            outcomes.append(pd.DataFrame({**same, "press": press, "copied": copied, "predicted": predicted}))
+        # For each column, the rows, their presses, and the number of the copy.
+        sets = {
+            column: (rows[which], chosen[which % len(chosen)], which // len(chosen))
+            for column, which in zip(COLUMNS[settings.protocol], split, strict=False)
+        }
+        sets |= {column: (plain[which], which, 0 * which) for column, which in tested.items() if len(which)}
+        model, training = settings.estimator(name, seed), (rows[split[0]], labels[split[0]])
+        words = predicted(name, model, training, [values for values, _, _ in sets.values()], where)
+        for (column, (_, press, copied)), found in zip(sets.items(), words, strict=True):
+            group = presses["combination"].to_numpy()[press] if column == "unseen" else ALL
+            same = {"estimator": name, "train_on": train_on, "tested_on": group, "hold_out": column, "trial": trial}
+            outcomes.append(pd.DataFrame({**same, "press": press, "copied": copied, "predicted": found}))
     return pd.concat(outcomes, ignore_index=True)

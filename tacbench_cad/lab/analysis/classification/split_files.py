@@ -16,29 +16,28 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from tacbench_cad.lab.analysis.classification.splits import FOLDS, PressTable, folds_of, levels_of
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.util.convert import from_plain, to_plain
+import pandas as pd
+
+from tacbench_cad.lab.analysis.classification.hold_out import FOLDS, folds_of, levels_of
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.util.convert import from_plain
 from tacbench_cad.util.errors import InputError
-from tacbench_cad.util.files import replacing
+from tacbench_cad.util.files import sha256, write_text
 from tacbench_cad.util.text import natural
 from tacbench_cad.util.untrusted import read_document
 
 #: The schema of a split file, and the version that this program reads and writes.
 SCHEMA, SCHEMA_VERSION = "tacbench-split", 1
 
-#: The key of a press: the name of its run, force level, repeat, position.
-Key = tuple[str, int, int, int]
 
-
-@dataclass(frozen=True, kw_only=True)
-class SplitPress:
+class SplitPress(NamedTuple):
     """One press of a split: its run and press key, the texture to predict, and the checksum of its frame."""
 
     run: str
@@ -48,25 +47,13 @@ class SplitPress:
     texture: str
     image_sha256: str
 
-    @property
-    def key(self) -> Key:
-        """The name of the run, force level, repeat and position."""
-        return (self.run, self.force_level, self.repeat, self.position)
+
+#: The columns that identify a press.
+KEY = SplitPress._fields[:4]
 
 
-#: The columns of a press's entry.
-PRESS_COLUMNS = tuple(field.name for field in fields(SplitPress))
-
-
-@dataclass(frozen=True, kw_only=True)
-class SplitFold:
-    """One fold of a split.
-
-    Args:
-        name: The held-out group: ``copy 2``.
-        train: The indices of the training presses.
-        test: The indices of the presses to predict.
-    """
+class SplitFold(NamedTuple):
+    """One fold of a split: the name of the held-out group, ``copy 2``, and the indices of its presses."""
 
     name: str
     train: tuple[int, ...]
@@ -83,7 +70,7 @@ class Split:
         presses: The presses.
         folds: The folds.
         simulated: The simulated parts of the study.
-        unknown_groups: See :attr:`.Collection.unknown_groups`.
+        unknown_groups: See :attr:`.Design.unknown_groups`.
 
     Raises:
         InputError: A press or a fold occurs twice, a fold has an unknown press or no training or test presses, or a
@@ -100,22 +87,17 @@ class Split:
     def __post_init__(self) -> None:
         if not self.folds:
             raise InputError("folds", None, "must have at least one fold")
-        _once("presses", (named(press.key) for press in self.presses))
-        _once("folds", (fold.name for fold in self.folds))
-        count = len(self.presses)
-        for fold in self.folds:
-            for what, indices in (("train", fold.train), ("test", fold.test)):
-                where = f"fold {fold.name} {what}"
-                if not indices:
-                    raise InputError(where, None, "is empty")
-                if not 0 <= min(indices) <= max(indices) < count:
-                    raise InputError(where, None, f"must be whole numbers from 0 to {count - 1}")
-                _once(where, map(str, indices))
-            both = set(fold.train) & set(fold.test)
-            if both:
-                press = named(self.presses[min(both)].key)
-                what = f"must not be both in train and in test; this fold has {len(both)} of these presses"
-                raise InputError(f"fold {fold.name}", press, what)
+        _require_once("presses", map(named, self.presses))
+        _require_once("folds", [fold.name for fold in self.folds])
+        for name, train, test in self.folds:
+            where, last = f"fold {name}", len(self.presses) - 1
+            if not train or not test:
+                raise InputError(where, None, "must have presses both in train and in test")
+            if not 0 <= min(train + test) <= max(train + test) <= last:
+                raise InputError(where, None, f"train and test must be whole numbers from 0 to {last}")
+            if len({*train, *test}) < len(train) + len(test):
+                press = next(press for press, count in Counter(train + test).items() if count > 1)
+                raise InputError(where, named(self.presses[press]), "must not be twice in train and test")
 
     @cached_property
     def textures(self) -> tuple[str, ...]:
@@ -125,14 +107,13 @@ class Split:
     @cached_property
     def design_sha256(self) -> str:
         """The hash of the design, which the splits of two sensors can have in common."""
-        presses = [[*press.key, press.texture] for press in self.presses]
-        folds = [astuple(fold) for fold in self.folds]
-        return _hash([SCHEMA, SCHEMA_VERSION, self.hold_out, self.seed, presses, folds])
+        presses = [press[:5] for press in self.presses]
+        return _hash([SCHEMA, SCHEMA_VERSION, self.hold_out, self.seed, presses, self.folds])
 
     @cached_property
     def data_sha256(self) -> str:
         """The hash of the data, including the frames."""
-        return _hash([[*press.key, press.image_sha256] for press in self.presses])
+        return _hash([[*press[:4], press.image_sha256] for press in self.presses])
 
     @property
     def protocol(self) -> str:
@@ -141,47 +122,30 @@ class Split:
 
     def document(self) -> dict[str, Any]:
         """Return the document of the split file."""
-        plain = to_plain(self)
+        names = ("protocol", "hold_out", "seed", "simulated", "unknown_groups", "design_sha256", "data_sha256")
         return {
             "schema": SCHEMA,
             "version": SCHEMA_VERSION,
-            "protocol": self.protocol,
-            **{name: plain[name] for name in ("hold_out", "seed", "simulated", "unknown_groups")},
-            **{name: getattr(self, name) for name in ("design_sha256", "data_sha256")},
-            "textures": list(self.textures),
-            "columns": list(PRESS_COLUMNS),
-            "presses": [list(press.values()) for press in plain["presses"]],
-            "folds": plain["folds"],
+            **{name: getattr(self, name) for name in (*names, "textures")},
+            "columns": SplitPress._fields,
+            "presses": self.presses,
+            "folds": [fold._asdict() for fold in self.folds],
         }
 
 
-def named(key: Key) -> str:
+def named(press: Sequence[Any]) -> str:
     """Return the name of a press in words: ``RUN force level 2 repeat 1 position 13``."""
-    run, level, repeat, position = key
+    run, level, repeat, position = press[:4]
     return f"{run} force level {level} repeat {repeat} position {position}"
 
 
-def split_presses(collection: Collection) -> tuple[SplitPress, ...]:
-    """Return the presses of a collection for a split, in the order of the collection."""
-    names = [run.info.printed.name for run in collection.runs]
-    return tuple(
-        SplitPress(
-            run=names[run],
-            **dict(zip(("force_level", "repeat", "position"), row.key, strict=True)),
-            texture=texture,
-            image_sha256=row.image_sha256,
-        )
-        for run, row, texture in zip(collection.run.tolist(), collection.rows, collection.texture.tolist(), strict=True)
-    )
-
-
 def make_splits(
-    collection: Collection, levels: Sequence[str] | None = None, *, seed: int = 0, folds: int = FOLDS
+    presses: pd.DataFrame, levels: Sequence[str] | None = None, *, seed: int = 0, folds: int = FOLDS
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """Make the splits of a study, one for each hold-out level.
 
     Args:
-        collection: The study.
+        presses: The table from :func:`tacbench_cad.lab.read`.
         levels: The hold-out levels; None for the default levels of the study.
         seed: The seed that assigns presses and positions to folds.
         folds: The number of folds of presses and of positions.
@@ -190,34 +154,25 @@ def make_splits(
         The splits of the levels that the data support, and notes on left-out levels and presses with the reasons.
 
     Raises:
-        InputError: A level is unknown, or the data support none; see
-            :func:`tacbench_cad.lab.analysis.classification.splits.folds_of`.
+        InputError: A level is unknown, or the data support none; see :func:`.hold_out.folds_of`.
     """
-    collection.require("a split", "label")
-    drawn = folds_of(PressTable.of(collection), levels or levels_of(collection), seed=seed, folds=folds)
-    presses = split_presses(collection)
+    design = Design.of(presses)
+    design.require("a split", "label")
+    divided = folds_of(design, levels or levels_of(design), seed=seed, folds=folds)
+    table = design.first_steps.assign(force_level=design.first_steps["level"])
+    unknown = table["image_sha256"].isna()
+    table.loc[unknown, "image_sha256"] = [sha256(Path(frame)) for frame in table.loc[unknown, "frame"]]
+    columns = [table[name].tolist() for name in SplitPress._fields]
+    how: dict[str, Any] = {"seed": seed, "simulated": design.simulated, "unknown_groups": design.unknown_groups}
     splits = []
-    for level in drawn.levels:
-        mine = [fold for fold in drawn.folds if fold.hold_out == level]
-        of_level = tuple(
-            SplitFold(
-                name=fold.group or f"{level} fold {i}",
-                train=tuple(fold.train.tolist()),
-                test=tuple(fold.test.tolist()),
-            )
+    for level in divided.levels:
+        mine = [fold for fold in divided.folds if fold.hold_out == level]
+        named_folds = tuple(
+            SplitFold(fold.group or f"{level} fold {i}", tuple(fold.train.tolist()), tuple(fold.test.tolist()))
             for i, fold in enumerate(mine, start=1)
         )
-        splits.append(
-            Split(
-                hold_out=level,
-                seed=seed,
-                presses=presses,
-                folds=of_level,
-                simulated=collection.simulated,
-                unknown_groups=collection.unknown_groups,
-            )
-        )
-    return tuple(splits), drawn.notes
+        splits.append(Split(hold_out=level, presses=tuple(map(SplitPress, *columns)), folds=named_folds, **how))
+    return tuple(splits), divided.notes
 
 
 def write_split(path: Path, split: Split) -> Path:
@@ -226,9 +181,13 @@ def write_split(path: Path, split: Split) -> Path:
     Raises:
         InputError: The file cannot be written.
     """
-    lines = [f" {json.dumps(name)}: {_value(name, value)}" for name, value in split.document().items()]
-    with replacing(path) as temporary:
-        temporary.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8", newline="\n")
+    lines = []
+    for name, value in split.document().items():
+        text = json.dumps(value)
+        if name in ("presses", "folds"):  # a line for each
+            text = "[\n" + ",\n".join(f"  {json.dumps(item, separators=(',', ':'))}" for item in value) + "\n ]"
+        lines.append(f" {json.dumps(name)}: {text}")
+    write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
     return path
 
 
@@ -244,13 +203,8 @@ def read_split(path: Path) -> Split:
     if document.get("version") != SCHEMA_VERSION:
         version = f"has version {document.get('version')!r}, but this program reads version {SCHEMA_VERSION}"
         raise InputError("split", str(path), version)
-    plain = {field.name: document[field.name] for field in fields(Split) if field.name in document}
-    try:
-        plain["presses"] = [dict(zip(PRESS_COLUMNS, press, strict=True)) for press in document["presses"]]
-    except (KeyError, TypeError, ValueError) as error:
-        allowed = f"each press must have {len(PRESS_COLUMNS)} values ({', '.join(PRESS_COLUMNS)}): {error}"
-        raise InputError(f"{path}: presses", None, allowed) from None
-    split = from_plain(Split, plain, f"{path}: ")
+    fields = Split.__dataclass_fields__
+    split = from_plain(Split, {name: value for name, value in document.items() if name in fields}, f"{path}: ")
     for name in ("design_sha256", "data_sha256"):
         if document.get(name) != getattr(split, name):
             allowed = 'does not match the contents of the file, which was changed; write it with "tacbench split" again'
@@ -258,19 +212,10 @@ def read_split(path: Path) -> Split:
     return split
 
 
-def _value(name: str, value: Any) -> str:
-    """Return a value as JSON; lists of presses and folds have a line for each item."""
-    if name in ("presses", "folds"):
-        return "[\n" + ",\n".join(f"  {json.dumps(item, separators=(',', ':'))}" for item in value) + "\n ]"
-    return json.dumps(value)
-
-
-def _once(where: str, names: Iterable[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise InputError(where, name, "occurs twice")
-        seen.add(name)
+def _require_once(where: str, names: Iterable[str]) -> None:
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise InputError(where, twice[0], "occurs twice")
 
 
 def _hash(value: Any) -> str:

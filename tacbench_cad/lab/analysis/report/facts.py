@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.tables import Shown, frame_of
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.tables import frame_of
 from tacbench_cad.lab.analysis.variance.cells import parts_of
 from tacbench_cad.lab.runs.checking import RunReport
-from tacbench_cad.lab.runs.printrecord import FIELDS, SCORES, PrintRecord
+from tacbench_cad.lab.runs.printrecord import FIELDS, SCORES
 from tacbench_cad.lab.study.spec import UNKNOWN
-from tacbench_cad.spec.sampling import SampleGrid, Tolerance
 from tacbench_cad.util.convert import to_plain
 from tacbench_cad.util.errors import InputError
 from tacbench_cad.util.text import counted
@@ -24,54 +21,62 @@ from tacbench_cad.util.text import counted
 _MAX_PARTS = 6
 #: The counts in the table of the quality of each run.
 _COUNTS = ("planned", "presses", "out_of_band", "references", "stationary")
+_TOUCHES = {
+    "gauge": "detected by the force gauge",
+    "sensor": "detected by a change of the sensor's frames",
+    "taught": "taught by hand",
+}
 
 
-def title(collection: Collection) -> str:
-    """Return the title of the page: the number of presses and of prints, labels or run folders."""
-    of = f"on {counted(len(collection.runs), 'print')}"
-    if not collection.has("print"):
-        labels, folders = counted(len(collection.textures), "label"), counted(len(collection.runs), "run folder")
-        of = f"of {labels}" if collection.has("label") else f"in {folders}"
-    return f"{counted(len(collection), press_words(collection)[0])} {of}"
+def title(design: Design) -> str:
+    """Return the title of the page: the number of presses and of prints, labels or folders."""
+    folders = design.presses["run"].nunique()
+    of = f"in {counted(folders, 'folder')}"
+    if design.has("print"):
+        of = f"on {counted(folders, 'print')}"
+    elif design.has("label"):
+        of = f"of {counted(len(design.textures), 'label')}"
+    return f"{counted(len(design), press_words(design)[0])} {of}"
 
 
-def press_words(collection: Collection) -> tuple[str, str]:
+def press_words(design: Design) -> tuple[str, str]:
     """Return the singular and the plural of the word for a frame: press, or sample if the protocol is unknown."""
-    return ("sample", "samples") if collection.info.protocol is None else ("press", "presses")
+    return ("press", "presses") if design.planned else ("sample", "samples")
 
 
-def prints_in_words(collection: Collection) -> str:
+def prints_by_group(design: Design, *by: str) -> Any:
+    """Return the presses grouped by texture and combination, in the order of the study.
+
+    Args:
+        design: The design of the study.
+        by: ``texture`` and ``combination``; the first is the slowest.
+    """
+    orders = {"texture": design.textures, "combination": design.combinations}
+    ordered = {name: pd.Categorical(design.first_steps[name], orders[name], ordered=True) for name in by}
+    return design.first_steps.assign(**ordered).groupby(list(by), observed=True)
+
+
+def prints_in_words(design: Design) -> str:
     """Return a phrase with the number of prints of each printer-filament."""
-    groups: dict[str, dict[str, set[int | str | None]]] = defaultdict(lambda: defaultdict(set))
-    for run in collection.runs:
-        printed = run.info.printed
-        groups[printed.combination][printed.texture or UNKNOWN].add(printed.copy)
+    of_textures = prints_by_group(design, "combination", "texture")["copy"].nunique()
     parts = []
-    for combination in collection.combinations:
-        counts = sorted({len(copies) for copies in groups[combination].values()})
-        prints = counted(counts[0], "print") if len(counts) == 1 else f"{counts[0]} to {counts[-1]} prints"
-        if not collection.has("print"):
-            prints = "an unknown number of prints"
-        textures = counted(len(groups[combination]), "texture")
-        known = {name: value for name, value in parts_of(combination).items() if value != UNKNOWN}
+    for combination, prints in of_textures.groupby("combination", observed=True):
+        low, high = prints.min(), prints.max()
+        count = counted(int(low), "print") if low == high else f"{low} to {high} prints"
+        count = count if design.has("print") else "an unknown number of prints"
+        known = {name: value for name, value in parts_of(str(combination)).items() if value != UNKNOWN}
         on = f" on {known['printer']}" if "printer" in known else ""
-        parts.append(f"{prints} of {textures}{on}" + (f" in {known['filament']}" if "filament" in known else ""))
+        on += f" in {known['filament']}" if "filament" in known else ""
+        parts.append(f"{count} of {counted(len(prints), 'texture')}{on}")
     return "; ".join(parts)
 
 
-def unknown_names(collection: Collection) -> list[str]:
-    """Return the names of unknown facts of imported runs; an empty list for other runs."""
-    if collection.info.protocol is not None:
-        return []
+def unknown_names(design: Design) -> list[str]:
+    """Return the names of unknown facts of other people's frames; an empty list for planned presses."""
     names = ("label", "session", "print", "printer", "filament", "position", "force", "repeat")
-    unknown = [name for name in names if not collection.has(name)]
-    return unknown + (["formula", "size"] if all(run.info.printed.block is None for run in collection.runs) else [])
-
-
-def unknown_in_words(collection: Collection) -> str:
-    """Return a sentence that names the unknown facts of imported runs; an empty string if there are none."""
-    unknown = unknown_names(collection)
-    return f"Not recorded, and therefore unknown: {', '.join(unknown)}." if unknown else ""
+    unknown = [name for name in names if not design.has(name)]
+    unknown += ["formula", "size"] * bool(design.presses["preset"].isna().all())
+    return [] if design.planned else unknown
 
 
 def simulated_in_words(simulated: Sequence[str]) -> str:
@@ -81,99 +86,69 @@ def simulated_in_words(simulated: Sequence[str]) -> str:
     return f"Simulated data, not from a real sensor: {'; '.join(parts[:_MAX_PARTS])}{more}." if parts else ""
 
 
-def sampling_in_words(sampling: Tolerance | SampleGrid) -> str:
-    """Return a phrase that says how the mesh of a block's surface was made."""
-    if isinstance(sampling, Tolerance):
-        return f"within {sampling.mm:g} mm of the formula"
-    return f"on a grid of {sampling.nx} x {sampling.ny} samples"
-
-
-def forces_in_words(collection: Collection) -> str:
+def forces_in_words(design: Design) -> str:
     """Return a sentence about the force, or the depth, at which the blocks were pressed."""
-    protocol = collection.info.protocol
-    if protocol is None:
-        known = [f"{value:.6g}" for level, value in sorted(collection.pressing.levels.items()) if value is not None]
+    targets = design.protocol.targets if design.protocol else None
+    if targets is None:
+        known = [f"{value:.6g}" for _, value in sorted(design.level_values.items()) if value is not None]
         return f"The forces were {', '.join(known)} N; the measured forces are unknown." if known else ""
-    if protocol.targets.contact == "depth":
-        depths = ", ".join(f"{protocol.targets.depths_mm[level - 1]:g}" for level in collection.levels)
-        how = {
-            "gauge": "detected by the force gauge",
-            "sensor": "detected by a change of the sensor's frames",
-            "taught": "taught by hand",
-        }
+    if targets.contact == "depth":
+        depths = ", ".join(f"{targets.depths_mm[level - 1]:g}" for level in design.levels)
         return (
-            f"The sensor's highest point was moved {depths} mm below first contact ({how[protocol.targets.touch]}). "
-            "No force was controlled, so the frames cannot be compared with frames at the paper's forces."
+            f"The sensor's highest point was moved {depths} mm below first contact ({_TOUCHES[targets.touch]}). No "
+            "force was controlled, so the frames cannot be compared with frames at the paper's forces."
         )
-    targets = protocol.targets
-    forces = ", ".join(f"{targets.forces_n[n - 1]:.6g} ± {targets.bands_n[n - 1]:.3g}" for n in collection.levels)
-    measured: dict[int, list[float]] = defaultdict(list)
-    for row in (row for run in collection.runs for row in run.rows):
-        if row.measured_force_n is not None and row.force_level is not None:
-            measured[row.force_level].append(row.measured_force_n)
+    forces = ", ".join(f"{targets.forces_n[n - 1]:.6g} ± {targets.bands_n[n - 1]:.3g}" for n in design.levels)
+    measured = design.first_steps.groupby("level")["measured_force_n"].agg(["count", "mean", "std"])
     text = f"Target forces were {forces} N"
-    if all(len(measured[level]) > 1 for level in collection.levels):
-        of_levels = (measured[level] for level in collection.levels)
-        shown = ", ".join(f"{np.mean(values):.4f} (SD {np.std(values, ddof=1):.2g})" for values in of_levels)
+    if measured["count"].min() > 1:
+        shown = ", ".join(f"{row['mean']:.4f} (SD {row['std']:.2g})" for _, row in measured.iterrows())
         text += f"; measured just before the frame was taken: {shown} N"
     return text + "."
 
 
-def devices_in_words(collection: Collection, what: str) -> str:
+def devices_in_words(design: Design, what: str) -> str:
     """Return the names of the stages, or of the force gauges, of all runs."""
-    devices = [getattr(run.info, what) for run in collection.runs]
+    devices = [getattr(run.info, what) for run in design.runs]
     words = ["simulated" if d.get("simulated") else str(d.get("identity") or "not recorded") for d in devices]
     return ", ".join(dict.fromkeys(words))
 
 
-def design_table(collection: Collection) -> pd.DataFrame:
+def design_table(design: Design) -> pd.DataFrame:
     """Return the numbers of prints and presses of each printer-filament and texture at each force level."""
-    rows = []
-    for combination in collection.combinations:
-        for texture in collection.textures:
-            there = (collection.combination == combination) & (collection.texture == texture)
-            if there.any():
-                presses = Counter(collection.level[there].tolist())
-                counts = {f"presses_level_{level}": presses[level] for level in collection.levels}
-                prints = len(np.unique(collection.copy[there])) if collection.has("print") else None
-                rows.append({**parts_of(combination), "texture": texture, "prints": prints, **counts})
-    return pd.DataFrame(rows)
+    groups = prints_by_group(design, "combination", "texture")
+    counts: pd.DataFrame = groups["level"].value_counts().unstack(fill_value=0)
+    table = counts.sort_index(axis="columns").add_prefix("presses_level_")
+    table.insert(0, "prints", groups["copy"].nunique() if design.has("print") else None)
+    table = table.reset_index()
+    parts = [parts_of(name) for name in table.pop("combination")]
+    return pd.concat([pd.DataFrame(parts), table], axis="columns")
 
 
-def record_tables(collection: Collection) -> dict[str, Any]:
-    """Return tables of the print records of a study.
-
-    Returns:
-        A dict with five entries. ``total`` is the number of readable records; ``all`` is a table of all their fields;
-        ``empty`` is a table of the fields that are empty in some records; ``alike`` is a table of the other fields
-        with one row for all equal records; ``damaged`` is a list of errors, one for each unreadable record.
-    """
-    printed: list[tuple[str, PrintRecord]] = []
-    damaged: list[str] = []
-    for run in collection.runs:
+def print_records(design: Design) -> tuple[pd.DataFrame, list[str]]:
+    """Return the print records of a study, and the errors of unreadable records."""
+    rows, damaged = list[dict[str, Any]](), list[str]()
+    for run in design.runs:
         try:
-            printed.append((run.info.printed.name, run.print_record))
+            values = run.print_record.values
         except InputError as error:
             damaged.append(str(error))
-    rows = [{"run": name, **{field: _plain(record.values.get(field)) for field in FIELDS}} for name, record in printed]
-    empty = Counter(field for _, record in printed for field in record.empty)
-    filled = [field for field in FIELDS if any(record.values.get(field) for _, record in printed)]
-    alike = Counter(tuple(row[field] for field in filled) for row in rows if filled)
-    expected = {field: "; ".join(SCORES.get(field, (FIELDS[field],))) for field in empty}
-    of_empty = [(field, expected[field], count, len(printed)) for field, count in empty.items()]
-    return {
-        "total": len(printed),
-        "all": frame_of(rows, ("run", *FIELDS)),
-        "empty": Shown(
-            "Empty fields of the print records",
-            pd.DataFrame(of_empty, columns=["field", "expected content", "empty in", "of records"]),
-        ),
-        "alike": Shown(
-            "Print records; equal records share a row",
-            pd.DataFrame([(*values, count) for values, count in alike.items()], columns=[*filled, "prints"]),
-        ),
-        "damaged": damaged,
-    }
+            continue
+        photos = "; ".join(map(str, values.get("photos", []))) or None
+        rows.append({**dict.fromkeys(FIELDS), **values, "photos": photos, "run": run.info.printed.name})
+    return frame_of(rows, ("run", *FIELDS)), damaged
+
+
+def record_fields(records: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of the fields of print records: their values, and how often they are empty."""
+    rows = []
+    for name, meaning in FIELDS.items():
+        counts = records[name].dropna().astype(str).value_counts()
+        of_values = counts.items()
+        values = "; ".join(str(value) if count == len(records) else f"{value} ({count})" for value, count in of_values)
+        empty = len(records) - int(counts.sum())
+        rows.append((name, values, empty, "; ".join(SCORES.get(name, (meaning,))) if empty else ""))
+    return pd.DataFrame(rows, columns=["field", "content (number of records)", "empty in", "expected content"])
 
 
 def quality_table(reports: Iterable[RunReport]) -> pd.DataFrame:
@@ -185,55 +160,7 @@ def quality_table(reports: Iterable[RunReport]) -> pd.DataFrame:
     return frame_of(rows, ("run", *_COUNTS, "findings"))
 
 
-def findings_table(reports: Iterable[RunReport], limit: int | None = None) -> pd.DataFrame:
-    """Return the findings of all runs, at most ``limit`` of each run."""
-    findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings[:limit]]
+def findings_table(reports: Iterable[RunReport]) -> pd.DataFrame:
+    """Return the findings of all runs."""
+    findings = [{"run": report.name, **to_plain(finding)} for report in reports for finding in report.findings]
     return frame_of(findings, ("run", "kind", "where", "text"))
-
-
-def open_points(collection: Collection, colour: bool, ddof: int) -> Shown:
-    """Return the points that the paper's text leaves open, the choice made here, and the option of the other choice.
-
-    Points that are unknown for imported runs have no row.
-    """
-    info = collection.info
-    positions = counted(len(collection.pressing.positions_mm), "position")
-    spacing = {"even": "18 to 23 mm in 1.25 mm steps", "1mm": "18 to 22 mm in 1 mm steps"}
-    block, placed = info.printed.block, collection.has("position")
-    preset = block.preset if block else ""
-    sizes = {"paper": "23.3 x 30 mm as in the text", "released": "29.3 x 30 mm as in the released files"}
-    levels = ", ".join(map(str, collection.levels))
-    rows = (
-        block
-        and (
-            "size and scale of the block: the numbers in the text contradict each other",
-            f"preset {preset}: {sizes.get(preset, 'its own size')}",
-            "tacbench make --preset paper|released",
-        ),
-        info.protocol
-        and (
-            '"5 equally spaced 1 mm positions between 18 and 23 mm"',
-            spacing.get(info.grid_spacing or "", f"the study's own grid, {positions}"),
-            "grid_spacing",
-        ),
-        placed
-        and (
-            "samples of the variance: all prints and repeats (text) or the repeats on one print (notebooks)",
-            "both, in separate tables",
-            "tacbench variance --protocol paper|as-published",
-        ),
-        placed and ("variance of grey or colour images", "colour" if colour else "grey (BT.601)", "--colour"),
-        placed and ("divisor of the variance (ddof)", str(ddof), "--ddof 0|1"),
-        placed
-        and (
-            "force of the 300 images of a cell",
-            f"each of the levels {levels}, and their mean; protocol as-published: level {collection.levels[0]}",
-            "--force-level",
-        ),
-    )
-    heads = ["open point", "choice in this report", "option of the other choice"]
-    return Shown("Choices in this report", pd.DataFrame([row for row in rows if row], columns=heads))
-
-
-def _plain(entry: Any) -> Any:
-    return "; ".join(map(str, entry)) if isinstance(entry, list) else entry

@@ -1,240 +1,243 @@
 """The page of a report: five sentences, a figure and the table to quote, then all other results in folded sections.
 
-The analyses write their tables and figures into a folder beside the page (``report.html`` and ``report_files``).
-Results that ``tacbench variance`` or ``tacbench classify`` computed earlier are copied into that folder instead. The
-files of that folder are collected in one document of plain values, ``report.json``, and the page shows that document.
-The page, the JSON document, the figures and the CSV files therefore always agree.
+The tables and figures of the analyses are written into a folder beside the page (``report.html`` and ``report_files``).
+All numbers are also in one document of plain values, ``report.json`` in this folder.
 """
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import base64
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from tacbench_cad.lab.analysis.classification.classify import MODULES, Progress
-from tacbench_cad.lab.analysis.classification.settings import ClassificationRecord
-from tacbench_cad.lab.analysis.collection import Collection
+import pandas as pd
+
+from tacbench_cad import __version__
+from tacbench_cad.lab.analysis.classification.classification import Classification
+from tacbench_cad.lab.analysis.classification.classify import Progress, classify
+from tacbench_cad.lab.analysis.feature import Feature
 from tacbench_cad.lab.analysis.published import texture_number
-from tacbench_cad.lab.analysis.report.classification import Classification, classify_into
-from tacbench_cad.lab.analysis.report.document import DOCUMENT_FILE, write_document
-from tacbench_cad.lab.analysis.report.report_html import render_page
+from tacbench_cad.lab.analysis.report import facts
+from tacbench_cad.lab.analysis.report.cite import citations
+from tacbench_cad.lab.analysis.report.report_figures import FRAMES, SUMMARY, draw_frames, draw_summary
 from tacbench_cad.lab.analysis.report.results import Results
-from tacbench_cad.lab.analysis.variance.grade import grade
-from tacbench_cad.lab.analysis.variance.view import SETTINGS_FILE, Settings, VarianceView
-from tacbench_cad.lab.runs.checking import RunReport, check_run
-from tacbench_cad.util.convert import read_json
+from tacbench_cad.lab.analysis.report.summary import next_steps, summary
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.tables import Shown, records, write_csv
+from tacbench_cad.lab.analysis.variance.grading import grade
+from tacbench_cad.lab.analysis.variance.table import variance
+from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.files import locked, refusing, replacing
+from tacbench_cad.util.files import locked, refusing, replacing, write_json
 from tacbench_cad.util.packages import require
-from tacbench_cad.util.untrusted import open_input
+from tacbench_cad.util.text import counted
 
-#: The types of files that an analysis writes and that a report copies.
+#: The name of the document, in the folder beside the page.
+DOCUMENT_FILE = "report.json"
+#: The types of files that an analysis writes.
 SUFFIXES = (".csv", ".png", ".pdf", ".json")
-_OTHER_PROTOCOL = "must be computed with --protocol paper; the report itself adds the table of the other protocol"
+#: Screen pixels per pixel of a figure: figures have 150 pixels per inch, and an HTML page has 96.
+_SCALE = 96.0 / 150.0
+#: The number of columns of numbers that fit on a sheet of paper.
+_MAX_COLUMNS = 8
+#: The fields of errors that are not about the data.
+_OWN_FIELDS = ("dask", "jobs", "output folder", "output file")
+
+T = TypeVar("T")
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions:
-    """The options of a report.
+def report(
+    presses: pd.DataFrame,
+    path: str | Path,
+    feature: Feature | None = None,
+    *,
+    classifications: Sequence[Classification] | None = None,
+    jobs: int = 1,
+    dask: str | None = None,
+    progress: Progress = lambda what, done, total: None,
+) -> list[Path]:
+    """Write a report of a study as one web page.
 
     Args:
-        variance: The output folder of ``tacbench variance`` for these runs; if None, the table is computed.
-        classifications: Output folders of ``tacbench classify`` for these runs. If empty, a classification with the
-            leak-free protocol is computed, unless ``classify`` is false.
-        classify: Whether the report has a section on classification.
+        presses: The table of presses, see :func:`tacbench_cad.lab.read`.
+        path: The HTML file of the page. Its tables and figures are written into a folder beside it.
+        feature: The feature of the variance table and of the classification; None for pixels.
+        classifications: The classifications that the page shows. None computes one with the leak-free protocol, whose
+            finished trials are stored beside the page; an empty sequence leaves out the section.
         jobs: The number of worker processes on this machine.
         dask: The address of a Dask scheduler.
-    """
-
-    variance: Path | None = None
-    classifications: tuple[Path, ...] = ()
-    classify: bool = True
-    jobs: int = 1
-    dask: str | None = None
-
-
-def write_report(
-    runs: Sequence[Path], out: Path, options: ReportOptions | None = None, progress: Progress = lambda *_: None
-) -> list[Path]:
-    """Write the report of a study.
-
-    Args:
-        runs: Run folders, or folders that contain run folders.
-        out: The HTML file of the page. Its tables and figures are written into a folder beside it.
-        options: The options of the report; None for the defaults.
         progress: Receives progress updates: the name of the step, the steps done and their total number.
 
     Returns:
         The path of the page, then the path of its document, then the paths of the other files beside it.
 
     Raises:
-        InputError: The name ``out`` does not end in .html, the file cannot be written, the runs cannot be read or
-            cannot be analysed together, or the folder of an analysis belongs to other runs.
+        InputError: The name does not end in .html, the file cannot be written, or the presses cannot be analysed
+            together.
         MissingToolError: A package that the report needs is not installed. Nothing is written then.
     """
-    chosen = options or ReportOptions()
+    out = Path(path)
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError("out", str(out), "must end in .html")
-    classified_here = chosen.classify and not chosen.classifications
-    require("the report", "jinja2", *(name for name in MODULES if classified_here or name != "sklearn"))
-    collection = Collection.open(runs)
-    # Folders that belong to other runs are refused before anything is computed.
-    if chosen.variance is not None:
-        settings = read_json(chosen.variance / SETTINGS_FILE, Settings, "settings")
-        if settings.protocol != "paper":
-            raise InputError("variance", str(chosen.variance), _OTHER_PROTOCOL)
-        _require_same("variance", chosen.variance, settings, collection)
-    for folder in chosen.classifications:
-        _require_same("classify", folder, ClassificationRecord.read(folder), collection)
-    files = out.with_name(f"{out.stem}_files")
+    require("the report", "jinja2", "matplotlib", "cv2")
+    design, files = Design.of(presses), out.with_name(f"{out.stem}_files")
+    how: dict[str, Any] = {"jobs": jobs, "dask": dask}
     with locked(files):
-        reports = tuple(_checked(collection, progress))
+        reports = []
+        for number, run in enumerate(design.runs):
+            progress("checking the runs", number, len(design.runs))
+            reports.append(check_run(run.folder))
+        table, no_table = _tried(
+            lambda: variance(presses, feature, **how, progress=lambda *counts: progress("variance", *counts))
+        )
+        grades, no_grades = None, "they are not images of the paper's textures"
+        if design.in_counts and any(map(texture_number, design.textures)):
+            grades, no_grades = _tried(lambda: grade(presses, **how))
+        no_classification = ""
+        if classifications is None:
+            result, no_classification = _tried(
+                lambda: classify(
+                    presses,
+                    feature,
+                    folder=files / "classification",
+                    **how,
+                    progress=lambda what, *counts: progress(f"classification: {what}", *counts),
+                )
+            )
+            classifications = [] if result is None else [result]
         results = Results(
-            collection=collection,
-            reports=reports,
-            **_variance(collection, files / "variance", chosen, progress),
-            **_classifications(collection, files, chosen, progress),
+            design=design,
+            reports=tuple(reports),
+            variance=table,
+            no_variance=no_table,
+            grades=grades,
+            no_grades=no_grades,
+            classifications=tuple(classifications),
+            no_classification=no_classification,
         )
         progress("writing the page", 0, 0)
-        document = write_document(results, files)
+        page = write_files(results, files)
         with replacing(out) as temporary:
-            temporary.write_text(render_page(document, files.parent), encoding="utf-8", newline="\n")
-    written = [path for folder in (files, *sorted(files.iterdir())) for path in _results(folder)]
-    return [out, files / DOCUMENT_FILE, *(path for path in written if path != files / DOCUMENT_FILE)]
+            temporary.write_text(page, encoding="utf-8", newline="\n")
+    written = [file for folder in (files, *sorted(files.iterdir())) for file in _results(folder)]
+    return [out, files / DOCUMENT_FILE, *(file for file in written if file != files / DOCUMENT_FILE)]
 
 
-def _checked(collection: Collection, progress: Progress) -> Iterator[RunReport]:
-    for i, run in enumerate(collection.runs):
-        progress("checking the runs", i, len(collection.runs))
-        yield check_run(run.folder)
-
-
-def _require_same(option: str, folder: Path, settings: Settings | ClassificationRecord, collection: Collection) -> None:
-    """Check that an analysis used the presses of this study: all presses, or all presses at one force level.
-
-    Raises:
-        InputError: The analysis used other presses.
-    """
-    viewed = collection.viewed(settings.series)
-    parts = (viewed, *(viewed.at_level(level) for level in viewed.levels))
-    if all(settings.data != part.data_key for part in parts):
-        raise InputError(option, str(folder), "must be an analysis of all presses of these runs; repeat the analysis")
-
-
-def _variance(collection: Collection, folder: Path, options: ReportOptions, progress: Progress) -> dict[str, Any]:
-    """Write or copy the files of the variance table; return the fields of :class:`Results` about it."""
-    from tacbench_cad.lab.analysis.feature import fitted
-    from tacbench_cad.lab.analysis.variance.table import variance_table
-    from tacbench_cad.lab.analysis.variance.view import write_all
-
-    if options.variance is not None:
-        copy_files(options.variance, folder)
-    else:
-        try:
-            result = variance_table(
-                collection,
-                fitted(collection),
-                jobs=options.jobs,
-                dask=options.dask,
-                progress=lambda done, total: progress("variance", done, total),
-            )
-        except InputError as error:
-            return {"no_variance": _refusal_of(error)}
-        write_all(result, folder)
-    beside = _beside_the_paper(collection, folder.with_name("variance_as_published"), options, progress)
-    return {"variance": VarianceView.read(folder, collection), **beside}
-
-
-def _beside_the_paper(
-    collection: Collection, folder: Path, options: ReportOptions, progress: Progress
-) -> dict[str, Any]:
-    """Write the table of the paper's own quantity; return the fields of :class:`Results` about it."""
-    from tacbench_cad.lab.analysis.variance.table import variance_table
-    from tacbench_cad.lab.analysis.variance.view import write_all
-
-    clear(folder)
-    if not collection.in_counts or not any(map(texture_number, collection.textures)):
-        return {"no_published": "they are not images of the paper's textures"}
-    try:
-        result = variance_table(
-            collection,
-            protocol="as-published",
-            jobs=options.jobs,
-            dask=options.dask,
-            progress=lambda done, total: progress("variance as published", done, total),
-        )
-        grades = grade(result.cells, result.collection, result.left_out)
-    except InputError as error:
-        return {"no_published": _refusal_of(error)}
-    write_all(result, folder)
-    return {"published": VarianceView.of(result), "grades": grades}
-
-
-def _classifications(collection: Collection, files: Path, options: ReportOptions, progress: Progress) -> dict[str, Any]:
-    """Write or copy the files of the classifications; return the fields of :class:`Results` about them."""
-    refusal, folders = "", []
-    if options.classifications:
-        for i, source in enumerate(options.classifications, start=1):
-            name = "classification" if len(options.classifications) == 1 else f"classification_{i}"
-            copy_files(source, files / name)
-            folders.append(files / name)
-    elif options.classify:
-        folder = files / "classification"
-        clear(folder)
-        try:
-            classify_into(collection, folder, None, options.jobs, options.dask, progress)
-            folders.append(folder)
-        except (InputError, CheckFailedError) as error:
-            refusal = _refusal_of(error)
-    return {"classifications": tuple(map(Classification.read, folders)), "no_classification": refusal}
-
-
-def _refusal_of(error: InputError | CheckFailedError) -> str:
-    """Return the reason why these data have no such result, as the end of a sentence.
+def _tried(analysis: Callable[[], T]) -> tuple[T | None, str]:
+    """Run an analysis; return its result, or None and the reason why these data have none, as the end of a sentence.
 
     Raises:
         InputError: The data are not the cause of the error.
     """
-    if isinstance(error, InputError) and error.field in ("dask", "jobs", "output folder", "output file"):
-        raise error
-    if isinstance(error, InputError) and error.value is None:
-        return f"{error.field} {error.allowed}"
-    return str(error)
-
-
-def copy_files(source: Path, folder: Path) -> None:
-    """Copy the tables and figures of an analysis, each file completely or not at all.
-
-    Raises:
-        InputError: A file cannot be read or written.
-    """
-    if source.resolve() == folder.resolve():
-        return
-    clear(folder)
-    for path in _results(source):
-        with (
-            open_input(path, "file of an analysis", within=source) as original,
-            replacing(folder / path.name) as temporary,
-            temporary.open("wb") as copy,
-        ):
-            shutil.copyfileobj(original, copy)
-
-
-def clear(folder: Path) -> None:
-    """Create a folder, or remove the tables and figures of an earlier report from it, but not from its subfolders.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    with refusing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in _results(folder):
-            path.unlink()
+    try:
+        return analysis(), ""
+    except InputError as error:
+        if error.field in _OWN_FIELDS:
+            raise
+        return None, f"{error.field} {error.allowed}" if error.value is None else str(error)
+    except CheckFailedError as error:
+        return None, str(error)
 
 
 def _results(folder: Path) -> list[Path]:
     """Return the files of tables, figures and settings in a folder."""
     return sorted(path for path in folder.glob("[!.]*") if path.suffix in SUFFIXES and path.is_file())
+
+
+def write_files(results: Results, files: Path) -> str:
+    """Write all tables and figures of a report, and its document; return the page.
+
+    Args:
+        results: The results.
+        files: The folder beside the page. Tables and figures of an earlier report are removed from it.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    design = results.design
+    names = [f"classification_{number}" for number in range(1, len(results.classifications) + 1)]
+    names = ["classification"] if len(names) == 1 else names
+    classifications = dict(zip(names, results.classifications, strict=True))
+    published = results.grades.variance if results.grades else None
+    analyses = {"variance": results.variance, "variance_as_published": published, **classifications}
+    for folder in (files, *map(files.joinpath, analyses)):
+        with refusing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            for path in _results(folder):
+                path.unlink()
+    stems = {
+        name: [path.stem for path in analysis.save(files / name) if path.suffix == ".png"]
+        for name, analysis in analyses.items()
+        if analysis is not None
+    }
+    tables = {
+        "design.csv": facts.design_table(design),
+        "print_records.csv": results.records[0],
+        "data_quality.csv": facts.quality_table(results.reports),
+        "findings.csv": facts.findings_table(results.reports),
+        "textures.csv": results.textures,
+    }
+    added = {name: table for section in results.added.values() for name, table in section.tables.items()}
+    for name, table in (tables | added).items():
+        write_csv(files / name, table, design.simulated)
+    captions = {SUMMARY: draw_summary(results, files), FRAMES: draw_frames(results, files)}
+    document = {
+        "version": __version__,
+        "folder": files.name,
+        "title": facts.title(design),
+        "simulated": list(design.simulated),
+        "notice": facts.simulated_in_words(design.simulated),
+        "summary": summary(results),
+        "steps": next_steps(results),
+        "figures": {stem: caption for stem, caption in captions.items() if caption},
+        **{name.removesuffix(".csv"): records(table) for name, table in tables.items()},
+        "variance": results.variance.document() if results.variance else None,
+        "classifications": [result.document() for result in results.classifications],
+    }
+    write_json(files / DOCUMENT_FILE, document)
+    values = {"document": document, "results": results, "tables": tables, "stems": stems}
+    return rendered("report.html.j2", files, values | {"classifications": classifications})
+
+
+def rendered(template: str, files: Path, values: Mapping[str, Any]) -> str:
+    """Return the text of a template of this folder.
+
+    The page is a single file: it has no scripts, no fonts and no web addresses, and its pictures are embedded as
+    base64. Sections are folded on a screen and open when printed. On a narrow screen, wide tables and figures scroll in
+    their own boxes, so that their text keeps its size. On paper they are scaled to the page.
+
+    Args:
+        template: The name of the template.
+        files: The folder of the figures.
+        values: The values that the template shows.
+    """
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from PIL import Image
+
+    def image(name: str) -> dict[str, Any]:
+        """Return a figure in base64, with its width and height in screen pixels."""
+        with Image.open(files / name) as picture:
+            width, height = (round(side * _SCALE) for side in picture.size)
+        return {"data": base64.b64encode((files / name).read_bytes()).decode(), "width": width, "height": height}
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.loader = FileSystemLoader(Path(__file__).parent)
+    words = (facts.prints_in_words, facts.forces_in_words, facts.devices_in_words, facts.unknown_names)
+    functions = (*words, facts.record_fields, counted, citations, image, narrow, readable)
+    environment.globals.update({function.__name__: function for function in functions})
+    return environment.get_template(template).render(values)
+
+
+def readable(title: str, table: pd.DataFrame) -> Shown:
+    """Return a table with readable headings, without columns that have no value."""
+    heads = {name: str(name).replace("_level_", ", level ").replace("_", " ") for name in table}
+    return Shown(title, table.dropna(axis="columns", how="all").rename(columns=heads))
+
+
+def narrow(table: Shown) -> Iterator[Shown]:
+    """Split a table with a column for each texture into several tables that are narrow enough for a sheet of paper."""
+    first, frame = [*table.right, True].index(True), table.frame
+    for start in range(first, max(len(frame.columns), first + 1), _MAX_COLUMNS):
+        columns = [*range(first), *range(start, min(start + _MAX_COLUMNS, len(frame.columns)))]
+        yield Shown(table.title, frame.iloc[:, columns])

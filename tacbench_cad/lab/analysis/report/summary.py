@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from tacbench_cad.lab.analysis.classification.accuracy_intervals import TOO_FEW
-from tacbench_cad.lab.analysis.classification.splits import shown_level
 from tacbench_cad.lab.analysis.conclusions import IS_REPEATABLE, REPEATABLE
-from tacbench_cad.lab.analysis.report.facts import press_words, unknown_names
+from tacbench_cad.lab.analysis.report.facts import press_words, prints_by_group, unknown_names
 from tacbench_cad.lab.analysis.report.results import UNSEEN, Results
 from tacbench_cad.lab.analysis.tables import percent, records
 from tacbench_cad.lab.analysis.variance.cells import FRAMES, name_of, short_texture
-from tacbench_cad.lab.runs.checking import RunReport
 from tacbench_cad.lab.runs.quality import JUDGED
 from tacbench_cad.util.text import counted, interval, short
 
 #: The largest number of names in a sentence; the sentence only counts the others.
 _MAX_NAMES = 3
-#: A row of a table of answers.
-Row = Mapping[str, Any]
 _ESTIMATORS = {"forest": "A random forest", "network": "A network"}
 _UNSAID = "cannot be said: "
 #: The words of the sentence about the textures, by the first words of the answer.
@@ -49,51 +45,48 @@ def listed(words: Iterable[object], limit: int = _MAX_NAMES) -> str:
 
 
 def pressed_sentence(results: Results) -> str:
-    """Return the sentence about the presses. For imported samples it contains only the known facts."""
-    study = results.collection
-    names = [name_of(combination) for combination in study.combinations]
-    on = f" on {listed(names)}" if study.has("printer") or study.has("filament") else ""
-    prints = f"{counted(len(study.runs), 'print')} of " if study.has("print") else ""
-    levels = [study.pressing.level_name(level) for level in study.levels]
-    positions = len(study.pressing.positions_mm)
-    if study.info.protocol is not None:
-        textures = counted(len(study.textures), "texture")
-        how = f"{counted(positions, 'position')}, {listed(levels, 4)}, {counted(study.pressing.repeats, 'repeat')}"
-        verb = "was" if len(study.runs) == 1 else "were"
-        return f"{prints}{textures}{on} {verb} pressed {counted(len(study), 'time')} ({how})."
-    what = f"{prints}{counted(len(study.textures), 'label')}{on}" if study.has("label") else f"unlabelled objects{on}"
-    where = f", at {counted(positions, 'position')}" if study.has("position") else ""
-    where += f", {listed(levels, 4)}" if study.has("force") else ""
-    unknown = unknown_names(study)
+    """Return the sentence about the presses. For other people's samples it contains only the known facts."""
+    design = results.design
+    on = f" on {listed(map(name_of, design.combinations))}" if design.has("printer") or design.has("filament") else ""
+    count = design.presses["run"].nunique()
+    prints = f"{counted(count, 'print')} of " if design.has("print") else ""
+    levels = listed(map(design.level_name, design.levels), 4)
+    positions = counted(len(design.positions_mm), "position")
+    if design.planned:
+        how = f"{positions}, {levels}, {counted(design.repeats, 'repeat')}"
+        textures = counted(len(design.textures), "texture")
+        return f"{prints}{textures}{on} {_were(count)} pressed {counted(len(design), 'time')} ({how})."
+    labels = counted(len(design.textures), "label")
+    what = f"{prints}{labels}{on}" if design.has("label") else f"unlabelled objects{on}"
+    where = f", at {positions}" * design.has("position") + f", {levels}" * design.has("force")
+    unknown = unknown_names(design)
     end = f"; the {listed(unknown, 9)} {_were(len(unknown))} not recorded" if unknown else ""
-    return f"{counted(len(study), 'sample')} of {what}{where} {_were(len(study))} imported{end}."
+    return f"{counted(len(design), 'sample')} of {what}{where} {_were(len(design))} imported{end}."
 
 
 def quality_sentence(results: Results) -> str:
     """Return the sentence about completeness, the problems that the check found, and the noise in the variance."""
     reports = results.reports
     present, planned = sum(report.presses for report in reports), sum(report.planned for report in reports)
-    if results.collection.info.protocol is None:
+    parts = [f"{present:,} of {planned:,} planned presses are present"]
+    if not results.design.planned:
         parts = [f"{counted(present, 'sample')} {_were(present)} checked"]
     elif present == planned:
         parts = [f"All {planned:,} planned presses are present" if planned > 1 else "The planned press is present"]
-    else:
-        parts = [f"{present:,} of {planned:,} planned presses are present"]
     outside = sum(report.out_of_band for report in reports)
-    if outside:
-        parts.append(f"in {outside:,} of them the force is outside its band")
+    parts += [f"in {outside:,} of them the force is outside its band"] if outside else []
     findings = Counter(finding.kind for report in reports for finding in report.findings)
+    problem = "no problem"
     if findings:
         kinds = listed(f"{kind} {count:,}" for kind, count in findings.most_common())
-        runs = f"{len(_with_findings(reports)):,} of {counted(len(reports), 'run')}"
-        parts.append(f"the check found {counted(findings.total(), 'problem')} in {runs} ({kinds})")
-    else:
-        parts.append("the check found no problem")
-    table = results.textures
-    known = table[table["noise_alone"].notna() & (table["variance"] > 0.0)]
+        found = sum(bool(report.findings) for report in reports)
+        problem = f"{counted(findings.total(), 'problem')} in {found:,} of {counted(len(reports), 'run')} ({kinds})"
+    parts.append(f"the check found {problem}")
+    known = results.textures.dropna(subset="noise_alone")
+    known = known[known["variance"] > 0.0]
     if len(known) and results.variance:
         fraction = float(known["noise_alone"].sum() / known["variance"].sum())
-        bound = "" if results.variance.floor_sources == [FRAMES] else "at most "
+        bound = "" if results.floor_sources == {FRAMES} else "at most "
         parts.append(f"sensor noise alone causes {bound}{min(100.0, 100.0 * fraction):.0f} % of the variance")
     elif results.variance:
         parts.append("how much of the variance is sensor noise is unknown")
@@ -117,129 +110,91 @@ def printing_sentence(results: Results) -> str:
 
 def textures_sentence(results: Results) -> str:
     """Return the sentences that say which textures can be told apart on prints that training has not seen."""
-    if results.leak_free is None:
+    score = results.score
+    if results.leak_free is None or score is None:
         of = " without leakage" if results.classifications else ""
         return f"Nothing was classified{of}" + (f": {results.no_classification}." if results.no_classification else ".")
-    score = results.score(results.hold_out)
-    if score is None:
-        return "The classification has no accuracy."
-    name = results.leak_free.record.estimators[0]
+    name = results.leak_free.settings.estimators[0]
     ends = TOO_FEW if score["low"] is None else f"{interval(100 * score['low'], 100 * score['high'])} %"
     text = (
         f"{_ESTIMATORS.get(name, name)} predicts {percent(score['accuracy'])} % ({ends}) of the "
-        f"{press_words(results.collection)[1]} correctly, {results.shown_hold_out} "
-        f"(chance: {percent(results.leak_free.chance)} %)."
+        f"{press_words(results.design)[1]} correctly, {results.shown_hold_out} "
+        f"(chance: {percent(results.leak_free.record.chance)} %)."
     )
-    if shown_level(results.hold_out, results.collection.unknown_groups) != results.hold_out:
+    if results.may_leak:
         text += " This is too high if similar samples are on both sides of the split."
     if results.hold_out != UNSEEN:
         reason = str(results.texture_answers.get("", {}).get("answer", "")).removeprefix(_UNSAID)
         return f"{text} Nothing can be said about prints that training has not seen: {reason}."
-    parts = [
-        f"{what}: {listed(textures, 6)}"
-        for word, what in _TOLD_APART.items()
-        if (
-            textures := [
-                short_texture(t) for t, row in results.texture_answers.items() if row["answer"].startswith(word)
-            ]
-        )
-    ]
-    return f"{text} Textures: {'; '.join(parts)}."
+    parts = [(what, _textures(results, word)) for word, what in _TOLD_APART.items()]
+    return f"{text} Textures: {'; '.join(f'{what}: {names}' for what, names in parts if names)}."
 
 
 def next_steps(results: Results) -> list[str]:
     """Return the next steps, the most urgent first. The last step is the one for a finished study."""
     steps = list(_open_steps(results))
-    if results.collection.simulated:
+    if results.design.simulated:
         return [*steps, 'These data are simulated: press real prints with "tacbench acquire".']
     publish = "Then publish" if steps else "Publish"
     return [*steps, f'{publish} the data set together with this report: run "tacbench publish".']
 
 
 def _open_steps(results: Results) -> Iterator[str]:
-    study = results.collection
-    planned = study.info.protocol is not None
-    found = _with_findings(results.reports)
+    design = results.design
+    found = [report for report in results.reports if report.findings]
     judged = [report for report in found if all(finding.kind in JUDGED for finding in report.findings)]
-    repair = "repair them or press again" if planned else "repair them"
+    repair = "repair them or press again" if design.planned else "repair them"
     look = "compare these frames with the others of their run; only you can tell whether they are wrong"
     for reports, advice in (([report for report in found if report not in judged], repair), (judged, look)):
         if reports:
             many = f"{len(reports):,} runs (listed below under data quality)"
             runs = reports[0].folder.name if len(reports) == 1 else many
             yield f'Look at the problems of {runs} with "tacbench check-runs"; {advice}.'
-    if results.no_variance:
-        yield f"There is no variance table: {results.no_variance}."
-    if results.no_classification:
-        yield f"There is no classification: {results.no_classification}."
-    if planned and study.pressing.repeats == 1:
-        yield (
-            "Press each position at least twice: without repeats, differences between prints cannot be separated from "
-            "chance."
-        )
-    prints = {c: max(len(set(study.copy[study.combination == c].tolist())), 1) for c in study.combinations}
-    answers = {row["about"]: str(row["answer"]) for row in _printer_rows(results)}
-    single = [c for c in study.combinations if study.has("print") and prints[c] == 1]
-    if single:
-        yield (
-            f"Print and press each texture at least twice more on {_printers(single)}: one print does not show how "
-            "much prints differ."
-        )
-    unclear = [c for c in study.combinations if answers.get(name_of(c), "").startswith("unclear")]
-    if unclear:
-        counts = listed(sorted({prints[c] for c in unclear}))
-        yield (
-            f"Press more prints of each texture on {_printers(unclear)}: a clear answer needs more than {counts} "
-            "prints."
-        )
-    for combination in study.combinations:
-        if answers.get(name_of(combination), "").startswith("no,"):
-            yield (
-                f"Find out why the prints of {name_of(combination)} differ: compare their print records and the maps "
-                "below, and separate differences in placement from differences in printing with "
-                '"tacbench variance --register".'
-            )
-    unseen = {texture: str(row["answer"]) for texture, row in results.texture_answers.items() if texture}
-    open_textures = [short_texture(texture) for texture, answer in unseen.items() if answer.startswith("unclear")]
-    if open_textures:
-        yield f"Press more prints of texture {listed(open_textures, 6)}: the interval is too wide for a clear answer."
-    for texture, answer in unseen.items():
+    if design.planned and design.repeats == 1:
+        yield "Press each position at least twice: without repeats, prints cannot be separated from chance."
+    yield from _printer_steps(results)
+    if names := _textures(results, "unclear"):
+        yield f"Press more prints of texture {names}: the interval is too wide for a clear answer."
+    for texture, row in results.texture_answers.items():
         others = {name: value for name, value in results.confusion.get(texture, {}).items() if name != texture}
-        if answer == "no" and others:
+        if row["answer"] == "no" and others:
             other = max(others, key=lambda name: others[name])
             yield (
                 f"{texture} is often predicted as {other} ({percent(others[other])} % of its presses): try more "
                 "positions or a larger force, or use only one of the two."
             )
-    if planned and results.variance and results.variance.floor_sources != [FRAMES]:
+    if design.planned and results.variance and results.floor_sources != {FRAMES}:
         yield "Record stationary frames in contact (stationary_frames in the study file): they give the noise floor."
-    if results.leak_free and results.hold_out != UNSEEN and not study.has("print"):
-        yield (
-            "Import the samples again with their prints and sessions (--columns print=COLUMN,session=COLUMN): only "
-            "then can the classifier be tested on prints and sessions that training has not seen."
-        )
-    if not results.classifications and not results.no_classification:
-        yield ("Write the report with a classification: this report does not say which textures can be told apart.")
-    unfilled = sum(bool(report.empty_fields) for report in results.reports)
-    if planned and unfilled and not study.simulated:
-        yield (
-            f"Fill in the empty fields of {counted(unfilled, 'print record')} (print.toml) while somebody still knows "
-            "the values."
-        )
 
 
-def _printer_rows(results: Results) -> list[Row]:
+def _printer_steps(results: Results) -> Iterator[str]:
+    """Yield the steps that the numbers of prints and the answers about the printers suggest."""
+    of_textures = prints_by_group(results.design, "combination", "texture")["copy"].nunique()
+    answers = {row["about"]: str(row["answer"]) for row in _printer_rows(results)}
+    for combination, prints in of_textures.groupby(level=0, observed=True).max().items():
+        name = name_of(str(combination))
+        answer = answers.get(name, "")
+        if prints == 1 and results.design.has("print"):
+            yield f"Press at least two more prints of each texture on {name}: one does not show how much prints differ."
+        elif answer.startswith("unclear"):
+            yield f"Press more prints of each texture on {name}: a clear answer needs more than {prints} prints."
+        elif answer.startswith("no,"):
+            yield (
+                f"Find out why the prints of {name} differ: compare their print records and the maps below, and "
+                'separate differences in placement from differences in printing with "tacbench variance --register".'
+            )
+
+
+def _printer_rows(results: Results) -> list[Mapping[str, Any]]:
     """Return the answers to the question whether each printer is repeatable."""
-    rows = records(results.variance.tables["printer_answers"]) if results.variance else []
+    rows = records(results.variance.answers) if results.variance else []
     return [row for row in rows if row["question"] == IS_REPEATABLE]
 
 
-def _with_findings(reports: Sequence[RunReport]) -> list[RunReport]:
-    return [report for report in reports if report.findings]
-
-
-def _printers(combinations: Sequence[str]) -> str:
-    return listed(map(name_of, combinations))
+def _textures(results: Results, word: str) -> str:
+    """Return the textures whose answer begins with a word; an empty text if there is none."""
+    answers = results.texture_answers.items()
+    return listed((short_texture(name) for name, row in answers if name and row["answer"].startswith(word)), 6)
 
 
 def _were(count: int) -> str:

@@ -14,108 +14,48 @@ its diagonal entries, a sensor can tell the two textures apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
 
-import numpy as np
+import pandas as pd
 
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, CellKey
-from tacbench_cad.lab.analysis.variance.intervals import CellSums
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, parts_of
 from tacbench_cad.lab.analysis.variance.streaming import PlaceSums
-from tacbench_cad.util.types import Floats, Ints
+
+_PAIR = ["combination", "force_level", "texture", "other_texture"]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TextureMatrix:
-    """The matrix of one printer-filament at one force level.
+def between_textures(places: Sequence[PlaceSums], combinations: Sequence[str], ddof: int) -> pd.DataFrame:
+    """Return ``between_textures.csv``: each pair of textures once, and each texture with itself.
 
-    Args:
-        combination: The printer and the filament.
-        force_level: The level from 1, or ``all`` for the mean over the levels.
-        textures: The names of the textures, in the order of rows and columns.
-        variance: The variance over the frames of two textures, shape (t, t). The diagonal has the variances of the
-            table; unknown entries are NaN.
-        presses: The number of presses used for each entry, shape (t, t).
-    """
-
-    combination: str
-    force_level: int | str
-    textures: tuple[str, ...]
-    variance: Floats
-    presses: Ints
-
-
-def texture_matrices(
-    places: Iterable[PlaceSums],
-    variances: Mapping[tuple[int, CellKey], float],
-    *,
-    combinations: Sequence[str],
-    textures: Sequence[str],
-    ddof: int,
-) -> list[TextureMatrix]:
-    """Return the matrices of all combinations: for each combination those of the levels, then their mean.
+    The rows of each combination are by force level; the mean over the levels is last, for pairs that every level has.
 
     Args:
         places: The sums of each place (a force level and a position).
-        variances: The variances of the table, by level and cell, for the diagonal.
         combinations: The combinations in the order of the result.
-        textures: The textures in the order of rows and columns.
         ddof: The ddof of the variance table.
     """
-    size = len(textures)
-    at = {name: i for i, name in enumerate(textures)}
-    sums: dict[tuple[str, int], tuple[Floats, Ints, Ints]] = {}
+    rows = []
     for place in places:
-        for combination, (names, distances) in place.distances.items():
-            key = (combination, place.level)
-            if key not in sums:
-                sums[key] = (np.zeros((size, size)), np.zeros((size, size), int), np.zeros((size, size), int))
-            variance, count, presses = sums[key]
-            cells = [place.cells[combination, name] for name in names]
-            for i, a in enumerate(cells):
-                presses[at[names[i]], at[names[i]]] += a.presses
-                for j in range(i):
-                    b, total = cells[j], a.presses + cells[j].presses
-                    squares = _squares(a) + _squares(b) + a.presses * b.presses / total * float(distances[i, j])
-                    where = (at[names[i]], at[names[j]])
-                    for pair in (where, where[::-1]):
-                        variance[pair] += squares / (total - ddof)
-                        count[pair] += 1
-                        presses[pair] += total
-    matrices = []
-    for combination in combinations:
-        of_levels = []
-        for level in sorted(level for name, level in sums if name == combination):
-            variance, count, presses = sums[combination, level]
-            mean = np.divide(variance, count, out=np.full((size, size), np.nan), where=count > 0)
-            for texture, i in at.items():
-                mean[i, i] = variances.get((level, (combination, texture)), np.nan)
-            of_levels.append(
-                TextureMatrix(
-                    combination=combination,
-                    force_level=level,
-                    textures=tuple(textures),
-                    variance=mean,
-                    presses=np.where(np.isnan(mean), 0, presses),
-                )
-            )
-        matrices += of_levels
-        if of_levels:
-            matrices.append(_pooled(of_levels))
-    return matrices
-
-
-def _squares(cell: CellSums) -> float:
-    return cell.between + cell.within
-
-
-def _pooled(of_levels: Sequence[TextureMatrix]) -> TextureMatrix:
-    """Return the mean over the levels, for entries that every level has."""
-    counts = np.array([matrix.presses for matrix in of_levels])
-    return TextureMatrix(
-        combination=of_levels[0].combination,
-        force_level=ALL_LEVELS,
-        textures=of_levels[0].textures,
-        variance=np.mean([matrix.variance for matrix in of_levels], axis=0),
-        presses=np.where(np.any(counts == 0, axis=0), 0, np.sum(counts, axis=0)),
-    )
+        for (i, key), (j, other) in combinations_with_replacement(enumerate(place.cells), 2):
+            first, second = place.cells[key], place.cells[other]
+            if key[0] != other[0]:
+                continue
+            presses = first.presses if i == j else first.presses + second.presses
+            squares = first.between + first.within
+            if i != j:
+                apart = first.presses * second.presses / presses * place.distances[i, j]
+                squares += second.between + second.within + apart
+            if presses > 1:
+                rows.append((key[0], place.level, key[1], other[1], squares / (presses - ddof), presses))
+    table = pd.DataFrame(rows, columns=[*_PAIR, "variance", "presses"])
+    of_levels = table.groupby(_PAIR, sort=False, as_index=False).agg({"variance": "mean", "presses": "sum"})
+    pairs = of_levels.groupby(["combination", "texture", "other_texture"], sort=False)
+    pooled = pairs.agg(variance=("variance", "mean"), presses=("presses", "sum"), levels=("force_level", "size"))
+    complete = of_levels.groupby("combination")["force_level"].nunique()
+    pooled = pooled.reset_index().assign(force_level=ALL_LEVELS)
+    pooled = pooled[pooled["levels"] == pooled["combination"].map(complete)].drop(columns="levels")
+    result = pd.concat([of_levels.astype({"force_level": object}), pooled])
+    result = result.sort_values("combination", key=lambda names: names.map(list(combinations).index), kind="stable")
+    parts = pd.DataFrame(list(map(parts_of, result["combination"])), index=result.index)
+    return pd.concat([parts, result.drop(columns="combination")], axis=1).reset_index(drop=True)

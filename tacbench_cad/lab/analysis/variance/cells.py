@@ -1,10 +1,11 @@
-"""A cell of the variance table, used by the table, its intervals and the grade."""
+"""The names of the cells of the variance table: printer-filaments, textures, force levels, quantities and units."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal
+
+import pandas as pd
 
 from tacbench_cad.lab.analysis.published import PAPER_ROW_NAMES
 from tacbench_cad.lab.study.spec import UNKNOWN
@@ -13,67 +14,31 @@ from tacbench_cad.lab.study.spec import UNKNOWN
 ALL_LEVELS = "all"
 #: The two sources of a noise floor.
 FRAMES, REPEATS = "stationary frames", "repeats (upper bound)"
+#: The columns that name a cell of the table.
+CELL = ("printer", "filament", "texture", "force_level")
 
+#: ``paper``: the variance of prints and repeats, as in the paper's text; ``as-published``: the quantity of the paper's
+#: printed figures.
+Protocol = Literal["paper", "as-published"]
 #: The printer-filament and the texture of a cell.
 CellKey = tuple[str, str]
-#: The samples of a variance: all presses at a position (prints and repeats), or the repeats on each print.
-Quantity = Literal["prints and repeats", "repeats of one print"]
 #: A force level from 1, or :data:`ALL_LEVELS`.
 Level = int | str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """The variance of one printer, filament and texture at one force level, as a row of ``variance.csv``.
+def place_of(level: Level, key: CellKey) -> dict[str, Any]:
+    """Return the values of :data:`CELL`."""
+    return {**parts_of(key[0]), "texture": key[1], "force_level": level}
 
-    All variances are in the squared unit of the frames (counts^2 for images).
 
-    Args:
-        printer: The name of the printer.
-        filament: The name of the filament.
-        texture: The name of the texture: ``texture-4``.
-        force_level: The level from 1, 0 if it is unknown, or ``"all"`` for the mean over the levels.
-        variance: The variance of each pixel over prints x repeats at each position, then the mean over pixels and
-            positions. ``quantity`` names the samples if they are others.
-        floor: The noise floor in the same unit, for ddof 1; None if it could not be measured.
-        low: The lower end of the 95 % interval of ``variance``; None if there is no interval.
-        high: The upper end of this interval; None if there is no interval. It is never ``inf``.
-        prints: The number of prints in the cell.
-        presses: The number of presses in the cell.
-        noise_alone: The value of ``variance`` expected from sensor noise alone; None without a noise floor.
-        floor_from: The source of the noise floor, :data:`FRAMES` or :data:`REPEATS`; empty without a noise floor.
-        unbiased: The variance for ddof 1.
-        floor_removed: ``unbiased`` minus the noise floor; may be negative. None without a noise floor.
-        floor_removed_low: The lower end of its 95 % interval; None without one.
-        floor_removed_high: The upper end of its 95 % interval; None without one.
-        quantity: The samples of ``variance``.
-        published: The paper's figure for this printer, filament and texture, if ``variance`` is the quantity that the
-            paper printed; None otherwise.
-    """
+def cells_of(table: pd.DataFrame) -> dict[tuple[Level, CellKey], Any]:
+    """Return the rows of a variance table, with the columns as attributes, by level and cell."""
+    return {(row.force_level, (f"{row.printer}_{row.filament}", row.texture)): row for row in table.itertuples()}  # type: ignore[misc]
 
-    printer: str
-    filament: str
-    texture: str
-    force_level: Level
-    variance: float
-    floor: float | None = None
-    low: float | None = None
-    high: float | None = None
-    prints: int
-    presses: int
-    noise_alone: float | None = None
-    floor_from: str = ""
-    unbiased: float | None = None
-    floor_removed: float | None = None
-    floor_removed_low: float | None = None
-    floor_removed_high: float | None = None
-    quantity: Quantity = "prints and repeats"
-    published: float | None = None
 
-    @property
-    def combination(self) -> str:
-        """The printer and the filament in one word: ``bambu-p1p_pla-minus``."""
-        return f"{self.printer}_{self.filament}"
+def groups(table: pd.DataFrame, columns: Sequence[str]) -> Iterator[tuple[Any, pd.DataFrame]]:
+    """Yield the values of some columns and the rows that have them, in the order of the table."""
+    yield from table.groupby(list(columns), sort=False)
 
 
 def parts_of(combination: str) -> dict[str, str]:
@@ -98,7 +63,7 @@ def short_texture(texture: str) -> str:
     return texture.removeprefix("texture-")
 
 
-def shown_levels(cells: Iterable[Cell]) -> tuple[Level, ...]:
-    """Return the levels to show: all levels and their mean, or the only level."""
-    levels = tuple(dict.fromkeys(cell.force_level for cell in cells))
+def shown_levels(table: pd.DataFrame) -> tuple[Level, ...]:
+    """Return the levels to show of a variance table: all levels and their mean, or the only level."""
+    levels = tuple(table["force_level"].unique().tolist())
     return levels[:1] if len(levels) == 2 else levels

@@ -5,54 +5,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from tacbench_cad.lab.analysis.variance.cells import (
-    Level,
-    name_of,
-    short_texture,
-    shown_levels,
-)
-from tacbench_cad.lab.analysis.variance.result import VarianceResult
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, Level, name_of, short_texture, shown_levels
+from tacbench_cad.lab.analysis.variance.variance_data import VarianceData
 from tacbench_cad.util.text import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def squared_unit(result: VarianceResult) -> str:
+def squared_unit(result: VarianceData) -> str:
     """Return the unit of a variance for labels."""
     return f"{result.units}$^2$"
 
 
-def compared_levels(result: VarianceResult) -> tuple[Level, ...]:
+def compared_levels(result: VarianceData) -> tuple[Level, ...]:
     """Return the levels at which figures compare prints: those with two prints of a texture, maybe their mean."""
-    singles = sorted(set().union(*result.sums.values()))
-    with_prints = [
-        level for level in singles if any(cell.prints > 1 for cell in result.cells if cell.force_level == level)
-    ]
-    if len(with_prints) in (0, len(singles)):
-        return shown_levels(result.cells)
-    return tuple(with_prints)
+    singles = result.table[result.table["force_level"] != ALL_LEVELS].groupby("force_level")["prints"].max()
+    with_prints = singles.index[singles > 1].tolist()
+    return shown_levels(result.table) if len(with_prints) in (0, len(singles)) else tuple(with_prints)
 
 
-def compared(result: VarianceResult) -> list[str]:
+def compared(result: VarianceData) -> list[str]:
     """Return the combinations that figures compare: those with two prints of a texture, or all if there are none.
 
     A single print shows how well the sensor repeats, but not how prints differ.
     """
-    if result.protocol == "as-published":
-        return list(dict.fromkeys(cell.combination for cell in result.cells))
-    prints: dict[str, int] = {}
-    for cell in result.cells:
-        prints[cell.combination] = max(prints.get(cell.combination, 0), cell.prints)
-    most = max(prints.values())
-    return [combination for combination in result.collection.combinations if prints.get(combination, 0) > (most > 1)]
+    prints = result.table.groupby(result.table["printer"] + "_" + result.table["filament"])["prints"].max()
+    least = 2 if prints.max() > 1 and result.protocol == "paper" else 1
+    return [combination for combination in result.design.combinations if prints.get(combination, 0) >= least]
 
 
-def panel_title(result: VarianceResult, level: Level) -> str:
+def panel_title(result: VarianceData, level: Level) -> str:
     """Return the title of a panel: its level, and the number of combinations that are not shown."""
-    count = len({cell.combination for cell in result.cells}) - len(compared(result))
+    count = len(result.table[["printer", "filament"]].drop_duplicates()) - len(compared(result))
     hidden = f" ({counted(count, 'printer-filament')} with one print not shown)" if count else ""
-    return f"{result.collection.pressing.level_name(level)}{hidden}"
+    return f"{result.design.level_name(level)}{hidden}"
 
 
 def name_panels(panels: Any, textures: Sequence[str], combinations: Sequence[str]) -> None:

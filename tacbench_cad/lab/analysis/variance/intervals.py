@@ -67,6 +67,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from functools import reduce
 from typing import Literal
 
 import numpy as np
@@ -101,7 +102,7 @@ class CellSums:
         presses: The number of presses.
         between: The sum of squares between prints, summed over positions.
         within: The sum of squares within prints, summed over positions.
-        dof: The degrees of freedom between and within prints, summed over positions.
+        dof: The degrees of freedom between and within prints, summed over positions, shape (2,).
         kappa: The coefficient of sigma_P^2 in ``between``.
         variances: A row for each quantity, with entries for ddof 0 and 1, shape (2, 2). For :data:`OF_ALL` it is the
             variance of all presses, summed over positions; with ddof 1, NaN if a position has one press. For
@@ -118,7 +119,7 @@ class CellSums:
     presses: int
     between: float
     within: float
-    dof: tuple[int, int]
+    dof: Ints
     kappa: float
     variances: Floats
     weights: Floats
@@ -159,7 +160,7 @@ class CellSums:
             presses=n,
             between=between,
             within=max(0.0, total - between),
-            dof=(k - 1, n - k),
+            dof=np.array([k - 1, n - k]),
             kappa=kappa,
             variances=np.stack([total / divisors, of_repeats]),
             weights=np.stack([np.array([kappa, n - 1.0]) / divisors[:, None], np.stack([0.0 * seen, seen], axis=1)]),
@@ -168,21 +169,11 @@ class CellSums:
     def __add__(self, other: CellSums) -> CellSums:
         # If one force level has fewer prints, its positions are not complete positions of the larger design.
         larger, smaller = (self, other) if len(self.design) >= len(other.design) else (other, self)
-        alike = np.array_equal(self.design, other.design)
-        return CellSums(
-            design=larger.design,
-            gram=larger.gram + smaller.gram if alike else larger.gram,
-            positions=self.positions + other.positions,
-            whole=larger.whole + (smaller.whole if alike else 0),
-            repeated=self.repeated + other.repeated,
-            presses=self.presses + other.presses,
-            between=self.between + other.between,
-            within=self.within + other.within,
-            dof=(self.dof[0] + other.dof[0], self.dof[1] + other.dof[1]),
-            kappa=self.kappa + other.kappa,
-            variances=self.variances + other.variances,
-            weights=self.weights + other.weights,
-        )
+        complete = {name: getattr(larger, name) for name in ("design", "gram", "whole")}
+        if np.array_equal(self.design, other.design):
+            complete |= {name: getattr(larger, name) + getattr(smaller, name) for name in ("gram", "whole")}
+        others = (name for name in vars(self) if name not in complete)
+        return CellSums(**complete, **{name: getattr(self, name) + getattr(other, name) for name in others})
 
     @property
     def prints(self) -> int:
@@ -224,6 +215,13 @@ class CellSums:
         return dict(zip(copies.tolist(), squares.tolist(), strict=True))
 
 
+def pooled(levels: Sequence[CellSums]) -> CellSums | None:
+    """Add the sums of several force levels; return None if the levels have different prints or repeats."""
+    if any(not np.array_equal(level.design, levels[0].design) for level in levels):
+        return None
+    return reduce(operator.add, levels)
+
+
 def _means(copies: Ints) -> Floats:
     """Return the matrix that converts presses to the means of their prints, shape (k, n)."""
     members = copies[None, :] == np.unique(copies)[:, None]
@@ -258,6 +256,11 @@ class Interval:
     low: float
     high: float
     parts: float
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The lower and the upper end."""
+        return self.low, self.high
 
 
 def variance_interval(

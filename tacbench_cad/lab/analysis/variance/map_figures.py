@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tacbench_cad.lab.analysis.figures import COLUMN_IN, INK, PAGE_IN, new_figure
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, CELL, groups
 from tacbench_cad.lab.analysis.variance.figure_parts import (
     colour_bar,
     compared,
@@ -15,8 +16,7 @@ from tacbench_cad.lab.analysis.variance.figure_parts import (
     panel_title,
     squared_unit,
 )
-from tacbench_cad.lab.analysis.variance.result import VarianceResult
-from tacbench_cad.lab.analysis.variance.streaming import levels_with_most_prints
+from tacbench_cad.lab.analysis.variance.variance_data import VarianceData
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _SPAN = 99.5
 
 
-def pixel_figure(result: VarianceResult) -> Figure:
+def pixel_figure(result: VarianceData) -> Figure:
     """Draw the variance of the pixels: a map for each combination and texture, mean over positions and forces."""
     pictures = _cropped({key: picture for key, picture in result.maps.items() if key[0] in compared(result)})
     height, width = next(iter(pictures.values())).shape
@@ -40,23 +40,23 @@ def pixel_figure(result: VarianceResult) -> Figure:
     )
 
 
-def region_figure(result: VarianceResult) -> Figure:
+def region_figure(result: VarianceData) -> Figure:
     """Draw the region of interest in a frame, if possible without contact."""
-    region = result.feature.region
+    region = result.feature.region_
     assert region is not None  # the figure is only drawn with a region
     figure = new_figure(COLUMN_IN, COLUMN_IN * region.mask.shape[0] / region.mask.shape[1] + 0.1)
     axes = figure.add_subplot()
-    for frame in result.collection.runs[0].resting_frames(1):
+    for frame in result.design.runs[0].resting_frames(1):
         axes.imshow(region.drawn(frame)[..., ::-1])
     axes.set_axis_off()
     return figure
 
 
-def exhibit_figure(result: VarianceResult) -> Figure:
+def exhibit_figure(result: VarianceData) -> Figure:
     """Draw the mean numbers at the largest force, as the feature does, for each combination and texture."""
     exhibit = result.feature.exhibit
     assert exhibit is not None  # the figure is only drawn with an exhibit
-    textures, combinations = result.collection.textures, compared(result)
+    textures, combinations = result.design.textures, compared(result)
     level = max(at for at, _ in result.means)
     side = min(2.4, (PAGE_IN - 0.9) / len(textures))
     figure = new_figure(max(4.0, 0.9 + side * len(textures)), 0.5 + side * len(combinations))
@@ -88,21 +88,20 @@ def _cropped(pictures: dict[tuple[str, str], Floats]) -> dict[tuple[str, str], F
     return {key: picture[ranges[0], ranges[1]] for key, picture in pictures.items()}
 
 
-def position_figure(result: VarianceResult) -> Figure:
+def position_figure(result: VarianceData) -> Figure:
     """Draw the variance at the positions: the press grid for each combination and texture, mean over forces."""
-    pressing = result.collection.pressing
-    grid = pressing.grid
+    grid = result.design.grid
     # Positions with unknown coordinates are drawn in one row.
-    shape = (len(grid.y_mm), len(grid.x_mm)) if grid else (1, len(pressing.positions_mm))
+    shape = (len(grid.y_mm), len(grid.x_mm)) if grid else (1, len(result.design.positions_mm))
     pictures: dict[tuple[str, str], Floats] = {}
-    drawn = levels_with_most_prints(
-        {(level, key): cell.design.tolist() for key, of in result.sums.items() for level, cell in of.items()}
-    )
-    for key in (cell for cell in result.maps if cell[0] in compared(result)):
-        levels = [result.positions[level, key] for level in drawn[key]]
-        if levels:
+    table = result.table[result.table["force_level"] != ALL_LEVELS]
+    drawn = table[table["prints"] == table.groupby(list(CELL[:3]))["prints"].transform("max")]
+    rows = result.tables["positions"].merge(drawn[list(CELL)])
+    for (printer, filament, texture), of_cell in groups(rows, CELL[:3]):
+        if f"{printer}_{filament}" in compared(result):
+            values = of_cell.groupby("position")["variance"].mean().reindex(range(1, shape[0] * shape[1] + 1))
             # The rows start at low y, so they go upwards in the figure, as on the block.
-            pictures[key] = np.mean(levels, axis=0).reshape(shape)[::-1]
+            pictures[f"{printer}_{filament}", texture] = values.to_numpy().reshape(shape)[::-1]
     figure = _mosaic(result, pictures, f"variance ({squared_unit(result)})", ratio=1.0, outline=True)
     if grid is None:
         return figure
@@ -116,10 +115,10 @@ def position_figure(result: VarianceResult) -> Figure:
 
 
 def _mosaic(
-    result: VarianceResult, pictures: dict[tuple[str, str], Floats], what: str, *, ratio: float, outline: bool
+    result: VarianceData, pictures: dict[tuple[str, str], Floats], what: str, *, ratio: float, outline: bool
 ) -> Figure:
     """Draw pictures with one colour scale: a row for each combination, a column for each texture."""
-    textures, combinations = result.collection.textures, compared(result)
+    textures, combinations = result.design.textures, compared(result)
     columns, rows = len(textures), len(combinations)
     width = min(1.05, (PAGE_IN - 1.6) / columns)
     figure = new_figure(max(4.0, 1.9 + width * columns), max(1.8, 0.3 + rows * (width * ratio + 0.05)))

@@ -1,83 +1,101 @@
-"""The warnings of the variance table about its data, one sentence each, and its relation to the paper's figures."""
+"""The notes of the variance table, its warnings about the data, and its relation to the paper's figures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from collections.abc import Iterable, Iterator
 
-from tacbench_cad.lab.analysis.collection import Collection
+import pandas as pd
+
 from tacbench_cad.lab.analysis.published import FLOOR, PAPER_FLOORS, POSITIONS, PRINTS
 from tacbench_cad.lab.analysis.published import REPEATS as PAPER_REPEATS
-from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, REPEATS, Cell
-from tacbench_cad.lab.analysis.variance.result import Protocol
+from tacbench_cad.lab.analysis.variance.cells import ALL_LEVELS, FRAMES, REPEATS, Protocol, groups
+from tacbench_cad.lab.analysis.variance.variance_data import VarianceData
 from tacbench_cad.util.text import counted
 
-K = TypeVar("K")
+
+def variance_notes(result: VarianceData) -> list[str]:
+    """Return the notes that explain the tables of a result."""
+    words = {
+        FRAMES: "stationary frames in contact, at the middle force",
+        REPEATS: "repeats on one print, an upper bound",
+    }
+    sources = "; or ".join(text for source, text in words.items() if source in result.table["floor_from"].to_numpy())
+    notes = [
+        f"Noise alone is the variance expected from sensor noise alone{f' ({sources})' if sources else ''}. The "
+        "unit of the intervals is the print. Floor removed is the variance with ddof 1 minus the noise floor."
+    ]
+    if result.design.steps:
+        notes.append(
+            f"Each figure is the mean over the {counted(result.design.steps, 'frame')} of a series. They were taken "
+            "while the sensor moved in contact; the paper's sensor did not move."
+        )
+    if result.feature.words.note:
+        notes.append(result.feature.words.note)
+    if result.feature.region_ is not None:
+        notes.append(f"The region of interest is {result.feature.region_.text}; pixels outside of it are not used.")
+    elif result.outside is not None:
+        advice = "; --roi auto leaves them out" if result.protocol == "paper" else ""
+        outside = f"{100 * result.outside:.0f} %"
+        notes.append(f"{outside} of the pixels do not show the sensor, but are part of each variance{advice}.")
+    if result.units == "counts" and result.design.beside_paper:
+        notes.append(relation_to_paper(result.protocol))
+    return notes
 
 
-def variance_warnings(collection: Collection, cells: Sequence[Cell], left_out: Sequence[str]) -> tuple[str, ...]:
-    """Return the warnings: every reason why the table cannot simply be compared with the paper's.
-
-    Args:
-        collection: The study.
-        cells: The cells of the table.
-        left_out: The frames that could not be used.
-    """
-    warnings = [f"{where}: {text}" for where, text in _warnings(collection, cells) if where]
+def variance_warnings(result: VarianceData) -> list[str]:
+    """Return the warnings about the data: every reason why the table cannot simply be compared with the paper's."""
+    warnings = [f"{where}: {text}" for where, text in _warnings(result) if where]
+    left_out = result.left_out
     if left_out:
         more = f", and {len(left_out) - 1:,} more" if len(left_out) > 1 else ""
         verb = "was" if len(left_out) == 1 else "were"
-        warnings.insert(
-            0, f"{counted(len(left_out), 'frame')} could not be used and {verb} left out: {left_out[0]}{more}"
-        )
-    return tuple(warnings)
+        frames = counted(len(left_out), "frame")
+        warnings.insert(0, f"{frames} could not be used and {verb} left out: {left_out[0]}{more}")
+    return warnings
 
 
-def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
+def _warnings(result: VarianceData) -> Iterator[tuple[str, str]]:
     """Yield the subject and the text of every possible warning; a warning with an empty subject does not apply."""
-    positions, repeats = len(collection.pressing.positions_mm), collection.pressing.repeats
-    of_level = [cell for cell in cells if cell.force_level != ALL_LEVELS]
-    by_combination = _by(of_level, lambda cell: cell.combination)
-    max_prints = {combination: max(cell.prints for cell in members) for combination, members in by_combination}
-    fullest = [cell for cell in of_level if cell.prints == max_prints[cell.combination]]
-    of_repeats = any(cell.quantity == "repeats of one print" for cell in cells)
-    for prints, members in _by(fullest, lambda cell: cell.prints):
-        if of_repeats:
-            if prints == 1:
-                yield _where(members), "there is only one print of each texture, so there is no interval"
+    design, of_repeats = result.design, result.protocol == "as-published"
+    positions, repeats = len(design.positions_mm), design.repeats
+    cells = result.table.assign(combination=result.table["printer"] + "_" + result.table["filament"])
+    of_level = cells[cells["force_level"] != ALL_LEVELS]
+    prints_of = of_level.groupby("combination")["prints"]
+    fullest = of_level[of_level["prints"] == prints_of.transform("max")]
+    for (prints,), members in groups(fullest, ["prints"]):
+        if prints == 1 and of_repeats:
+            yield _where(members), "there is only one print of each texture, so there is no interval"
         elif prints == 1:
             yield (
                 _where(members),
                 "there is only one print of each texture; its variance contains sensor noise and differences between "
                 "repeats, but no differences between prints, and it has no interval",
             )
-        elif prints < PRINTS and collection.beside_paper:
+        elif not of_repeats and prints < PRINTS and design.beside_paper:
             wide = "; with two prints, intervals are very wide" if prints == 2 else ""
-            yield (
-                _where(members),
-                f"there are {prints} prints of each texture, and {PRINTS} in the paper's text{wide}",
-            )
-    mixed = [cell for _, members in by_combination if len({cell.prints for cell in members}) > 1 for cell in members]
-    counts = _listed(sorted({cell.prints for cell in mixed}))
+            yield _where(members), f"there are {prints} prints of each texture, and {PRINTS} in the paper's text{wide}"
+    mixed = of_level[prints_of.transform("nunique") > 1]
+    counts = _listed(sorted(mixed["prints"].unique()))
     yield (
         _where(mixed),
         f"the force levels have different numbers of prints ({counts}); the mean of all forces is therefore a mean of "
         "figures that are not comparable, and it has no interval",
     )
     yield (
-        _where(cell for cell in cells if cell.floor_from == REPEATS),
+        _where(cells[cells["floor_from"] == REPEATS]),
         "there are no stationary frames in contact; the noise floor is computed from the repeats on one print and is "
         "only an upper bound, because the sensor was moved between them",
     )
     yield (
-        _where(cell for cell in cells if not cell.floor_from),
+        _where(cells[cells["floor_from"] == ""]),
         f"there is no noise floor (no stationary frames in contact{'' if of_repeats else ' and no second repeat'}); "
         "it is unknown how much of the variance is noise",
     )
-    for (presses, prints), members in _by(fullest, lambda cell: (cell.presses, cell.prints)):
-        design = (prints, positions, repeats)
-        other = not of_repeats and collection.beside_paper and design != (PRINTS, POSITIONS, PAPER_REPEATS)
-        if other and presses == prints * positions * repeats:
+    design_of_paper = (PRINTS, POSITIONS, PAPER_REPEATS)
+    for (presses, prints), members in groups(fullest, ["presses", "prints"]):
+        own = (prints, positions, repeats)
+        complete = presses == prints * positions * repeats
+        if complete and not of_repeats and design.beside_paper and own != design_of_paper:
             yield (
                 _where(members),
                 f"a cell has {counted(presses, 'press')} ({counted(prints, 'print')} x "
@@ -85,34 +103,27 @@ def _warnings(collection: Collection, cells: Sequence[Cell]) -> Iterator[tuple[s
                 f"{PRINTS * POSITIONS * PAPER_REPEATS} ({PRINTS} x {POSITIONS} x {PAPER_REPEATS}) in the paper's text",
             )
     yield (
-        _where(cell for cell in of_level if cell.presses < cell.prints * positions * repeats),
+        _where(of_level[of_level["presses"] < of_level["prints"] * positions * repeats]),
         "presses are missing; the estimates take this into account, but the paper's plain mean does not",
     )
-    there = {(cell.combination, cell.texture) for cell in of_level}
-    for combination in collection.combinations:
-        missing = [texture for texture in collection.textures if (combination, texture) not in there]
+    for combination in design.combinations:
+        there = of_level.loc[of_level["combination"] == combination, "texture"].unique()
+        missing = [texture for texture in design.textures if texture not in there]
         if missing:
             yield combination, f"{_listed(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-    if len(collection.combinations) == 1:
+    if len(design.combinations) == 1:
         yield "only one printer-filament", "nothing can be said about differences between printers"
-    if len(collection.textures) == 1:
+    if len(design.textures) == 1:
         yield "only one texture", "nothing can be said about differences between textures"
     yield (
-        _where(cell for cell in of_level if cell.variance == 0.0),
+        _where(of_level[of_level["variance"] == 0.0]),
         "all frames are equal, so the variance is 0; check that the sensor works",
     )
 
 
-def _by(cells: Iterable[Cell], key: Callable[[Cell], K]) -> list[tuple[K, list[Cell]]]:
-    groups: dict[K, list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault(key(cell), []).append(cell)
-    return list(groups.items())
-
-
-def _where(cells: Iterable[Cell]) -> str:
+def _where(cells: pd.DataFrame) -> str:
     """Return the names of the cells' combinations, or only their number if there are more than three."""
-    names = list(dict.fromkeys(cell.combination for cell in cells))
+    names = cells["combination"].unique()
     return _listed(names) if len(names) <= 3 else f"{len(names)} printer-filaments"
 
 

@@ -44,7 +44,8 @@ class PermutationTest:
         p: The fraction of permutations whose statistic is at least as far from 0.
         least_p: The smallest p that this design can give.
         textures: The number of textures used.
-        prints: The number of prints of the first and of the second printer.
+        prints_first: The number of prints of the first printer.
+        prints_second: The number of prints of the second printer.
     """
 
     statistic: float
@@ -52,7 +53,8 @@ class PermutationTest:
     p: float
     least_p: float
     textures: int
-    prints: tuple[int, int]
+    prints_first: int
+    prints_second: int
 
 
 def dispersion_test(
@@ -92,7 +94,8 @@ def dispersion_test(
         p=max(smallest_p, (1.0 + extreme) / (1.0 + draws)),
         least_p=smallest_p,
         textures=len(first),
-        prints=(int(prints[0]), int(prints[1])),
+        prints_first=int(prints[0]),
+        prints_second=int(prints[1]),
     )
 
 

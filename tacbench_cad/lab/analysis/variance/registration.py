@@ -23,161 +23,101 @@ All presses are read twice more. The mean frames of one cell at all positions ar
 
 from __future__ import annotations
 
-import contextlib
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.feature import Feature, read_usable
-from tacbench_cad.lab.analysis.pixels import Pixels
-from tacbench_cad.lab.analysis.variance.streaming import SentPress, presses_of, runs_to_send
-from tacbench_cad.lab.parallel import workers
-from tacbench_cad.lab.runs.reading import Run
-from tacbench_cad.lab.study.spec import UNKNOWN
+from tacbench_cad.lab.analysis.feature import Feature
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.variance.cells import CELL, place_of
+from tacbench_cad.lab.analysis.variance.streaming import usable
+from tacbench_cad.lab.parallel import Executor
 from tacbench_cad.spec.protocol import PressGrid
-from tacbench_cad.util.errors import CheckFailedError, InputError
-from tacbench_cad.util.types import Floats32, Ints
+from tacbench_cad.util.errors import InputError
+from tacbench_cad.util.types import Floats, Floats32, Ints
 
 #: An axis is fitted if the sum of its squared slopes is at least this fraction of the larger sum.
 _MIN_SLOPE = 0.01
-#: The offset of a block from the mean of the cell's blocks along x and y, in mm; None along an axis that is not fitted.
-Offset = tuple[float | None, float | None]
+#: The columns of ``registration.csv``: the offset of each print's block from the mean of the cell's blocks, missing
+#: along an axis that is not fitted; the cell's variance at this level; and the part of it that the offsets explain.
+_COLUMNS = (*CELL, "copy", "x_mm", "y_mm", "variance", "seating", "variance_without_seating")
 _Frame = tuple[int, int, Floats32]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Seating:
-    """The offsets of one cell's prints at one force level.
+def register(design: Design, feature: Feature, executor: Executor, *, ddof: int = 0) -> pd.DataFrame:
+    """Return ``registration.csv``: the offsets of all prints, by level, combination and texture.
 
     Args:
-        printer: The name of the printer.
-        filament: The name of the filament.
-        texture: The name of the texture.
-        force_level: The level from 1.
-        offsets_mm: For each copy, the offset of its block from the mean of the cell's blocks.
-        variance: The cell's variance at this level (as in the table).
-        seating: The part of the variance that the offsets explain.
-    """
-
-    printer: str
-    filament: str
-    texture: str
-    force_level: int
-    offsets_mm: dict[int, Offset]
-    variance: float
-    seating: float
-
-    @property
-    def remaining(self) -> float:
-        """The variance without the seating part."""
-        return max(0.0, self.variance - self.seating)
-
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield the rows of ``registration.csv``."""
-        for copy, (x, y) in self.offsets_mm.items():
-            offsets = {"copy": copy, "x_mm": x, "y_mm": y}
-            yield {**vars(self), **offsets, "variance_without_seating": self.remaining}
-
-
-def register(
-    collection: Collection,
-    feature: Feature | None = None,
-    *,
-    ddof: int = 0,
-    jobs: int = 1,
-    dask: str | None = None,
-) -> tuple[Seating, ...]:
-    """Estimate the offsets of all prints, sorted by level, combination and texture.
-
-    Args:
-        collection: The study.
-        feature: The fitted feature; None for grey pixels at full size.
+        design: The design of the study.
+        feature: The fitted feature.
+        executor: The worker processes.
         ddof: The ddof of the variance table.
-        jobs: The number of worker processes on this machine.
-        dask: The address of a Dask scheduler, whose workers are then used instead.
 
     Raises:
-        InputError: The collection has series, the positions are unknown, the grid has one row and one column, or no
-            cell has two prints.
+        InputError: The table has series, the positions are unknown, the grid has one row and one column, or no cell
+            has two prints.
     """
-    grid = collection.pressing.grid
-    if collection.series:
+    grid = design.grid
+    if design.steps:
         raise InputError("register", True, "is for the frames of presses; leave out --series")
     if grid is None:
         raise InputError("register", None, "needs the coordinates of the positions in mm, unknown for these runs")
     if len(grid.x_mm) < 2 and len(grid.y_mm) < 2:
         raise InputError("register", len(grid.positions_mm), "needs positions in at least two columns or two rows")
-    feature = feature or Pixels()
-    cells = list(_cells(collection, feature))
+    presses = design.presses.sort_values(["position", "print_number"], kind="stable")
+    order = {name: i for i, name in enumerate(design.combinations)}
+    cells = [of for _, of in presses.groupby(["level", "combination", "texture"]) if of["print_number"].nunique() > 1]
+    cells.sort(key=lambda of: (of["level"].iloc[0], order[of["combination"].iloc[0]]))
     if not cells:
         raise InputError("register", None, "needs a printer-filament with at least two prints of one texture")
-    runs = runs_to_send(collection)
-    work = partial(_seating, runs=runs, grid=grid, feature=feature, ddof=ddof)
-    with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
-        return tuple(seating for seating in executor.map(work, cells) if seating is not None)
+    work = partial(_seating, grid=grid, feature=feature, ddof=ddof)
+    return pd.DataFrame([row for rows in executor.map(work, cells) for row in rows], columns=list(_COLUMNS))
 
 
-def _cells(collection: Collection, feature: Feature) -> Iterator[list[SentPress]]:
-    """Yield the presses of each cell with two or more prints at each level, sorted by position."""
-    cells: dict[tuple[int, str, str], list[SentPress]] = defaultdict(list)
-    for press in sorted(presses_of(collection, feature), key=lambda press: (press.position, press.copy)):
-        cells[press.level, press.combination, press.texture].append(press)
-    for key in product(collection.levels, collection.combinations, collection.textures):
-        if len({press.copy for press in cells[key]}) > 1:
-            yield cells[key]
-
-
-def _seating(
-    presses: Sequence[SentPress], *, runs: Sequence[Run], grid: PressGrid, feature: Feature, ddof: int
-) -> Seating | None:
-    """Estimate the offsets of one cell; return None if too few of its frames can be read."""
+def _seating(presses: pd.DataFrame, grid: PressGrid, feature: Feature, ddof: int) -> list[dict[str, Any]]:
+    """Estimate the offsets of the prints of one cell; return no rows if too few of its frames can be read."""
     count = len(grid.positions_mm)
-    sums: Floats32 | None = None
+    sums = np.zeros((count, 0), dtype=np.float32)
     numbers = np.zeros(count, dtype=np.int64)
     squares = np.zeros(count)
-    for _, position, values in _frames(presses, runs, feature):
-        if sums is None:
+    for _, position, values in _frames(presses, feature):
+        if not sums.size:
             sums = np.zeros((count, values.size), dtype=np.float32)
         sums[position] += values
         numbers[position] += 1
         squares[position] += float(np.einsum("i,i->", values, values, dtype=np.float64)) / values.size
-    if sums is None or not (numbers > ddof).all():
-        return None
+    if not (numbers > ddof).all():
+        return []
     sums /= numbers[:, None]
     # These are sums of squares about the mean. 32 bits are enough for a fraction; the table is computed in 64 bits.
     squares -= numbers * np.einsum("ij,ij->i", sums, sums, dtype=np.float64) / sums.shape[1]
-    copies = sorted({press.copy for press in presses})
-    offsets, explained = _fit(_frames(presses, runs, feature), sums, grid, copies, numbers - ddof)
-    printed = runs[presses[0].run].info.printed
-    return Seating(
-        printer=printed.printer or UNKNOWN,
-        filament=printed.filament or UNKNOWN,
-        texture=printed.texture or UNKNOWN,
-        force_level=presses[0].level,
-        offsets_mm=offsets,
-        variance=float(np.mean(np.maximum(0.0, squares) / (numbers - ddof))),
-        seating=explained,
-    )
+    copies = np.unique(presses["print_number"])
+    offsets, explained = _fit(_frames(presses, feature), sums, grid, copies.tolist(), numbers - ddof)
+    variance = float(np.mean(np.maximum(0.0, squares) / (numbers - ddof)))
+    first = presses.iloc[0]
+    of_cell = place_of(int(first["level"]), (first["combination"], first["texture"]))
+    of_cell |= {"variance": variance, "seating": explained, "variance_without_seating": max(0.0, variance - explained)}
+    return [{**of_cell, "copy": copy, "x_mm": x, "y_mm": y} for copy, (x, y) in zip(copies, offsets, strict=True)]
 
 
-def _frames(presses: Sequence[SentPress], runs: Sequence[Run], feature: Feature) -> Iterator[_Frame]:
-    """Yield the copy, the position from 0 and the numbers of each frame; unusable frames are left out."""
-    for press in presses:
-        with contextlib.suppress(CheckFailedError):  # the computation of the table has already named it
-            values = read_usable(runs[press.run], press.paths[0], feature)
-            yield press.copy, press.position - 1, values.reshape(-1).astype(np.float32)
+def _frames(presses: pd.DataFrame, feature: Feature) -> Iterator[_Frame]:
+    """Yield the copy, the position from 0 and the numbers of each frame; unusable frames are left out.
+
+    The pass over all frames names them.
+    """
+    places = presses[["print_number", "position"]].to_numpy()
+    for indices, numbers in usable(presses, feature, []):
+        for (copy, position), values in zip(places[indices].tolist(), numbers, strict=True):
+            yield copy, position - 1, values.astype(np.float32)
 
 
 def _fit(
-    frames: Iterable[_Frame], means: Floats32, grid: PressGrid, copies: Sequence[int], divisors: Ints
-) -> tuple[dict[int, Offset], float]:
-    """Return the offsets of all prints by least squares, and the variance that they explain.
+    frames: Iterator[_Frame], means: Floats32, grid: PressGrid, copies: Sequence[int], divisors: Ints
+) -> tuple[Floats, float]:
+    """Return the offsets of all prints by least squares, (prints, 2), and the variance that they explain.
 
     Presses are weighted as in the table's mean over positions.
     """
@@ -193,16 +133,11 @@ def _fit(
         right[copies.index(copy)] += weight * (slopes @ (values - means[position])).astype(np.float64) / pixels
     seen = np.diag(normal.sum(axis=0))
     axes = [i for i in (0, 1) if seen[i] > _MIN_SLOPE * seen.max()]
-    offsets: dict[int, Offset] = {}
-    explained = 0.0
-    for i, copy in enumerate(copies):
-        offset: list[float | None] = [None, None]
-        if axes:
-            shift = np.linalg.lstsq(normal[i][np.ix_(axes, axes)], right[i][axes], rcond=None)[0]
-            explained += float(shift @ right[i][axes])
-            for axis, value in zip(axes, shift, strict=True):
-                offset[axis] = -float(value)  # a block with a positive offset is pressed nearer to its start
-        offsets[copy] = (offset[0], offset[1])
+    offsets, explained = np.full((len(copies), 2), np.nan), 0.0
+    for i in range(len(copies) if axes else 0):
+        shift = np.linalg.lstsq(normal[i][np.ix_(axes, axes)], right[i][axes], rcond=None)[0]
+        explained += float(shift @ right[i][axes])
+        offsets[i, axes] = -shift  # a block with a positive offset is pressed nearer to its start
     return offsets, max(0.0, explained)
 
 

@@ -1,11 +1,10 @@
 """One pass over the frames of a study, in an order that needs the same memory for any number of frames.
 
-A *place* is a force level and a position. At each place the presses are sorted by combination (printer and filament),
-texture, print and repeat. A *cell* contains all presses of one combination and one texture. These are in memory at any
-time:
+A *place* is a force level and a position. A *cell* contains all presses of one combination (printer and filament) and
+one texture. These are in memory at any time:
 
-* the frames of one cell at one place (twelve images of bytes in the paper's design);
-* the mean frames of all cells at that place.
+* the numbers of the presses of one cell at one place (twelve images of bytes in the paper's design);
+* the mean numbers of all cells at that place.
 
 This memory does not grow with positions or forces. Places are independent and are distributed over processes.
 
@@ -15,12 +14,12 @@ The result is sufficient for every statistic of :mod:`tacbench_cad.lab.analysis.
   :class:`~tacbench_cad.lab.analysis.variance.intervals.CellSums`. The table's variance follows from its diagonal, and
   the matrix can be split into prints and repeats;
 * the nested sums of squares of all presses at a place, as
-  :class:`~tacbench_cad.lab.analysis.variance.components.NestedSums`, and the squared distances between the texture
-  means of a combination. Both follow from the Gram matrix of the cells' mean frames;
+  :class:`~tacbench_cad.lab.analysis.variance.components.NestedSums`, and the squared distances between the means of
+  the cells. Both follow from the Gram matrix of the cells' mean numbers;
 * the variance of each pixel, summed over places, at a resolution for figures.
 
-If a press has a series of frames, the frames of one time step are in memory at a time. All sums are means over pixels,
-so the sums of a press with T frames are the means over the T steps: the pixels of all frames count alike.
+If the table has series, the frames of one time step are in memory at a time. All sums are means over pixels, so the
+sums of a press with T frames are the means over the T steps: the pixels of all frames count alike.
 
 A frame that is damaged or contains NaN is left out and listed, with all frames of its press; the rest is computed
 without it.
@@ -28,67 +27,97 @@ without it.
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import groupby
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
-from tacbench_cad.lab.analysis.collection import Collection
-from tacbench_cad.lab.analysis.feature import Feature, read_usable
-from tacbench_cad.lab.analysis.variance.cells import CellKey
+from tacbench_cad.lab.analysis.feature import Feature
+from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.variance.cells import CellKey, groups
 from tacbench_cad.lab.analysis.variance.components import NestedSums
 from tacbench_cad.lab.analysis.variance.intervals import CellSums
-from tacbench_cad.lab.analysis.variance.moments import moments, sum_of_squares
 from tacbench_cad.lab.parallel import Executor
-from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.reading import Run
+from tacbench_cad.lab.runs.press_table import STEP, stationary
 from tacbench_cad.util.errors import CheckFailedError
-from tacbench_cad.util.types import Floats
+from tacbench_cad.util.types import Floats, Ints
 
-K = TypeVar("K")
-
-#: The number of tasks for each process: more than one, so that all processes end at about the same time.
-TASKS_PER_JOB = 4
-
-
-class SentPress(NamedTuple):
-    """A press as it is sent to other processes."""
-
-    level: int
-    position: int
-    combination: str
-    texture: str
-    copy: int
-    repeat: int
-    run: int
-    paths: tuple[str, ...]
-
-    @property
-    def cell(self) -> CellKey:
-        """The printer-filament and the texture."""
-        return (self.combination, self.texture)
+#: The number of values that are converted at a time: 0.5 MB, which fits into the processor's cache.
+CHUNK = 1 << 16
+#: The number of frames that are read at a time where they need not be compared with each other.
+PIECE = 8
+#: The columns that identify a cell, and those by which the presses of a study are sorted for the pass.
+_CELL = ["combination", "texture"]
+_ORDER = ["level", "position", *_CELL, "print_number", "repeat"]
 
 
-def presses_of(collection: Collection, feature: Feature) -> list[SentPress]:
-    """Return the presses of a study, in the order of the study, with the files that a feature transforms."""
-    columns = (
-        *(collection.level, collection.position, collection.combination, collection.texture),
-        *(collection.print_number, collection.repeat, collection.run),
-    )
-    values = zip(*(column.tolist() for column in columns), strict=True)
-    return [SentPress._make((*press, feature.paths(collection, i))) for i, press in enumerate(values)]
+class Moments(NamedTuple):
+    """The mean, variance and covariance of a few frames.
 
-
-def runs_to_send(collection: Collection) -> tuple[Run, ...]:
-    """Return the runs for other processes, without the data that this process has already read.
-
-    Their paths are absolute, because the workers of a cluster have other working folders.
+    Args:
+        mean: The mean frame, shape (pixels,).
+        squares: The sum of squared deviations of each pixel, shape (pixels,).
+        gram: The products of the frames' deviations, mean over pixels, shape (n, n).
     """
-    return tuple(Run(folder=run.folder.absolute(), info=run.info) for run in collection.runs)
+
+    mean: Floats
+    squares: Floats
+    gram: Floats
+
+
+def moments(frames: Sequence[NDArray[Any]] | NDArray[Any]) -> Moments:
+    """Compute the moments of n frames, (pixels,) each, in two passes over a few thousand pixels at a time."""
+    n, pixels = len(frames), frames[0].size
+    mean, squares, gram = np.empty(pixels), np.empty(pixels), np.zeros((n, n))
+    width = max(1, CHUNK // n)
+    for which in (slice(begin, min(begin + width, pixels)) for begin in range(0, pixels, width)):
+        piece = np.array([frame[which] for frame in frames], dtype=np.float64)
+        mean[which] = piece.mean(axis=0)
+        piece -= mean[which]
+        gram += piece @ piece.T
+        np.einsum("ij,ij->j", piece, piece, out=squares[which])
+    return Moments(mean, squares, gram / pixels)
+
+
+def usable(
+    rows: pd.DataFrame, feature: Feature, left_out: list[str], size: int = PIECE
+) -> Iterator[tuple[Ints, NDArray[Any]]]:
+    """Transform rows in pieces: yield the indices of each piece and its numbers, (n, numbers).
+
+    Rows that cannot be used are left out, and their errors are added to ``left_out``.
+    """
+    for start in range(0, len(rows), size):
+        piece = rows.iloc[start : start + size]
+        try:
+            numbers = feature.transform(piece)
+        except CheckFailedError as error:
+            if size == 1:
+                left_out.append(str(error))
+            else:
+                yield from ((start + indices, values) for indices, values in usable(piece, feature, left_out, 1))
+        else:
+            yield np.arange(start, start + len(piece)), numbers
+
+
+def sum_of_squares(pieces: Iterable[NDArray[Any]]) -> tuple[int, float]:
+    """Return the number of frames, and the sum of squared deviations from their mean, mean over pixels.
+
+    Args:
+        pieces: Pieces of the frames, (n, pixels) each, of which one is in memory at a time.
+    """
+    count, mean, squares = 0, np.zeros(()), 0.0
+    for frames in pieces:
+        n, of_piece = len(frames), moments(frames)
+        apart = of_piece.mean - mean
+        squares += float(np.trace(of_piece.gram)) + count * n / (count + n) * float(np.mean(apart**2))
+        mean = mean + n / (count + n) * apart
+        count += n
+    return count, squares
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,180 +129,192 @@ class PlaceSums:
         position: The position.
         cells: The sums of each cell.
         nested: The sums of squares of the nested design over all presses at the place.
-        distances: For each combination, its textures, and the squared differences between the means of two textures,
-            mean over pixels, shape (t, t).
+        distances: The squared differences between the means of two cells, mean over pixels, in the order of ``cells``.
         steps: For each cell, the sum of squared deviations from the mean at each time step, mean over pixels, shape
-            (frames of a press,).
+            (steps,).
+        maps: The variance of each pixel (ddof 0) of each cell with several presses, at a resolution for figures.
+        means: The mean numbers of each cell, if the feature exhibits them.
     """
 
     level: int
     position: int
     cells: Mapping[CellKey, CellSums]
     nested: NestedSums
-    distances: Mapping[str, tuple[tuple[str, ...], Floats]]
+    distances: Floats
     steps: Mapping[CellKey, Floats]
+    maps: Mapping[CellKey, Floats]
+    means: Mapping[CellKey, Floats]
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Pass:
-    """The result of one pass over a study, or of a part of it.
+    """The result of one pass over a study.
 
     Args:
-        places: The sums of each place, by level and position.
-        maps: For each cell, the variance of each pixel (ddof 0), summed over the places of the levels with the most
-            prints, at a resolution for figures, and the number of places.
-        floors: The stationary frames in contact, by run: the sum of squared deviations from the mean of their session
-            (start, end), mean over pixels, and its degrees of freedom. Runs without such frames are missing.
+        places: The sums of each place with usable frames, by level and position, without maps and means.
+        maps: For each cell, the variance of each pixel (ddof 0), mean over the places of the levels at which the cell
+            has the most prints, at a resolution for figures.
+        means: For each level and cell, the mean numbers, mean over positions, if the feature exhibits them.
+        floors: The noise of each cell with stationary frames in contact: the variance over the frames of a session
+            (ddof 1), mean over pixels, pooled over sessions. A run has a session at its start and one at its end,
+            because the sensor was lifted between them.
         left_out: The frames that could not be used, with the reason.
-        means: For each level and cell, the mean numbers, summed over places, and the number of places. Only for a
-            feature that exhibits them.
-        frames: The number of decoded frames.
-        seconds: The time of all processes, in s: ``decode`` (reading and decoding files, grey), ``sums``.
     """
 
-    places: list[PlaceSums] = field(default_factory=list)
-    maps: dict[CellKey, tuple[Floats, int]] = field(default_factory=dict)
-    floors: dict[int, tuple[float, int]] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
-    means: dict[tuple[int, CellKey], tuple[Floats, int]] = field(default_factory=dict)
-    frames: int = 0
-    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-
-    def add(self, part: Pass) -> None:
-        """Add another part of the same pass."""
-        self.places += part.places
-        self.floors |= part.floors
-        self.left_out += part.left_out
-        self.frames += part.frames
-        for name, seconds in part.seconds.items():
-            self.seconds[name] += seconds
-        for key, picture in part.maps.items():
-            _add(self.maps, key, *picture)
-        for place, mean in part.means.items():
-            _add(self.means, place, *mean)
+    places: Sequence[PlaceSums]
+    maps: Mapping[CellKey, Floats]
+    means: Mapping[tuple[int, CellKey], Floats]
+    floors: Mapping[CellKey, float]
+    left_out: Sequence[str]
 
 
-def _add(sums: dict[K, tuple[Floats, int]], key: K, values: Floats, count: int = 1) -> None:
-    """Add values to a sum, and their number to its count."""
-    before, number = sums.get(key, (np.zeros(()), 0))
-    sums[key] = (before + values, number + count)
-
-
-@dataclass(kw_only=True, eq=False)
-class _Task:
-    """A part of the work that a process can do alone.
+def stream(
+    design: Design, feature: Feature, executor: Executor, progress: Callable[[int, int], None] | None = None
+) -> Pass:
+    """Pass once over all presses and stationary frames of a study.
 
     Args:
-        runs: The runs, without any data that was read from them.
+        design: The design of the study.
+        feature: The fitted feature.
+        executor: The worker processes.
+        progress: Receives progress updates: the number of frames done and their total number.
+    """
+    presses = design.presses.sort_values(_ORDER, kind="stable")
+    presses.attrs.clear()  # pandas would copy them in every step
+    still = stationary(presses if feature.from_frames else presses.iloc[:0])
+    still = still[still["in_contact"].astype(bool)]
+    at_places = presses.groupby(["level", "position"])
+    sessions = [of_session for _, of_session in still.groupby(["run", "when"], sort=False)]
+    done, total = 0, len(presses) + len(still)
+    at_a_place = [name for name in _ORDER if name != "position"]
+    there = presses.sort_values(at_a_place).drop_duplicates(at_a_place)
+    designs: dict[tuple[int, CellKey], Ints] = {
+        (level, (combination, texture)): of_cell["print_number"].to_numpy(np.int64)
+        for (level, combination, texture), of_cell in groups(there, ["level", *_CELL])
+    }
+    drawn = levels_with_most_prints(designs)
+    places, left_out = list[PlaceSums](), list[str]()
+    maps: dict[CellKey, list[Any]] = defaultdict(lambda: [0.0, 0])
+    means: dict[tuple[int, CellKey], list[Any]] = defaultdict(lambda: [0.0, 0])
+    floors: dict[CellKey, list[Any]] = defaultdict(lambda: [0.0, 0])
+
+    def advance(frames: int, faults: Sequence[str]) -> None:
+        nonlocal done
+        done += frames
+        left_out.extend(faults)
+        if progress is not None:
+            progress(done, total)
+
+    work = partial(_sums_or_faults, feature=feature, designs=designs)
+    sums = executor.map(work, (of_place for _, of_place in at_places))
+    for frames, (place, faults) in zip(at_places.size(), sums, strict=True):
+        advance(int(frames), faults)
+        if place is None:
+            continue
+        for key in place.maps:
+            if place.level in drawn[key]:
+                maps[key] = [maps[key][0] + place.maps[key], maps[key][1] + 1]
+        for key in place.means:
+            of_cell = means[place.level, key]
+            means[place.level, key] = [of_cell[0] + place.means[key], of_cell[1] + 1]
+        places.append(replace(place, maps={}, means={}))
+    cells = {run: (combination, texture) for run, combination, texture in presses[["run", *_CELL]].to_numpy()}
+    noise = executor.map(partial(_noise, feature=feature), sessions)
+    for session, (count, squares, faults) in zip(sessions, noise, strict=True):
+        advance(len(session), faults)
+        if count > 1:
+            key = cells[session["run"].iloc[0]]
+            floors[key] = [floors[key][0] + squares, floors[key][1] + count - 1]
+    return Pass(
+        places=places,
+        maps={key: picture / count for key, (picture, count) in maps.items()},
+        means={at: mean / count for at, (mean, count) in means.items()},
+        floors={key: squares / dof for key, (squares, dof) in floors.items()},
+        left_out=left_out,
+    )
+
+
+def levels_with_most_prints(prints: Mapping[tuple[int, CellKey], Ints]) -> dict[CellKey, tuple[int, ...]]:
+    """Return the force levels at which each cell has the most prints. Figures of several levels use only these.
+
+    Args:
+        prints: The copy number of each press at a position, by level and cell.
+    """
+    numbers: dict[CellKey, dict[int, int]] = defaultdict(dict)
+    for (level, cell), copies in sorted(prints.items(), key=lambda item: item[0]):
+        numbers[cell][level] = len(np.unique(copies))
+    return {cell: tuple(level for level in of if of[level] == max(of.values())) for cell, of in numbers.items()}
+
+
+def _noise(session: pd.DataFrame, feature: Feature) -> tuple[int, float, list[str]]:
+    """Return the number of usable frames of a session, their sum of squares, and the errors of the others."""
+    faults: list[str] = []
+    return *sum_of_squares(numbers for _, numbers in usable(session, feature, faults)), faults
+
+
+def _sums_or_faults(
+    presses: pd.DataFrame, feature: Feature, designs: Mapping[tuple[int, CellKey], Ints]
+) -> tuple[PlaceSums | None, list[str]]:
+    """Return the sums of the usable presses at a place, None if there are none, and the errors of the others."""
+    faults: list[str] = []
+    presses = presses.astype(object)  # of which rows and groups are taken the fastest
+    try:
+        return sums_at(presses, feature, designs), faults
+    except CheckFailedError:
+        good = np.concatenate([[], *(indices for indices, _ in usable(presses, feature, faults, 1))]).astype(int)
+        names = pd.MultiIndex.from_frame(presses[["run", "press"]])
+        left = presses[~names.isin(names.delete(good))]
+        return sums_at(left, feature, designs) if len(left) else None, faults
+
+
+def sums_at(presses: pd.DataFrame, feature: Feature, designs: Mapping[tuple[int, CellKey], Ints]) -> PlaceSums:
+    """Return the sums of a place.
+
+    Args:
+        presses: The rows of the place, sorted by cell, print and repeat.
         feature: The fitted feature.
         designs: The copy numbers of the presses at a place without missing presses, by level and cell.
-        places: The presses of each place of the task.
-        still: The indices of the runs whose stationary frames are read.
-        passed: The result of the task.
+
+    Raises:
+        CheckFailedError: A frame cannot be used.
     """
-
-    runs: tuple[Run, ...]
-    feature: Feature
-    designs: Mapping[tuple[int, CellKey], tuple[int, ...]]
-    places: tuple[tuple[SentPress, ...], ...]
-    still: tuple[int, ...]
-    passed: Pass = field(default_factory=Pass)
-
-    def frame(self, run: int, path: str) -> Frame | None:
-        """Return a frame; if it cannot be used, return None and add a line to ``left_out``."""
-        began = time.perf_counter()
-        values: Frame | None = None
-        try:
-            values = read_usable(self.runs[run], path, self.feature)
-        except CheckFailedError as error:
-            self.passed.left_out.append(str(error))
-        self.passed.seconds["decode"] += time.perf_counter() - began
-        return values
-
-    def place(self, presses: Sequence[SentPress]) -> None:
-        """Add the sums of a place, unless none of its frames can be used."""
-        level, position = presses[0].level, presses[0].position
-        drawn = levels_with_most_prints(self.designs)
-        lost: set[SentPress] = set()
-        while presses := [press for press in presses if press not in lost]:
-            lost.clear()
-            members = {key: list(of_cell) for key, of_cell in groupby(presses, lambda press: press.cell)}
-            count = len(presses[0].paths)
-            grams = {key: np.zeros((len(of_cell), len(of_cell))) for key, of_cell in members.items()}
-            between = np.zeros((len(members), len(members)))
-            steps: dict[CellKey, list[Floats]] = {key: [] for key in members}
-            pictures: dict[CellKey, tuple[Floats, int]] = {}
-            means: dict[CellKey, tuple[Floats, int]] = {}
-            for number in range(count):
-                middles = []
-                for key, of_cell in members.items():
-                    read = [(press, self.frame(press.run, press.paths[number])) for press in of_cell]
-                    lost |= {press for press, values in read if values is None}
-                    if lost:
-                        continue
-                    frames = [values for _, values in read if values is not None]
-                    summed = moments(frames)
-                    grams[key] += summed.gram / count
-                    middles.append(summed.mean)
-                    # The numbers of the table of a series are its time steps.
-                    steps[key].append(summed.squares.mean() if self.feature.from_frames else summed.squares)
-                    if self.feature.exhibit is not None:
-                        _add(means, key, summed.mean / count)
-                    if len(frames) > 1 and level in drawn[key]:
-                        picture = self.feature.picture(summed.squares, frames[0].shape)
-                        _add(pictures, key, picture / (count * len(frames)))
-                if lost:
-                    break
-                between += moments(middles).gram / count
-            if not lost:
-                break
-        else:
-            return
-        self.passed.frames += len(presses) * count
-        for key, (values, _) in means.items():
-            _add(self.passed.means, (level, key), values)
-        for key, (picture, _) in pictures.items():
-            _add(self.passed.maps, key, picture)
-        cells = {
-            key: CellSums.of(grams[key], [press.copy for press in of_cell], self.designs[level, key])
-            for key, of_cell in members.items()
-        }
-        self.passed.places.append(
-            PlaceSums(
-                level=level,
-                position=position,
-                cells=cells,
-                nested=_nested(presses, cells, between),
-                distances=_distances(list(cells), between),
-                steps={key: np.hstack(of_steps) for key, of_steps in steps.items()},
-            )
-        )
-
-    def floor(self, number: int) -> None:
-        """Add the stationary frames of a run. Each session has its own mean, because the sensor was lifted between."""
-        run = self.runs[number]
-        total, dof = 0.0, 0
-        for when in ("start", "end"):
-            paths = [still.path for still in run.stationary_frames if still.in_contact and still.when == when]
-            read = (self.frame(number, path) for path in paths)
-            count, squares = sum_of_squares(frame for frame in read if frame is not None)
-            total, dof = total + squares, dof + max(0, count - 1)
-            self.passed.frames += count
-        if dof:
-            self.passed.floors[number] = (total, dof)
-
-    def done(self) -> Pass:
-        """Do the task."""
-        began = time.perf_counter()
-        for presses in self.places:
-            self.place(presses)
-        for number in self.still:
-            self.floor(number)
-        self.passed.seconds["sums"] = time.perf_counter() - began - self.passed.seconds["decode"]
-        return self.passed
+    level, position = (int(presses[name].iloc[0]) for name in ("level", "position"))
+    steps = [of_step for _, of_step in presses.groupby(STEP)] if STEP in presses else [presses]
+    copies: dict[CellKey, Ints] = {
+        key: of_cell["print_number"].to_numpy(np.int64) for key, of_cell in groups(steps[0], _CELL)
+    }
+    grams: dict[CellKey, Any] = dict.fromkeys(copies, 0.0)
+    between = np.zeros((len(copies), len(copies)))
+    pictures, means = dict[CellKey, Any](), dict[CellKey, Any]()
+    squares: dict[CellKey, list[float]] = {key: [] for key in copies}
+    for of_step in steps:
+        middles = []
+        for key, of_cell in groups(of_step, _CELL):
+            summed = moments(feature.transform(of_cell))
+            grams[key] += summed.gram / len(steps)
+            middles.append(summed.mean)
+            squares[key].append(float(summed.squares.mean()))
+            if feature.exhibit is not None:
+                means[key] = means.get(key, 0.0) + summed.mean / len(steps)
+            if len(of_cell) > 1:
+                picture = feature.picture(summed.squares) / (len(steps) * len(of_cell))
+                pictures[key] = pictures.get(key, 0.0) + picture
+        between += moments(middles).gram / len(steps)
+    cells = {key: CellSums.of(grams[key], of_cell, designs[level, key]) for key, of_cell in copies.items()}
+    norms = np.diag(between)
+    return PlaceSums(
+        level=level,
+        position=position,
+        cells=cells,
+        nested=_nested(steps[0], cells, between),
+        distances=np.maximum(0.0, norms[:, None] + norms[None, :] - 2.0 * between),
+        steps={key: np.array(of_cell) for key, of_cell in squares.items()},
+        maps=pictures,
+        means=means,
+    )
 
 
-def _nested(presses: Sequence[SentPress], cells: Mapping[CellKey, CellSums], between: Floats) -> NestedSums:
+def _nested(presses: pd.DataFrame, cells: Mapping[CellKey, CellSums], between: Floats) -> NestedSums:
     """Return the sums of squares of the nested design at a place.
 
     Args:
@@ -281,9 +322,6 @@ def _nested(presses: Sequence[SentPress], cells: Mapping[CellKey, CellSums], bet
         cells: The sums of each cell.
         between: The products of the deviations of the cells' means, mean over pixels, in the order of ``cells``.
     """
-    combinations, textures = (
-        {name: i for i, name in enumerate(dict.fromkeys(names))} for names in zip(*cells, strict=True)
-    )
     counts = np.array([cell.presses for cell in cells.values()], dtype=np.float64)
     same = np.array([[texture == other for _, other in cells] for _, texture in cells])
     of_texture = same * counts / (same @ counts)[:, None]  # the weights of the cells in the mean of each cell's texture
@@ -294,77 +332,5 @@ def _nested(presses: Sequence[SentPress], cells: Mapping[CellKey, CellSums], bet
 
     outer = (squares(of_texture - whole), squares(np.eye(len(counts)) - of_texture))
     inner = (sum(cell.between for cell in cells.values()), sum(cell.within for cell in cells.values()))
-    labels = [(textures[press.texture], combinations[press.combination], press.copy) for press in presses]
-    return NestedSums.of(labels, (*outer, *inner))
-
-
-def _distances(cells: Sequence[CellKey], between: Floats) -> dict[str, tuple[tuple[str, ...], Floats]]:
-    """Return the textures of each combination, and the squared differences between their means, mean over pixels."""
-    squares = np.diag(between)
-    distances = np.maximum(0.0, squares[:, None] + squares[None, :] - 2.0 * between)
-    result = {}
-    for combination in dict.fromkeys(combination for combination, _ in cells):
-        mine = [i for i, cell in enumerate(cells) if cell[0] == combination]
-        result[combination] = (tuple(cells[i][1] for i in mine), distances[np.ix_(mine, mine)])
-    return result
-
-
-def stream(
-    collection: Collection,
-    feature: Feature,
-    executor: Executor,
-    progress: Callable[[int, int], None] | None = None,
-) -> Pass:
-    """Pass once over all presses and stationary frames of a study.
-
-    Args:
-        collection: The study.
-        feature: The fitted feature.
-        executor: The worker processes.
-        progress: Receives progress updates: the number of frames done and their total number.
-    """
-    tasks = _tasks(collection, feature, executor.jobs)
-    still = sum(_still_frames(run) for run in collection.runs) if feature.from_frames else 0
-    total = len(collection) * len(feature.paths(collection, 0)) + still
-    passed = Pass()
-    for part in executor.map(_Task.done, tasks):
-        passed.add(part)
-        if progress is not None:
-            progress(passed.frames + len(passed.left_out), total)
-    passed.places.sort(key=lambda place: (place.level, place.position))
-    passed.floors = dict(sorted(passed.floors.items()))
-    return passed
-
-
-def levels_with_most_prints(designs: Mapping[tuple[int, CellKey], Sequence[int]]) -> dict[CellKey, tuple[int, ...]]:
-    """Return the force levels at which each cell has the most prints. Figures of several levels use only these."""
-    prints: dict[CellKey, dict[int, int]] = defaultdict(dict)
-    for (level, cell), copies in sorted(designs.items()):
-        prints[cell][level] = len(set(copies))
-    return {cell: tuple(level for level in of if of[level] == max(of.values())) for cell, of in prints.items()}
-
-
-def _still_frames(run: Run) -> int:
-    return sum(1 for stationary_frame in run.stationary_frames if stationary_frame.in_contact)
-
-
-def _tasks(collection: Collection, feature: Feature, jobs: int) -> list[_Task]:
-    presses = sorted(presses_of(collection, feature))
-    places = [tuple(members) for _, members in groupby(presses, lambda press: (press.level, press.position))]
-    there: dict[tuple[int, CellKey], set[tuple[int, int]]] = defaultdict(set)
-    for press in presses:
-        there[press.level, press.cell].add((press.copy, press.repeat))
-    designs = {key: tuple(copy for copy, _ in sorted(repeats)) for key, repeats in there.items()}
-    still = [i for i, run in enumerate(collection.runs) if _still_frames(run) and feature.from_frames]
-    count = 1 if jobs == 1 else min(TASKS_PER_JOB * jobs, len(places))
-    runs = runs_to_send(collection)
-    return [
-        _Task(
-            runs=runs,
-            feature=feature,
-            designs=designs,
-            places=tuple(places[i::count]),
-            still=tuple(still[i::count]),
-        )
-        for i in range(count)
-    ]
+    labels = [pd.factorize(presses[name])[0] for name in ("texture", "combination", "print_number")]
+    return NestedSums.of(np.column_stack(labels), (*outer, *inner))

@@ -19,29 +19,35 @@ prints, positions and pixels. With the protocol ``as-published``, V is this quan
 
 from __future__ import annotations
 
+import math
 import operator
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import chain, combinations, product
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+import pandas as pd
+from sklearn.base import clone
 
-from tacbench_cad.lab.analysis.collection import Collection
+from tacbench_cad.lab.analysis.conclusions import answer_table, print_answers
 from tacbench_cad.lab.analysis.feature import Feature
-from tacbench_cad.lab.analysis.pixels import AS_PUBLISHED, Pixels
+from tacbench_cad.lab.analysis.pixels import Pixels, as_published
 from tacbench_cad.lab.analysis.published import variance_of
-from tacbench_cad.lab.analysis.variance.between import texture_matrices
+from tacbench_cad.lab.analysis.study_design import Design, at_level
+from tacbench_cad.lab.analysis.variance.between import between_textures
 from tacbench_cad.lab.analysis.variance.cells import (
     ALL_LEVELS,
+    CELL,
     FRAMES,
     REPEATS,
-    Cell,
     CellKey,
     Level,
-    Quantity,
+    Protocol,
+    groups,
     parts_of,
+    place_of,
 )
 from tacbench_cad.lab.analysis.variance.components import component_rows, components
 from tacbench_cad.lab.analysis.variance.intervals import (
@@ -49,48 +55,59 @@ from tacbench_cad.lab.analysis.variance.intervals import (
     OF_REPEATS,
     CellSums,
     component_interval,
+    pooled,
     variance_interval,
 )
-from tacbench_cad.lab.analysis.variance.permutation import PermutationTest, dispersion_test
-from tacbench_cad.lab.analysis.variance.result import PrinterTest, Protocol, Sums, VarianceResult
+from tacbench_cad.lab.analysis.variance.permutation import dispersion_test
+from tacbench_cad.lab.analysis.variance.registration import register as registered
+from tacbench_cad.lab.analysis.variance.result import Variance
 from tacbench_cad.lab.analysis.variance.streaming import PlaceSums, stream
 from tacbench_cad.lab.parallel import workers
+from tacbench_cad.lab.runs.press_table import STEP, TIME
 from tacbench_cad.lab.runs.region import SURE
 from tacbench_cad.lab.runs.region_search import found_region
-from tacbench_cad.lab.study.spec import UNKNOWN
 from tacbench_cad.util.errors import InputError, one_of
-from tacbench_cad.util.types import Floats
 
-#: The reason why there is no table, for each quantity.
+#: The sums over positions, by cell in the study's order, then by level from low to high.
+Sums = Mapping[CellKey, Mapping[int, CellSums]]
+
+#: The samples of a variance, and the reason why there is no table, for each quantity of ``intervals``.
+_QUANTITIES = ("prints and repeats", "repeats of one print")
 _NOT_REPEATED = (
     "no position was pressed more than once; a variance needs a second repeat or a second print",
     "no print was pressed twice at one position; the published quantity is the variance over the repeats on a print",
 )
+#: The columns of ``permutation.csv``, which may have no row.
+_TESTS = ("force_level", "first", "second", "textures", "prints_first", "prints_second", "ratio", "statistic", "p")
 
 
-def variance_table(
-    collection: Collection,
+def variance(
+    presses: pd.DataFrame,
     feature: Feature | None = None,
     *,
     protocol: Protocol = "paper",
     ddof: int = 0,
+    seed: int = 0,
+    register: bool = False,
     jobs: int = 1,
     dask: str | None = None,
-    seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-) -> VarianceResult:
+) -> Variance:
     """Compute the variance table of a study, with its components, matrices, tests and maps.
 
     Args:
-        collection: The study. If it has series, the variance is computed for each pixel of each frame of a series.
-        feature: The fitted feature; None for grey pixels at full size.
+        presses: The table of presses. If it has series, the variance is computed for each pixel of each frame of a
+            series.
+        feature: The feature, which is fitted to the presses; None for grey pixels at full size.
         protocol: ``paper`` for the variance over prints and repeats; ``as-published`` for the quantity that the paper
             printed: the variance over the repeats on one print at the lowest force level, for images at 40 % of their
             size, in grey without rounding, ``ddof`` 0.
         ddof: 0 as in the paper, or 1.
+        seed: The seed of the intervals and permutations.
+        register: Whether to separate differences in placement from differences in printing. This reads every frame
+            three times.
         jobs: The number of worker processes on this machine.
         dask: The address of a Dask scheduler, whose workers are then used instead.
-        seed: The seed of the intervals and permutations.
         progress: Receives progress updates: the number of frames done and their total number.
 
     Raises:
@@ -99,87 +116,80 @@ def variance_table(
     """
     if ddof not in (0, 1):
         raise InputError("ddof", ddof, "must be 0 or 1")
+    if seed < 0:
+        raise InputError("seed", seed, "must be 0 or more")
     one_of("protocol", protocol, get_args(Protocol))
-    collection.require("the variance", "position", "print or repeat")
-    used, quantity = feature or Pixels(), OF_ALL
+    design, quantity = Design.of(presses), OF_ALL
+    design.require("the variance", "position", "print or repeat")
     if protocol == "as-published":
-        if feature not in (None, AS_PUBLISHED) or ddof:
+        if feature is not None or ddof or register or design.steps:
             raise InputError(
                 "protocol",
                 protocol,
-                "always uses grey images at 40 % of their size and ddof 0; leave out feature and ddof",
+                "has fixed settings: grey images at 40 % of their size and ddof 0; leave out the other settings",
             )
-        if collection.series:
-            raise InputError("protocol", protocol, "is for the frames of presses; leave out --series")
-        collection.require("the published quantity", "print")
-        used, quantity = AS_PUBLISHED, OF_REPEATS
-        collection = collection.at_level(collection.levels[0])
-    with workers(jobs, dask, [run.folder for run in collection.runs]) as executor:
-        passed = stream(collection, used, executor, progress)
-    sums = _summed(collection, passed.places, quantity)
+        design.require("the published quantity", "print")
+        feature, quantity = as_published(), OF_REPEATS
+        design = Design.of(at_level(presses, design.levels[0]))
+    fitted: Feature = clone(feature or Pixels()).fit(design.presses)
+    with workers(jobs, dask, [Path(folder) for folder in design.presses["folder"].dropna().unique()]) as executor:
+        seatings = registered(design, fitted, executor, ddof=ddof) if register else None
+        passed = stream(design, fitted, executor, progress)
+    sums = _summed(design, passed.places, quantity)
     if not sums:
         raise InputError("presses", 1, _NOT_REPEATED[quantity])
-    floors = _floors(collection, passed.floors, sums, quantity)
-    cells = tuple(
-        _cell(
-            key,
-            level,
-            {at: cell for at, cell in of_levels.items() if at in members},
-            floors[key],
-            ddof,
-            seed,
-            quantity,
-            collection.in_counts,
-        )
-        for level, members in _pools(sums.values())[: None if quantity == OF_ALL else 1]
-        for key, of_levels in sums.items()
-        if not of_levels.keys().isdisjoint(members)
-    )
-    variances = {(at, key): cell.variance(ddof) for key, of_levels in sums.items() for at, cell in of_levels.items()}
-    return VarianceResult(
-        collection=collection,
+    tables = {
+        "variance": _table(sums, passed.floors, ddof, seed, quantity, design.in_counts),
+        "positions": _positions(design, passed.places, ddof, quantity),
+    }
+    if protocol == "paper":
+        tests = pd.DataFrame(_tests(design, sums, seed), columns=[*_TESTS, "p_holm", "least_p"])
+        answers = print_answers(sums, passed.places, tests, known=design.has("print"), seed=seed)
+        tables = {
+            "printer_answers": answer_table(answers),
+            **tables,
+            "components": pd.DataFrame(_components(passed.places, sums, seed)).astype({"degrees_of_freedom": "Int64"}),
+            "between_textures": between_textures(passed.places, design.combinations, ddof),
+            "print_distances": pd.DataFrame(_print_distances(sums), columns=[*CELL, "copy", "from_others"]),
+            "permutation": tests,
+        }
+    if seatings is not None:
+        tables["registration"] = seatings
+    if design.steps:
+        tables["motion"] = _motion(design, passed.places, ddof)
+    if fitted.exhibit is not None:
+        means = [fitted.exhibit.table(mean).assign(**place_of(*at)) for at, mean in passed.means.items()]
+        exhibited = pd.concat(means)
+        tables[fitted.exhibit.name] = exhibited[[*CELL, *exhibited.columns.drop(list(CELL))]]
+    return Variance(
+        design=design,
+        feature=fitted,
         protocol=protocol,
-        feature=used,
         ddof=ddof,
         seed=seed,
-        cells=cells,
-        components=tuple(_components(passed.places, sums, seed)),
-        matrices=tuple(
-            texture_matrices(
-                passed.places,
-                variances,
-                combinations=collection.combinations,
-                textures=collection.textures,
-                ddof=ddof,
-            )
-        ),
-        tests=tuple(_tests(collection, sums, seed)),
-        positions=_positions(collection, passed.places, ddof, quantity),
-        maps={key: _map(*passed.maps[key], of_levels.values(), ddof) for key, of_levels in sums.items()},
-        means={place: total / count for place, (total, count) in passed.means.items()},
-        steps=_steps(passed.places, ddof) if collection.series else {},
-        outside=_outside(collection, used),
-        sums=sums,
+        tables=tables,
+        maps={key: passed.maps[key] * _rescaled(of_levels.values(), ddof) for key, of_levels in sums.items()},
+        means=passed.means,
+        outside=_outside(design, fitted),
         left_out=tuple(passed.left_out),
-        passed=passed,
     )
 
 
-def _outside(collection: Collection, feature: Feature) -> float | None:
+def _outside(design: Design, feature: Feature) -> float | None:
     """Return the fraction of the pixels that do not show the sensor; None if its place in the images is not sure."""
-    if feature.region is not None or feature.unit is not None or not collection.in_counts:
+    if feature.region_ is not None or feature.unit is not None or not (design.in_counts and design.runs):
         return None
     try:
-        region = found_region(collection.runs)
+        region = found_region(design.runs)
     except InputError:
         return None  # there are no images, or they show no region
     return region.outside if region.sureness >= SURE else None
 
 
-def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) -> Sums:
+def _summed(design: Design, places: Sequence[PlaceSums], quantity: int) -> Sums:
     """Return each cell's sums over positions. A position with one press has no variance and is left out."""
     sums: dict[CellKey, dict[int, CellSums]] = {}
-    for key in product(collection.combinations, collection.textures):
+    for key in product(design.combinations, design.textures):
         for place in places:
             cell = place.cells.get(key)
             if cell is not None and cell.presses > 1:
@@ -192,104 +202,81 @@ def _summed(collection: Collection, places: Sequence[PlaceSums], quantity: int) 
     return {key: of_levels for key, of_levels in measured.items() if of_levels}
 
 
-#: The noise floor of a cell by level, None for a level without one; and its source.
-_CellFloor = tuple[Mapping[int, float | None], str]
-
-
-def _floors(
-    collection: Collection, frames: Mapping[int, tuple[float, int]], sums: Sums, quantity: int
-) -> dict[CellKey, _CellFloor]:
-    squares: dict[CellKey, float] = defaultdict(float)
-    dof: dict[CellKey, int] = defaultdict(int)
-    for run, (of_run, dof_of_run) in frames.items():
-        printed = collection.runs[run].info.printed
-        key = (printed.combination, printed.texture or UNKNOWN)
-        squares[key] += of_run
-        dof[key] += dof_of_run
-    floors: dict[CellKey, _CellFloor] = {}
-    for key, of_levels in sums.items():
-        if key in dof:
-            floors[key] = (dict.fromkeys(of_levels, squares[key] / dof[key]), FRAMES)
-        elif quantity == OF_REPEATS:
-            floors[key] = (dict.fromkeys(of_levels), "")  # the table itself shows the variance of the repeats
-        else:
-            # This is the variance between repeats on one print, pooled over prints and positions.
-            repeats = {at: cell.within / cell.dof[1] if cell.dof[1] else None for at, cell in of_levels.items()}
-            floors[key] = (repeats, REPEATS)
-    return floors
-
-
-def _cell(
-    key: CellKey,
-    level: Level,
-    sums: Mapping[int, CellSums],
-    floors: _CellFloor,
-    ddof: int,
-    seed: int,
-    quantity: int,
-    in_counts: bool,
-) -> Cell:
-    """Compute one cell of the table for one level, or for several levels whose figures are averaged."""
-    combination, texture = key
-    levels = list(sums.values())
-    known = [floor for at in sums if (floor := floors[0][at]) is not None]
-    floor = float(np.mean(known)) if len(known) == len(levels) else None
-    whole = pooled(levels)
-    interval = removed = None
-    if whole is not None and whole.prints > 1:
-        interval = variance_interval(whole, ddof=ddof, seed=seed, quantity=quantity)
-        if floor is not None:
-            removed = variance_interval(whole, ddof=1, floor=floor, seed=seed, quantity=quantity)
-    # ``weights`` contains the fraction of a repeat's variance in the figure, summed over positions; it is 1 for ddof 1.
-    weights = [sums.weights[quantity, 0, 1] / sums.counts(quantity) for sums in levels]
-    of_noise = 1.0 if ddof else float(np.mean(weights))
-    unbiased = float(np.mean([level.variance(1, quantity) for level in levels]))
-    parts = parts_of(combination)
-    published = (
-        variance_of(parts["printer"], parts["filament"], texture) if quantity == OF_REPEATS and in_counts else None
-    )
-    return Cell(
-        **parts,
-        texture=texture,
-        force_level=level,
-        variance=float(np.mean([level.variance(ddof, quantity) for level in levels])),
-        floor=floor,
-        low=interval.low if interval else None,
-        high=interval.high if interval else None,
-        prints=max(level.prints for level in levels),
-        presses=sum(level.presses for level in levels),
-        noise_alone=None if floor is None else floor * of_noise,
-        floor_from="" if floor is None else floors[1],
-        unbiased=unbiased,
-        floor_removed=None if floor is None else unbiased - floor,
-        floor_removed_low=removed.low if removed else None,
-        floor_removed_high=removed.high if removed else None,
-        quantity=get_args(Quantity)[quantity],
-        published=published,
-    )
-
-
-def pooled(levels: Sequence[CellSums]) -> CellSums | None:
-    """Add the sums of several force levels; return None if the levels have different prints or repeats."""
-    if any(not np.array_equal(level.design, levels[0].design) for level in levels):
-        return None
-    return reduce(operator.add, levels)
-
-
 def _pools(levels: Iterable[Iterable[int]]) -> list[tuple[Level, list[int]]]:
     """Return each level alone, then all levels together."""
     each = sorted(set(chain.from_iterable(levels)))
     return [*((level, [level]) for level in each), (ALL_LEVELS, each)]
 
 
-def _components(places: Sequence[PlaceSums], sums: Sums, seed: int) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
+def _table(
+    sums: Sums, floors: Mapping[CellKey, float], ddof: int, seed: int, quantity: int, in_counts: bool
+) -> pd.DataFrame:
+    """Return ``variance.csv``, by level (``all`` last), combination and texture."""
+    rows = []
+    for level, members in _pools(sums.values())[: None if quantity == OF_ALL else 1]:
+        for key, of_levels in sums.items():
+            cells = [cell for at, cell in of_levels.items() if at in members]
+            if cells:
+                parts = parts_of(key[0])
+                figure = (
+                    variance_of(parts["printer"], parts["filament"], key[1])
+                    if quantity == OF_REPEATS and in_counts
+                    else None
+                )
+                numbers = _numbers(cells, floors.get(key), ddof, seed, quantity)
+                others = {"quantity": _QUANTITIES[quantity], "published": math.nan if figure is None else figure}
+                rows.append({**place_of(level, key), **numbers, **others})
+    return pd.DataFrame(rows).astype({"force_level": object})
+
+
+def _numbers(
+    levels: Sequence[CellSums], measured: float | None, ddof: int, seed: int, quantity: int
+) -> dict[str, float | str]:
+    """Return the numbers of one cell, for one level or for several levels whose figures are averaged.
+
+    Args:
+        levels: The sums of the cell at each level.
+        measured: The noise of the stationary frames; None if there are none.
+        ddof: See :func:`variance`.
+        seed: See :func:`variance`.
+        quantity: The quantity of the table.
+    """
+    if measured is None and quantity == OF_ALL and all(level.dof[1] for level in levels):
+        # This is the variance between repeats on one print, pooled over prints and positions.
+        floor, floor_from = float(np.mean([level.within / level.dof[1] for level in levels])), REPEATS
+    else:
+        # The table of the published quantity itself shows the variance of the repeats.
+        floor, floor_from = (math.nan, "") if measured is None else (measured, FRAMES)
+    whole = pooled(levels)
+    ends = removed = (math.nan, math.nan)
+    if whole is not None and whole.prints > 1:
+        ends = variance_interval(whole, ddof=ddof, seed=seed, quantity=quantity).ends
+        if floor_from:
+            removed = variance_interval(whole, ddof=1, floor=floor, seed=seed, quantity=quantity).ends
+    # ``weights`` contains the fraction of a repeat's variance in the figure, summed over positions; it is 1 for ddof 1.
+    of_noise = 1.0 if ddof else np.mean([cell.weights[quantity, 0, 1] / cell.counts(quantity) for cell in levels])
+    unbiased = float(np.mean([level.variance(1, quantity) for level in levels]))
+    return {
+        "variance": float(np.mean([level.variance(ddof, quantity) for level in levels])),
+        **dict(zip(("low", "high"), ends, strict=True)),
+        "floor": floor,
+        "floor_from": floor_from,
+        "noise_alone": floor * float(of_noise),
+        "unbiased": unbiased,
+        "floor_removed": unbiased - floor,
+        **dict(zip(("floor_removed_low", "floor_removed_high"), removed, strict=True)),
+        "prints": max(level.prints for level in levels),
+        "presses": sum(level.presses for level in levels),
+    }
+
+
+def _components(places: Sequence[PlaceSums], sums: Sums, seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the rows of ``components.csv``."""
     for level, members in _pools([place.level] for place in places):
         nested = reduce(operator.add, [place.nested for place in places if place.level in members])
         there = ([cell for at, cell in sums[key].items() if at in members] for key in sorted(sums))
         cells = [pooled(cells) for cells in there if cells]
-        rows += component_rows(level, components(nested), _component_intervals(cells, seed))
-    return rows
+        yield from component_rows(level, components(nested), _component_intervals(cells, seed))
 
 
 def _component_intervals(cells: Sequence[CellSums | None], seed: int) -> dict[str, tuple[float, float]]:
@@ -297,31 +284,27 @@ def _component_intervals(cells: Sequence[CellSums | None], seed: int) -> dict[st
     usable = [cell for cell in cells if cell is not None and cell.prints > 1]
     if any(cell is None for cell in cells) or not sum(cell.dof[1] for cell in usable):
         return {}
-    intervals = {name: component_interval(usable, name, seed=seed) for name in ("print", "repeat")}
-    return {name: (interval.low, interval.high) for name, interval in intervals.items()}
+    return {name: component_interval(usable, name, seed=seed).ends for name in ("print", "repeat")}
 
 
-def _tests(collection: Collection, sums: Sums, seed: int) -> list[PrinterTest]:
-    tests: list[PrinterTest] = []
+def _tests(design: Design, sums: Sums, seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the rows of ``permutation.csv``: each pair of printer-filaments with two prints of the same texture."""
     for level, members in _pools(sums.values()):
-        grams: dict[CellKey, Floats] = {}
+        grams = {}
         for key, of_levels in sums.items():
             there = [cell for at, cell in of_levels.items() if at in members]
             whole = pooled(there) if len(there) == len(members) else None
             if whole is not None and whole.prints > 1 and whole.whole:
                 grams[key] = whole.print_gram()
-        of_level: list[tuple[str, str, PermutationTest]] = []
-        for first, second in combinations(collection.combinations, 2):
-            shared = [t for t in collection.textures if (first, t) in grams and (second, t) in grams]
+        rows = []
+        for first, second in combinations(design.combinations, 2):
+            shared = [t for t in design.textures if (first, t) in grams and (second, t) in grams]
             if shared:
                 pair = ([grams[combination, t] for t in shared] for combination in (first, second))
-                of_level.append((first, second, dispersion_test(*pair, seed=seed)))
-        adjusted = holm([test.p for *_, test in of_level])
-        tests += [
-            PrinterTest(force_level=level, first=first, second=second, outcome=test, p_holm=p)
-            for (first, second, test), p in zip(of_level, adjusted, strict=True)
-        ]
-    return tests
+                outcome = dispersion_test(*pair, seed=seed)
+                rows.append({"force_level": level, "first": first, "second": second, **vars(outcome)})
+        adjusted = holm([row["p"] for row in rows])
+        yield from ({**row, "p_holm": p} for row, p in zip(rows, adjusted, strict=True))
 
 
 def holm(values: Sequence[float]) -> list[float]:
@@ -336,30 +319,50 @@ def holm(values: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def _positions(
-    collection: Collection, places: Sequence[PlaceSums], ddof: int, quantity: int
-) -> dict[tuple[int, CellKey], Floats]:
-    count = len(collection.pressing.positions_mm)
-    positions: dict[tuple[int, CellKey], Floats] = {}
-    for place in places:
-        for key, cell in place.cells.items():
-            if cell.presses > 1 and cell.counts(quantity):
-                row = positions.setdefault((place.level, key), np.full(count, np.nan))
-                row[place.position - 1] = cell.variance(ddof, quantity)
-    return positions
+def _positions(design: Design, places: Sequence[PlaceSums], ddof: int, quantity: int) -> pd.DataFrame:
+    """Return ``positions.csv``."""
+    columns = [*CELL, "position", "x_mm", "y_mm", "variance"]
+    rows = [
+        (
+            *(*place_of(place.level, key).values(), place.position),
+            *design.positions_mm[place.position - 1].tolist(),
+            cell.variance(ddof, quantity),
+        )
+        for place in places
+        for key, cell in place.cells.items()
+        if cell.presses > 1 and cell.counts(quantity)
+    ]
+    return pd.DataFrame(rows, columns=columns).sort_values([columns[3], *columns[:3], "position"], ignore_index=True)
 
 
-def _steps(places: Sequence[PlaceSums], ddof: int) -> dict[tuple[int, CellKey], Floats]:
-    """Return the variance of each cell at each time step, mean over pixels and positions."""
-    steps: dict[tuple[int, CellKey], list[Floats]] = defaultdict(list)
-    for place in places:
-        for key, cell in place.cells.items():
-            if cell.presses > 1:
-                steps[place.level, key].append(place.steps[key] / (cell.presses - ddof))
-    return {key: np.mean(of_places, axis=0) for key, of_places in steps.items()}
+def _print_distances(sums: Sums) -> Iterator[dict[str, Any]]:
+    """Yield the rows of ``print_distances.csv``."""
+    for key, of_levels in sums.items():
+        for level, cell in of_levels.items():
+            for copy, square in cell.from_others().items():
+                yield {**place_of(level, key), "copy": copy, "from_others": square}
 
 
-def _map(picture: Floats, count: int, levels: Iterable[CellSums], ddof: int) -> Floats:
-    """Return the mean map of a cell. ``ddof`` scales all pixels by the same factor, as they have the same presses."""
+def _motion(design: Design, places: Sequence[PlaceSums], ddof: int) -> pd.DataFrame:
+    """Return ``motion.csv``: the variance of each cell at each time step, mean over pixels and positions."""
+    presses, pose, columns = design.presses, ["pose_x", "pose_y", "pose_z"], ["level", "combination", "texture"]
+    moved = presses[pose] - presses.groupby(["run", "press"])[pose].transform("first")
+    presses = presses.assign(distance_mm=np.linalg.norm(moved, axis=1))
+    tables = []
+    for (level, combination, texture), of_cell in groups(presses.sort_values(columns, kind="stable"), columns):
+        key = (combination, texture)
+        values = [
+            place.steps[key] / (place.cells[key].presses - ddof)
+            for place in places
+            if place.level == level and key in place.cells and place.cells[key].presses > 1
+        ]
+        if values:
+            course = of_cell.groupby(STEP)[[TIME, "distance_mm"]].mean().rename_axis("frame").reset_index()
+            tables.append(course.assign(**place_of(level, key), variance=np.mean(values, axis=0)))
+    return pd.concat(tables)[[*CELL, "frame", TIME, "distance_mm", "variance"]]
+
+
+def _rescaled(levels: Iterable[CellSums], ddof: int) -> float:
+    """Return the factor from variances for ddof 0 to those for ``ddof``, equal for all pixels of a cell's map."""
     plain, unbiased = np.sum([level.variances[OF_ALL] for level in levels], axis=0)
-    return picture / count * (unbiased / plain if ddof else 1.0)
+    return unbiased / plain if ddof else 1.0

@@ -10,15 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.analysis.figures import COLOURS, COLUMN_IN, INK, PAGE_IN, new_figure, save, styled
-from tacbench_cad.lab.analysis.variance.cells import (
-    Cell,
-    Level,
-    name_of,
-    short_texture,
-    shown_levels,
-)
+from tacbench_cad.lab.analysis.tables import records
+from tacbench_cad.lab.analysis.variance.cells import CELL, Level, cells_of, groups, name_of, short_texture, shown_levels
 from tacbench_cad.lab.analysis.variance.components import LEVELS
 from tacbench_cad.lab.analysis.variance.figure_parts import (
     colour_bar,
@@ -28,20 +22,20 @@ from tacbench_cad.lab.analysis.variance.figure_parts import (
     squared_unit,
 )
 from tacbench_cad.lab.analysis.variance.map_figures import exhibit_figure, pixel_figure, position_figure, region_figure
-from tacbench_cad.lab.analysis.variance.result import VarianceResult
+from tacbench_cad.lab.analysis.variance.variance_data import VarianceData
+from tacbench_cad.lab.runs.press_table import TIME
 from tacbench_cad.util.types import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 #: The axis ends at this multiple of the largest estimate; longer intervals are cut and end in an arrow.
 MAX_OVER_ESTIMATE = 6.0
 _MARKERS = "osD^vP*X<>"
 
 
-def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
+def draw_all(result: VarianceData, folder: Path) -> list[Path]:
     """Draw every figure into a folder, each as PNG and as PDF.
 
     Args:
@@ -62,33 +56,32 @@ def draw_all(result: VarianceResult, folder: Path) -> list[Path]:
         "between_textures": texture_figure,
         "components": component_figure,
     }
-    if result.steps:
+    if "motion" in result.tables:
         figures["variance_motion"] = motion_figure
     if result.feature.exhibit is not None:
         figures[result.feature.exhibit.name] = exhibit_figure
     if result.protocol == "as-published":
         figures = {"variance": table_figure}
-    if result.feature.region is not None:
+    if result.feature.region_ is not None:
         figures["region"] = region_figure
-    simulated = result.collection.simulated
+    simulated = result.design.simulated
     with styled():
         return [path for stem, draw in figures.items() for path in save(draw(result), folder / stem, simulated)]
 
 
-def table_figure(result: VarianceResult) -> Figure:
+def table_figure(result: VarianceData) -> Figure:
     """Draw the table as points with intervals, one panel for each force, with noise and the paper's own figures."""
     levels, combinations = compared_levels(result), compared(result)
     figure, panels = _panels(len(levels), 2, (PAGE_IN, 0.55), (0.0, 2.35), sharex=True, sharey=True)
-    cells = [cell for cell in result.cells if cell.force_level in levels]
-    top = MAX_OVER_ESTIMATE * max(cell.variance for cell in cells)
-    top = max([top, *(1.3 * cell.published for cell in cells if cell.published is not None)])
+    cells = result.table[result.table["force_level"].isin(levels)]
+    top = np.fmax(MAX_OVER_ESTIMATE * cells["variance"].max(), 1.3 * cells["published"].max())
     for axes, level in zip(panels, levels, strict=True):
-        _table_panel(axes, result, level, combinations, top)
+        table_panel(axes, result, level, combinations, top)
         axes.set_title(panel_title(result, level), loc="left")
     what = "variance" if result.protocol == "paper" else "variance of repeats\non one print"
     figure.supylabel(f"{what} ({squared_unit(result)})", fontsize=8.0)
     figure.supxlabel("texture", fontsize=8.0)
-    figure.legend(handles=_table_legend(result, combinations), loc="outside upper left", ncols=3)
+    figure.legend(handles=table_legend(result, combinations), loc="outside upper left", ncols=3)
     return figure
 
 
@@ -107,20 +100,21 @@ def _panels(
     return figure, panels[:count].tolist()
 
 
-def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations: Sequence[str], top: float) -> None:
-    textures = result.collection.textures
+def table_panel(axes: Axes, result: VarianceData, level: Level, combinations: Sequence[str], top: float) -> None:
+    """Draw the cells at a force level as points with intervals; the axis ends at ``top``."""
+    textures, cells = result.design.textures, cells_of(result.table)
     step = 0.8 / len(combinations)
     lowest = math.inf
     for i, combination in enumerate(combinations):
         look, papers = look_of(i), []
         for j, texture in enumerate(textures):
-            cell = result.cell(level, combination, texture)
+            cell = cells.get((level, (combination, texture)))
             if cell is None:
                 continue
             x = j + (i - (len(combinations) - 1) / 2.0) * step
-            lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value)])
+            lowest = min([lowest, *(value for value in (cell.variance, cell.noise_alone) if value > 0.0)])
             draw_point(axes, cell, x, step, look, top)
-            if cell.published is not None:
+            if not math.isnan(cell.published):
                 papers.append((x + 0.32 * step, cell.published))
         for place in papers:
             axes.plot(*place, **look, linestyle="", markersize=4.0, markerfacecolor="none")
@@ -131,17 +125,25 @@ def _table_panel(axes: Axes, result: VarianceResult, level: Level, combinations:
     axes.set_axisbelow(True)
 
 
-def draw_point(axes: Axes, cell: Cell, x: float, step: float, look: Mapping[str, Any], top: float) -> None:
+def draw_point(axes: Axes, cell: Any, x: float, step: float, look: Mapping[str, Any], top: float) -> None:
     """Draw a cell: its variance, its interval, and the variance expected from sensor noise alone.
 
     An interval that leaves the panel is cut there and ends in an arrow.
+
+    Args:
+        axes: The panel.
+        cell: A row of the variance table.
+        x: The place of the point.
+        step: The distance to the next point.
+        look: The colour and the marker, see :func:`look_of`.
+        top: The end of the panel's axis.
     """
-    if cell.low is not None and cell.high is not None:
+    if not math.isnan(cell.low):
         ends = [max(cell.low, 1e-12), min(cell.high, top)]
         axes.plot([x, x], ends, color=look["color"], linewidth=0.9, alpha=0.6, zorder=2.0)
         if cell.high > top:
             axes.plot(x, top / 1.04, "^", markersize=3.0, color=look["color"], zorder=2.0, clip_on=False)
-    if cell.noise_alone:
+    if cell.noise_alone > 0.0:
         axes.plot([x - 0.4 * step, x + 0.4 * step], [cell.noise_alone] * 2, color=INK, linewidth=1.0, zorder=1.5)
     if cell.variance > 0.0:
         axes.plot(x, cell.variance, **look, linestyle="", markersize=4.5, zorder=3.0)
@@ -152,16 +154,17 @@ def look_of(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % (len(COLOURS) - 1)], "marker": _MARKERS[i % len(_MARKERS)]}
 
 
-def _table_legend(result: VarianceResult, combinations: Sequence[str]) -> list[Any]:
+def table_legend(result: VarianceData, combinations: Sequence[str]) -> list[Any]:
+    """Return the handles of a legend of :func:`table_panel`."""
     from matplotlib.lines import Line2D
 
     handles = [
         Line2D([], [], **look_of(i), markersize=4.5, label=name_of(combination))
         for i, combination in enumerate(combinations)
     ]
-    if any(cell.floor for cell in result.cells):
+    if (result.table["floor"] > 0.0).any():
         handles.append(Line2D([], [], color=INK, linewidth=1.0, label="expected from sensor noise alone"))
-    if any(cell.published is not None for cell in result.cells):
+    if result.table["published"].notna().any():
         hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=INK, label="hollow: the paper's table", **hollow))
     return handles
@@ -184,23 +187,28 @@ def _plain_minor(value: float, _: float) -> str:
     return f"{value:g}" if round(lead) in (2, 5) else ""
 
 
-def motion_figure(result: VarianceResult) -> Figure:
+def motion_figure(result: VarianceData) -> Figure:
     """Draw the variance along the motion: a panel for each force and combination, a line for each texture."""
-    levels = sorted({level for level, _ in result.steps})
-    combinations, textures = compared(result), result.collection.textures
-    label, course = _course(result.collection)
+    motion, combinations, textures = result.tables["motion"], compared(result), result.design.textures
+    levels = sorted(motion["force_level"].unique())
+    # The axis along the motion is its distance, or else its time.
+    label, name = ("distance (mm)", "distance_mm") if motion["distance_mm"].max() > 0.0 else ("time (s)", TIME)
+    course = motion.groupby("frame")[name].mean()
     figure = new_figure(max(COLUMN_IN, 0.7 + 2.3 * len(levels)), 0.5 + 1.6 * len(combinations))
     panels = figure.subplots(len(combinations), len(levels), squeeze=False, sharex=True, sharey=True)
     for axes, (combination, level) in zip(panels.flat, product(combinations, levels), strict=True):
+        of_panel, cells = (
+            table[(table["printer"] + "_" + table["filament"] == combination) & (table["force_level"] == level)]
+            for table in (motion, result.table)
+        )
         for i, texture in enumerate(textures):
-            values = result.steps.get((level, (combination, texture)))
-            if values is not None:
+            values = of_panel.loc[of_panel["texture"] == texture, "variance"]
+            if len(values):
                 axes.plot(course, values, color=COLOURS[i % len(COLOURS)], label=short_texture(texture))
-        cells = [cell for cell in result.cells if (cell.combination, cell.force_level) == (combination, level)]
-        noise = [cell.noise_alone for cell in cells if cell.noise_alone]
-        if noise:
-            axes.axhline(np.mean(noise), color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label="noise alone")
-        axes.set_title(f"{name_of(combination)}, {result.collection.pressing.level_name(level)}", loc="left")
+        noise = cells["noise_alone"].mean()
+        if noise > 0.0:
+            axes.axhline(noise, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), label="noise alone")
+        axes.set_title(f"{name_of(combination)}, {result.design.level_name(level)}", loc="left")
         axes.set_ylim(bottom=0.0)
     figure.supxlabel(label, fontsize=8.0)
     figure.supylabel(f"variance ({squared_unit(result)})", fontsize=8.0)
@@ -209,33 +217,30 @@ def motion_figure(result: VarianceResult) -> Figure:
     return figure
 
 
-def _course(collection: Collection) -> tuple[str, Floats]:
-    """Return the label and the values of the axis along a motion: its distance, or else its time."""
-    courses = collection.courses
-    if courses.distance_mm.max() > 0.0:
-        return "distance (mm)", courses.distance_mm.mean(axis=0)
-    return "time (s)", courses.time_s.mean(axis=0)
-
-
-def texture_figure(result: VarianceResult) -> Figure:
+def texture_figure(result: VarianceData) -> Figure:
     """Draw the matrices between textures, one for each combination, with one colour scale; mean over the forces."""
     level, shown = compared_levels(result)[-1], compared(result)
-    matrices = [matrix for matrix in result.matrices if matrix.force_level == level and matrix.combination in shown]
+    rows, textures = result.tables["between_textures"], list(result.design.textures)
+    matrices: dict[str, Floats] = {}
+    for (printer, filament), of_level in groups(rows[rows["force_level"] == level], CELL[:2]):
+        half = of_level.pivot(index="texture", columns="other_texture", values="variance")
+        whole = half.combine_first(half.T).reindex(index=textures, columns=textures)
+        matrices[f"{printer}_{filament}"] = whole.to_numpy(np.float64)
+    matrices = {name: matrix for name, matrix in matrices.items() if name in shown}
     side = min(2.6, (PAGE_IN - 0.8) / min(3, len(matrices)))
     figure, panels = _panels(len(matrices), 3, (0.9, 0.5), (side, side * 1.1))
     figure.set_layout_engine("constrained", h_pad=0.08)
-    values = np.concatenate([matrix.variance[np.isfinite(matrix.variance)] for matrix in matrices])
-    high = float(values.max()) if values.size and values.max() > 0.0 else 1.0
-    names = [short_texture(texture) for texture in result.collection.textures]
-    for axes, matrix in zip(panels, matrices, strict=True):
-        axes.imshow(matrix.variance, vmin=0.0, vmax=high)
+    high = max((float(np.nanmax(matrix, initial=0.0)) for matrix in matrices.values()), default=0.0) or 1.0
+    names = list(map(short_texture, textures))
+    for axes, (combination, matrix) in zip(panels, matrices.items(), strict=True):
+        axes.imshow(matrix, vmin=0.0, vmax=high)
         axes.set_xticks(range(len(names)), names)
         axes.set_yticks(range(len(names)), names)
         axes.tick_params(length=0.0)
-        axes.set_title(name_of(matrix.combination), loc="left")
+        axes.set_title(name_of(combination), loc="left")
         axes.spines[:].set_visible(False)
         if len(names) <= 10:
-            _numbers(axes, matrix.variance, high)
+            _numbers(axes, matrix, high)
     figure.supxlabel("texture", fontsize=8.0)
     figure.supylabel("texture", fontsize=8.0)
     colour_bar(figure, f"variance over both textures ({squared_unit(result)})", shrink=0.8, aspect=25.0)
@@ -251,15 +256,15 @@ def _numbers(axes: Axes, values: Floats, high: float) -> None:
             axes.text(j, i, text, ha="center", va="center", fontsize=6.5, color=colour)
 
 
-def component_figure(result: VarianceResult) -> Figure:
+def component_figure(result: VarianceData) -> Figure:
     """Draw the sources of the variance: the components of the nested design at each force, with their intervals."""
     from matplotlib.lines import Line2D
 
-    levels = shown_levels(result.cells)
-    rows = {(component["force_level"], component["component"]): component for component in result.components}
+    levels = shown_levels(result.table)
+    rows = {(row["force_level"], row["component"]): row for row in records(result.tables["components"])}
     figure = new_figure(PAGE_IN, 2.5)
     axes = figure.add_subplot()
-    floor = float(np.mean([cell.floor for cell in result.cells if cell.floor is not None] or [np.nan]))
+    floor = float(result.table["floor"].mean())
     shown = [row["truncated"] for key, row in rows.items() if key[1] in LEVELS and row["truncated"]]
     if not shown:
         axes.text(0.5, 0.5, "this design cannot separate any components", ha="center", transform=axes.transAxes)
@@ -276,7 +281,7 @@ def component_figure(result: VarianceResult) -> Figure:
         Line2D([], [], linestyle="", marker=_MARKERS[j], markersize=5.0, color=COLOURS[j], label=name)
         for j, name in enumerate(("texture", "printer-filament", "print", "repeat"))
     ]
-    log_axes(axes, [result.collection.pressing.level_name(level) for level in levels])
+    log_axes(axes, [result.design.level_name(level) for level in levels])
     axes.set_ylim(bottom, top)
     axes.tick_params(axis="x", length=0.0)
     axes.set_ylabel(f"variance component ({squared_unit(result)})")

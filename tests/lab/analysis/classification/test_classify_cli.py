@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import signal
@@ -11,11 +10,11 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from helpers.studies import write_study
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab.analysis.classification.result import COLUMNS, CONFUSION_COLUMNS, PREDICTION_COLUMNS
 
 pytestmark = pytest.mark.usefixtures("single_thread", "few_trees")
 
@@ -31,40 +30,26 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 def test_leak_free_tables_and_figures_agree(runs: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     assert main(["classify", str(runs), "-o", str(out), *QUICK]) == 0
     output = capsys.readouterr().out
     assert output.endswith(f"\nNext: tacbench report {runs} --classify {out}\n")
-    assert (
-        "simulated: sensor (see run.json)\n" in output and "printer-filament" in output and "chance is 50.0" in output
-    )
+    assert "simulated: sensor (see run.json)\n" in output and "chance is 50.0" in output
     table, confusion, predictions = (
-        rows(out / f"{name}.csv") for name in ("classification", "confusion", "predictions")
+        pd.read_csv(out / f"{name}.csv") for name in ("classification", "confusion", "predictions")
     )
-    assert list(table[0]) == [*COLUMNS, "simulated"]
-    assert ",".join(COLUMNS) == "protocol,estimator,train_on,tested_on,hold_out,accuracy,low,high,trials,images"
-    assert list(confusion[0]) == [*CONFUSION_COLUMNS, "simulated"]
-    assert list(predictions[0]) == [*PREDICTION_COLUMNS, "simulated"]
-    assert {row["trial"] for row in predictions} == {"1", "2"}
-    for row in table:
-        key = {name: row[name] for name in ("estimator", "hold_out")}
-        mine = [
-            prediction
-            for prediction in predictions
-            if key.items() <= prediction.items() and row["tested_on"] in ("all", prediction["tested_on"])
-        ]
-        right = sum(prediction["texture"] == prediction["predicted"] for prediction in mine)
-        assert float(row["accuracy"]) == pytest.approx(right / len(mine), abs=1e-12)
-        assert int(row["images"]) * 2 == len(mine)
-        cells = [cell for cell in confusion if {**key, "tested_on": row["tested_on"]}.items() <= cell.items()]
-        assert sum(int(cell["count"]) for cell in cells) == len(mine)
-        assert sum(int(cell["count"]) for cell in cells if cell["texture"] == cell["predicted"]) == right
+    assert all(of["simulated"].all() for of in (table, confusion, predictions)) and set(predictions["trial"]) == {1, 2}
+    for row in table.itertuples():
+        mine = predictions[predictions["hold_out"] == row.hold_out]
+        mine = mine if row.tested_on == "all" else mine[mine["tested_on"] == row.tested_on]
+        right = mine["texture"] == mine["predicted"]
+        assert row.accuracy == pytest.approx(right.mean(), abs=1e-12) and row.images * 2 == len(mine)
+        assert row.standard_deviation == pytest.approx(right.groupby(mine["trial"]).mean().std())
+        if row.tested_on == "all":
+            cells = confusion[confusion["hold_out"] == row.hold_out]
+            assert cells["count"].sum() == len(mine)
+            assert cells["count"][cells["texture"] == cells["predicted"]].sum() == right.sum()
     for stem in ("hold_out_levels", "confusion_forest"):
         assert (out / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
         assert (out / f"{stem}.pdf").read_bytes().startswith(b"%PDF")
@@ -75,37 +60,24 @@ def test_finished_trials_are_kept_and_results_depend_on_the_seed_only(runs: Path
     out, other = tmp_path / "out", tmp_path / "other"
     command = ["classify", str(runs), *QUICK, "--hold-out", "press", "--folds", "2"]
     assert main([*command, "-o", str(out)]) == 0
-    trials = sorted((out / "trials").iterdir())
-    assert len(trials) == 2
-    first = (out / "predictions.csv").read_bytes()
+    first, trials = (out / "predictions.csv").read_bytes(), sorted((out / "trials").iterdir())
     stamps = [path.stat().st_mtime_ns for path in trials]
     trials[1].write_bytes(trials[1].read_bytes()[:100])
     assert main([*command, "-o", str(out)]) == 0
-    assert trials[0].stat().st_mtime_ns == stamps[0] and trials[1].stat().st_mtime_ns != stamps[1]
-    assert (out / "predictions.csv").read_bytes() == first
+    assert [path.stat().st_mtime_ns == stamp for path, stamp in zip(trials, stamps, strict=True)] == [True, False]
     assert main([*command, "-o", str(other)]) == 0
-    assert (other / "predictions.csv").read_bytes() == first
-    assert main([*command, "-o", str(out), "--seed", "1"]) == 0
-    assert len(list((out / "trials").iterdir())) == 4 and (out / "predictions.csv").read_bytes() != first
-    assert main([*command, "-o", str(out), "--trials", "3"]) == 0
-    assert len(list((out / "trials").iterdir())) == 5
+    assert (out / "predictions.csv").read_bytes() == first == (other / "predictions.csv").read_bytes()
+    for count, more in ((4, ["--seed", "1"]), (5, ["--trials", "3"])):
+        assert main([*command, "-o", str(out), *more]) == 0
+        assert len(list((out / "trials").iterdir())) == count and (out / "predictions.csv").read_bytes() != first
 
 
-def test_paper_prints_the_warning_and_not_the_papers_figures(
-    runs: Path, tmp_path: Path, capsys: Capture, request: pytest.FixtureRequest
-) -> None:
-    command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--protocol", "paper"]
-    assert main(command) == 0
+def test_paper_prints_the_warning_and_not_the_papers_figures(runs: Path, tmp_path: Path, capsys: Capture) -> None:
+    assert main(["classify", str(runs), "-o", str(tmp_path), *QUICK, "--protocol", "paper"]) == 0
     output = capsys.readouterr().out
     assert "63.98" not in output and "inflated" in output and "the text says 300" in output
-    assert {row["hold_out"] for row in rows(tmp_path / "classification.csv")} == {"train", "test", "unseen"}
-    assert {row["augmentation"] for row in rows(tmp_path / "predictions.csv") if row["hold_out"] == "test"} == {
-        *("none", "noise 5", "+10", "-10")
-    }
-    request.getfixturevalue("no_figures")
-    assert main([*command, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["beside_paper"] == [] and document["simulated"]
+    tested = pd.read_csv(tmp_path / "predictions.csv").groupby("hold_out")["augmentation"].unique().map(set)
+    assert tested["train"] == tested["test"] == {"none", "noise 5", "+10", "-10"} and tested["unseen"] == {"none"}
     assert (tmp_path / "paper_table.png").is_file()
     assert (tmp_path / "confusion_network_bambu-p1p_pla-minus.pdf").is_file()
 
@@ -117,13 +89,12 @@ def test_as_published_prints_the_papers_figures_next_to_the_results(
     command += ["as-published", "--train-on", "bambu-p1p_pla-minus"]
     assert main(command) == 0
     output = capsys.readouterr().out
-    assert "63.98" in output and "includes the training images" in output
-    columns = {row["hold_out"] for row in rows(tmp_path / "classification.csv")}
-    assert columns == {"train", "test", "all copies", "other copies"}
+    assert "63.98" in output and "includes the training images" in output and "only force level 1 of" in output
     request.getfixturevalue("no_figures")
     assert main([*command, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["beside_paper"][0]["paper"] == [100.0, 99.7, 63.98, None]
+    paper = {row["hold_out"]: row["paper"] for row in document["beside_paper"]}
+    assert paper == {"train": 100.0, "test": 99.7, "all copies": 63.98, "other copies": None}
     assert document["settings"]["augmentation"] == {"noise": 5.0, "brightness": []}
     assert (tmp_path / "published_table.png").is_file()
 
@@ -184,8 +155,8 @@ def test_a_users_estimator_gets_the_frames(runs: Path, own: Path) -> None:
     command = ["classify", str(runs), "--jobs", "1", "--trials", "1", "--resolution", "1", "--hold-out", "copy"]
     assert main([*command, "-o", "a", "--estimator", "own_model:pipeline"]) == 0
     assert main([*command, "-o", "b", "--estimator", "own_model:build"]) == 0
-    first, second = (rows(Path(name) / "classification.csv") for name in "ab")
-    assert first[0]["accuracy"] == second[0]["accuracy"] and float(first[0]["accuracy"]) > 0.5
+    first, second = (pd.read_csv(Path(name) / "classification.csv")["accuracy"] for name in "ab")
+    assert first[0] == second[0] > 0.5
     assert main([*command, "-o", "a", "--estimator", "own_model:Slow", "--components", "3"]) == 0
 
 
@@ -224,6 +195,7 @@ def test_a_users_estimator_gets_the_frame_shape(runs: Path, own: Path, words: li
         (["--force-level", "3"], "force-level = 3: must be a level of the runs: 1, 2"),
         (["--noise", "-1"], "noise = -1.0"),
         (["--brightness", "0"], "brightness"),
+        (["--protocol", "as-published", "--roi", "none"], "leave out --series, --features and --roi"),
         (["--clip"], "clip"),
         (["--sweep", "speed=1:2"], "sweep = 'speed'"),
         (["--dask", "tcp://127.0.0.1:9"], "dask"),
@@ -263,26 +235,10 @@ def test_an_interruption_ends_with_130_and_the_same_command_resumes(runs: Path, 
     assert len(list(trials.iterdir())) == 3 and (own / "out" / "classification.csv").exists()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_sweep_writes_its_table_and_curve(runs: Path, tmp_path: Path, capsys: Capture) -> None:
     command = ["classify", str(runs), "-o", str(tmp_path), *QUICK, "--hold-out", "copy", "--sweep", "components=2:6:3"]
     assert main(command) == 0
     assert "components" in capsys.readouterr().out
-    assert [row["value"] for row in rows(tmp_path / "sweep.csv")] == ["2", "4", "6"]
+    assert pd.read_csv(tmp_path / "sweep.csv")["value"].tolist() == [2, 4, 6]
     assert (tmp_path / "sweep_components.png").is_file() and (tmp_path / "sweep_components.pdf").is_file()
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_no_copies_of_frames_are_added_unless_asked_for(runs: Path, tmp_path: Path, capsys: Capture) -> None:
-    """On real frames the copies lowered the accuracy; a note says what they changed here."""
-    command = ["classify", str(runs), *QUICK, "--hold-out", "copy", "--json", "-o"]
-    documents = {}
-    for name, words in (("plain", []), ("copies", ["--noise", "40", "--brightness", "60,-60"])):
-        assert main([*command, str(tmp_path / name), *words]) == 0
-        documents[name] = json.loads(capsys.readouterr().out)
-    assert documents["plain"]["settings"]["augmentation"] == {"noise": None, "brightness": []}
-    assert not any("copies of training frames" in note for note in documents["plain"]["notes"])
-    plain, copied = (100.0 * documents[name]["scores"][0]["accuracy"] for name in ("plain", "copies"))
-    assert documents["copies"]["notes"][-1] == (
-        "the copies of training frames (noise 40, +60, -60) changed the accuracy of forest: "
-        f"copy from {plain:.1f} to {copied:.1f} %"
-    )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -51,18 +51,13 @@ def test_tables_and_confusion_matrices_are_in_natural_order(runs: Path, tmp_path
     assert main(["classify", str(runs), "-o", str(tmp_path / "out"), *words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["textures"] == CLASSES
-    with (tmp_path / "out" / "confusion.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    assert list(dict.fromkeys(row["texture"] for row in rows)) == CLASSES
-    assert list(dict.fromkeys(row["predicted"] for row in rows)) == CLASSES
-    counts = {(row["texture"], row["predicted"]): int(row["count"]) for row in rows}
-    for texture in CLASSES:
-        told = {predicted for predicted in CLASSES if counts[texture, predicted]}
-        assert told <= (set(ALIKE) if texture in ALIKE else {texture})
-    with (tmp_path / "out" / "predictions.csv").open(newline="") as stream:
-        predictions = list(csv.DictReader(stream))
-    for (texture, predicted), count in counts.items():
-        assert count == sum((row["texture"], row["predicted"]) == (texture, predicted) for row in predictions)
+    table = pd.read_csv(tmp_path / "out" / "confusion.csv").set_index(["texture", "predicted"])["count"]
+    counts, predictions = table.unstack(sort=False), pd.read_csv(tmp_path / "out" / "predictions.csv")
+    assert list(counts.index) == list(counts.columns) == CLASSES
+    for texture, row in counts.iterrows():
+        assert set(row.index[row > 0]) <= (set(ALIKE) if texture in ALIKE else {texture})
+    there = table[table > 0].to_dict()
+    assert predictions[["texture", "predicted"]].value_counts().to_dict() == there
 
 
 def test_predictions_of_others_are_scored_for_their_class(runs: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -80,7 +75,7 @@ def test_predictions_of_others_are_scored_for_their_class(runs: Path, tmp_path: 
     capsys.readouterr()
     assert main(["score", str(tmp_path / "predictions.csv"), str(path), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert {name: recall["fraction"] for name, recall in document["recall"].items()} == {
-        name: 0.0 if name == ALIKE[0] else 1.0 for name in CLASSES
-    }
+    recall = {row["tested_on"]: row["accuracy"] for row in document["accuracies"]}
+    assert list(recall)[-12:] == [f"{name} (recall)" for name in CLASSES]
+    assert [recall[f"{name} (recall)"] for name in CLASSES] == [float(name != ALIKE[0]) for name in CLASSES]
     assert document["confusion"][1][9] == 6 and np.trace(document["confusion"]) == 66

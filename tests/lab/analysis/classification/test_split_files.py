@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from helpers.studies import write_study
@@ -20,8 +22,8 @@ from tacbench_cad.lab.analysis.classification.split_files import (
     read_split,
     write_split,
 )
-from tacbench_cad.lab.analysis.collection import Collection
 from tacbench_cad.lab.runs import schema
+from tacbench_cad.lab.runs.press_table import read
 from tacbench_cad.util.errors import InputError
 
 
@@ -34,7 +36,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def splits(runs: Path) -> dict[str, Split]:
-    result, notes = make_splits(Collection.open([runs]), seed=3, folds=2)
+    result, notes = make_splits(read(runs), seed=3, folds=2)
     assert not notes
     return {split.hold_out: split for split in result}
 
@@ -44,12 +46,12 @@ def test_every_level_has_a_split_that_lists_its_presses(splits: dict[str, Split]
     copy = splits["copy"]
     assert [fold.name for fold in copy.folds] == ["copy 1", "copy 2"]
     assert len(copy.presses) == 8 * 2 * 2 * 4 and copy.simulated == ("sensor: a formula",)
-    row = (runs / copy.presses[0].key[0] / schema.TARGETS_FILE).read_text().splitlines()[1]
+    row = (runs / copy.presses[0].run / schema.TARGETS_FILE).read_text().splitlines()[1]
     assert copy.presses[0].image_sha256 in row
     for fold in copy.folds:
-        held = {copy.presses[i].key[0][-6:] for i in fold.test}
+        held = {copy.presses[i].run[-6:] for i in fold.test}
         assert held == {fold.name.replace("copy ", "copy0")}
-        assert not held & {copy.presses[i].key[0][-6:] for i in fold.train}
+        assert not held & {copy.presses[i].run[-6:] for i in fold.train}
 
 
 def test_a_split_file_round_trips_and_is_reproducible(splits: dict[str, Split], tmp_path: Path) -> None:
@@ -67,17 +69,17 @@ def test_another_sensor_on_the_same_prints_has_the_same_protocol_and_other_data(
     from helpers.studies import noise_image
 
     write_study(tmp_path, levels=(1, 2), image=noise_image)
-    others = {split.hold_out: split for split in make_splits(Collection.open([tmp_path]), seed=3, folds=2)[0]}
+    others = {split.hold_out: split for split in make_splits(read(tmp_path), seed=3, folds=2)[0]}
     for level, split in splits.items():
         assert others[level].protocol == split.protocol
         assert others[level].data_sha256 != split.data_sha256
-    reseeded = {split.hold_out: split for split in make_splits(Collection.open([tmp_path]), seed=4, folds=2)[0]}
+    reseeded = {split.hold_out: split for split in make_splits(read(tmp_path), seed=4, folds=2)[0]}
     assert reseeded["press"].protocol != splits["press"].protocol
 
 
 def test_a_level_that_the_data_do_not_support_is_left_out_with_a_reason(tmp_path: Path) -> None:
     write_study(tmp_path, prints=[("ender-3", "pla-plus")], copies=1)
-    result, notes = make_splits(Collection.open([tmp_path]))
+    result, notes = make_splits(read(tmp_path))
     assert [split.hold_out for split in result] == ["press", "position"]
     assert len(notes) == 3 and all("is left out: " in note for note in notes)
 
@@ -90,8 +92,10 @@ def test_a_level_that_the_data_do_not_support_is_left_out_with_a_reason(tmp_path
         (lambda d: d["folds"][0]["test"].pop(), "does not match the contents of the file"),
         (lambda d: d["presses"][0].__setitem__(5, "0" * 64), "data_sha256"),
         (lambda d: d["folds"][0]["test"].append(10**6), "must be whole numbers from 0 to"),
-        (lambda d: d["folds"][0]["test"].append(d["folds"][0]["train"][0]), "must not be both in train and in test"),
-        (lambda d: d["folds"][0]["train"].append(d["folds"][0]["train"][0]), "occurs twice"),
+        (lambda d: d["folds"][0]["test"].append(d["folds"][0]["train"][0]), "must not be twice in train and test"),
+        (lambda d: d["folds"][0]["train"].append(d["folds"][0]["train"][0]), "must not be twice in train and test"),
+        (lambda d: d["folds"].append(d["folds"][0]), "occurs twice"),
+        (lambda d: d["presses"][0].pop(), "presses"),
         (lambda d: d["folds"][0]["train"].append("1"), "must be a whole number"),
         (lambda d: d["folds"].clear(), "must have at least one fold"),
         (lambda d: d["presses"].append(d["presses"][0]), "occurs twice"),
@@ -120,9 +124,22 @@ def test_other_files_are_refused(tmp_path: Path, text: str | None) -> None:
 
 
 def test_a_fold_must_train_and_test() -> None:
-    press = SplitPress(run="a", force_level=1, repeat=1, position=1, texture="texture-1", image_sha256="")
-    with pytest.raises(InputError, match="fold one train: is empty"):
-        Split(hold_out="copy", seed=0, presses=(press,), folds=(SplitFold(name="one", train=(), test=(0,)),))
+    press = SplitPress("a", 1, 1, 1, "texture-1", "")
+    with pytest.raises(InputError, match="fold one: must have presses both in train and in test"):
+        Split(hold_out="copy", seed=0, presses=(press,), folds=(SplitFold("one", (), (0,)),))
+
+
+def test_images_that_were_not_imported_have_checksums(tmp_path: Path) -> None:
+    for texture in "ab":
+        (tmp_path / texture).mkdir()
+        for number in range(4):
+            image = np.random.default_rng(number).integers(0, 256, (8, 8), dtype=np.uint8)
+            cv2.imwrite(str(tmp_path / texture / f"{number}.png"), image)
+    (split,), _ = make_splits(read(tmp_path))
+    assert {len(press.image_sha256) for press in split.presses} == {64} and split.unknown_groups == (
+        "prints",
+        "sessions",
+    )
 
 
 def test_the_command_writes_and_describes_the_files(runs: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from tacbench_cad.cli import main
-from tacbench_cad.lab import ImportOptions, Run, find_runs, import_samples
+from tacbench_cad.lab import ImportOptions, Run, find_runs, import_samples, read
 
 Capture = pytest.CaptureFixture[str]
 POSES = [f"pose_{number}" for number in range(1, 7)]
@@ -259,9 +259,7 @@ def test_names_get_a_hash_only_if_they_would_be_the_same(tmp_path: Path) -> None
     assert names["material_1"] == "material_1" and names["Filz grün"] == "Filz-grün"
     alike = {names["a b"], names["a-b"]}
     assert len(alike) == 2 and all(name.startswith("a-b_") for name in alike)
-    from tacbench_cad.lab.analysis.collection import Collection
-
-    assert len(Collection.open([tmp_path / "out"])) == 4
+    assert len(read(tmp_path / "out")) == 4
 
 
 def test_every_column_of_a_table_stays_with_its_frame(images: Any, table: Any, tmp_path: Path) -> None:
