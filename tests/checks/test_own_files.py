@@ -131,6 +131,7 @@ def test_a_negative_origin_is_kept_in_the_file(form: str, tmp_path: Path) -> Non
     assert examine(path, full=False).ok
 
 
+@pytest.mark.usefixtures("no_preview")
 def test_a_renamed_stl_file_is_recognised_by_the_manifest_beside_it(tmp_path: Path) -> None:
     words = [
         "--texture",
@@ -170,13 +171,13 @@ def test_a_damaged_claim_is_a_fault(change: dict[str, Any], message: str, tmp_pa
 
 
 def test_a_claim_that_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tacbench_cad.checks.claim.LIMITS_S", (2.0, 0.0))
+    monkeypatch.setattr("tacbench_cad.checks.claim.LIMITS_S", (0.5, 0.0))
     waves = [[1e-4, 1e4 - 3.0 * i, 1e4 - 7.0 * i, 0.1 * i] for i in range(2000)]
     values = {**block_values(Block.of(2)), "texture": "own", "number": None, "waves": waves}
     FORMATS["stl"].write(block_part(Block.of(2)), tmp_path / "a.stl")
     write_manifest(tmp_path, [{"file": "a.stl", "sha256": "", "part": "a", "block": values}])
     (fault,) = examine(tmp_path / "a.stl", full=False).faults
-    assert "takes the check of its blocks longer than 2 s" in fault.detail
+    assert "takes the check of its blocks longer than" in fault.detail
 
 
 def test_a_solid_keeps_its_own_tolerance(tmp_path: Path) -> None:
