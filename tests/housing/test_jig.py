@@ -30,7 +30,7 @@ def refusal(holder: Holder = HOLDER, **options: object) -> str:
     "jig",
     [
         pytest.param(JIG, marks=pytest.mark.long),
-        ALL_HOLES,
+        pytest.param(ALL_HOLES, marks=pytest.mark.long),
         Jig(holder=Holder(block=Block.of(1, scale=0.8, key_mm=2.0)), fit="loose"),
         pytest.param(
             Jig(holder=Holder(block=Block.of(1, scale=1.5), slots=2, fit="press", rim_mm=0.0)), marks=pytest.mark.long

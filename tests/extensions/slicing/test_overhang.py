@@ -45,8 +45,7 @@ def test_the_width_of_a_ceiling_is_the_diameter_of_the_largest_circle_in_it() ->
     assert str(overhang) == "steepest 0.0 degrees, ceilings 720.0 mm^2, largest circle 12.00 mm"
 
 
-@pytest.mark.parametrize("preset", ["paper", "released"])
-@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.parametrize(("number", "preset"), [(1, "released"), (4, "paper")])
 def test_only_the_label_of_a_block_is_an_overhang(number: int, preset: str) -> None:
     plain = overhangs(mesh_block(Block.of(number, preset))[0])
     assert (plain.steepest_deg, plain.ceiling_mm2, plain.widest_mm) == (0.0, 0.0, 0.0)
