@@ -56,7 +56,7 @@ MISSING: dict[str, list[tuple[list[str], list[str]]]] = {
         (["classify", "{runs}", "-o", "{out}"], ["scikit-learn", "tacbench-cad[analysis]"]),
         (["report", "{runs}", "-o", "{folder}/report.html"], ["scikit-learn", "tacbench-cad[analysis]"]),
         (["compare", "{runs}", "{others}", "-o", "{out}/b"], ["scikit-learn", "tacbench-cad[analysis]"]),
-        (["variance", "{runs}", "-o", "{out}"], ["opencv-python-headless", "tacbench-cad[lab]"]),
+        (["variance", "{runs}", "-o", "{out}"], ["scikit-learn", "tacbench-cad[analysis]"]),
     ],
 }
 
