@@ -31,6 +31,7 @@ from sphinx.util.typing import restify
 
 import housing
 import tacbench_cad
+from tacbench_cad.util.types import Floats
 
 GENERATED = Path("api") / "generated"
 #: The packages that load their public names from other modules when they are used.
@@ -88,6 +89,7 @@ def import_for_annotations(name: str) -> None:
     # A dataclass repeats the annotations of the fields that it inherits, which are written with these names.
     for bound in (Annotated, Ge, Interval, Len):
         vars(module).setdefault(bound.__name__, bound)
+    vars(module).setdefault("Floats", short(Floats))
     for node in ast.parse(inspect.getsource(module)).body:
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             for statement in (child for child in node.body if isinstance(child, ast.Import)):

@@ -11,10 +11,9 @@ from tacbench_cad.formats import format_of
 from tacbench_cad.formats.step_text import MAX_HEADER, blocks_in_header
 from tacbench_cad.formats.threemf import BLOCKS
 from tacbench_cad.spec.block import Block
-from tacbench_cad.spec.families import built_in_name
+from tacbench_cad.spec.families import catalogue
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, Tolerance
 from tacbench_cad.spec.storage import block_from
-from tacbench_cad.spec.texture_files import find_texture
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import MANIFEST_NAME, sha256
 from tacbench_cad.util.processes import read_isolated
@@ -77,14 +76,13 @@ def _beside(path: Path) -> dict[str, Any]:
 
 
 def _blocks(stored: dict[str, Any]) -> dict[str, Block]:
-    """Return blocks from their plain values. A built-in texture must have the surface of the catalogue."""
+    """Return blocks from their plain values. A texture of the paper must have the surface of the catalogue."""
     blocks = {name: block_from(values) for name, values in stored.items()}
     for block in blocks.values():
-        texture, is_built_in = block.texture, built_in_name(block.texture.name) is not None
-        # A name that is not built in is never looked up: it could be the name of a file.
-        differs = find_texture(texture.name, block.preset) != texture if is_built_in else texture.number is not None
+        texture, of_paper = block.texture, {of.name: of for of in catalogue(block.preset)}
+        differs = of_paper[texture.name] != texture if texture.name in of_paper else texture.number is not None
         if differs:
-            allowed = "is the name or has the number of a built-in texture, but its surface is another one"
+            allowed = "is the name or has the number of a texture of the paper, but its surface is another one"
             raise InputError("texture", texture.name, allowed)
     return blocks
 

@@ -155,8 +155,8 @@ def test_a_renamed_stl_file_is_recognised_by_the_manifest_beside_it(tmp_path: Pa
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"waves": [[1.0, 2.0, 0.0, 0.0]]}, "of a built-in texture, but its surface is another one"),
-        ({"texture": "own", "number": 4}, "of a built-in texture, but its surface is another one"),
+        ({"waves": [[1.0, 2.0, 0.0, 0.0]]}, "of a texture of the paper, but its surface is another one"),
+        ({"texture": "own", "number": 4}, "of a texture of the paper, but its surface is another one"),
         ({"sampling": None}, "is not a block that this program wrote"),
         ({"scale": "large"}, "scale"),
     ],

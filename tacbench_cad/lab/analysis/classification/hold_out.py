@@ -197,11 +197,11 @@ class HoldOut:
         return self.divided_keyed(keyed(presses), unknown_facts(presses))
 
     def divided_keyed(self, table: pd.DataFrame, unknown: frozenset[str]) -> Folds:
-        """Return the folds of a table from :func:`keyed`.
+        """Return the folds of a table from :func:`~tacbench_cad.lab.analysis.study_design.keyed`.
 
         Args:
             table: The table, one row for each press.
-            unknown: The unknown facts, see :class:`.Design`.
+            unknown: The unknown facts, see :class:`tacbench_cad.lab.analysis.study_design.Design`.
 
         Raises:
             InputError: Same as for :meth:`divided`.

@@ -41,7 +41,7 @@ class ReportSection:
     Args:
         title: The title.
         parts: The parts, in the order of the page: a text is a paragraph, a list of texts is a list, and
-            :class:`Shown` is a table.
+            :class:`~tacbench_cad.lab.analysis.tables.Shown` is a table.
         tables: The tables of the section with all digits, by the names of their CSV files.
     """
 
