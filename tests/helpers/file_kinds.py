@@ -114,7 +114,7 @@ def make_split(folder: Path) -> None:
 
 
 def read_predictions(folder: Path) -> object:
-    return score(folder / "predictions.csv", read_split(folder / "split.json")).accuracies.to_csv()
+    return score(folder / "predictions.csv", read_split(folder / "split.json")).table.to_csv()
 
 
 def make_calibration(folder: Path) -> None:
