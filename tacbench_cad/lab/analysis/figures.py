@@ -84,7 +84,7 @@ def save(figure: Figure, stem: Path, simulated: Sequence[str]) -> tuple[Path, Pa
     Args:
         figure: The figure. Call this function inside :func:`styled`.
         stem: The path of the files without suffix. The folder must exist.
-        simulated: The simulated parts of the data (``Collection.simulated``); empty for real data. They are written
+        simulated: The simulated parts of the data (``Design.simulated``); empty for real data. They are written
             into the files' metadata, and the text "simulated data" is added below the figure.
 
     Returns:
