@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from tacbench_cad.formats.threemf import BLOCKS
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.families import catalogue
 from tacbench_cad.spec.sampling import STEP_TOLERANCE_MM, Tolerance
-from tacbench_cad.spec.storage import block_from
+from tacbench_cad.spec.storage import block_from, unpacked_blocks
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import MANIFEST_NAME, sha256
 from tacbench_cad.util.processes import read_isolated
@@ -52,13 +53,14 @@ def claimed_blocks(path: Path, metadata: Mapping[str, str] | None = None) -> dic
 
 def _in_file(path: Path, metadata: Mapping[str, str] | None) -> dict[str, Any]:
     """Return the blocks in the metadata or in the header of a file as plain values."""
-    text: str | bytes | None = None
+    packed: str | bytes | None = None
     if metadata is not None:
-        text = metadata.get(BLOCKS)
+        names = itertools.takewhile(metadata.__contains__, (f"{BLOCKS}{i or ''}" for i in itertools.count()))
+        packed = "".join(metadata[name] for name in names)
     elif format_of(path).shape == "solid":
         with open_input(path, kind="step") as stream:
-            text = blocks_in_header(stream.read(MAX_HEADER))
-    return {} if text is None else dict(parse_json(text, "file", str(path)))
+            packed = blocks_in_header(stream.read(MAX_HEADER))
+    return dict(parse_json(unpacked_blocks(packed), "file", str(path))) if packed else {}
 
 
 def _beside(path: Path) -> dict[str, Any]:

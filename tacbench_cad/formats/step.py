@@ -17,7 +17,7 @@ from tacbench_cad import __version__
 from tacbench_cad.formats.step_text import compact, with_blocks
 from tacbench_cad.geometry.kernel import location
 from tacbench_cad.geometry.part import PrintPart, rgb_of
-from tacbench_cad.spec.storage import block_values
+from tacbench_cad.spec.storage import packed_blocks
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import read_isolated
@@ -118,9 +118,9 @@ def write_step(part: PrintPart, path: Path) -> None:
     else:
         write_shape(part.solid[0], part.name_in("solid"), part.title, path)
     parts = [placed for placed, _ in part.placed] or [part]
-    blocks = {each.name_in("solid"): block_values(each.block) for each in parts if each.block is not None}
+    blocks = {each.name_in("solid"): each.block for each in parts if each.block is not None}
     if blocks:
-        path.write_bytes(with_blocks(path.read_bytes(), blocks))
+        path.write_bytes(with_blocks(path.read_bytes(), packed_blocks(blocks)))
 
 
 def write_shape(shape: TopoDS_Shape, name: str, title: str, path: Path) -> None:

@@ -8,14 +8,9 @@ its own for each curve on a surface. The shorter file describes the same shape.
 
 from __future__ import annotations
 
-import base64
-import json
 import re
-import zlib
-from collections.abc import Mapping
-from typing import Any
 
-#: The largest size of the header of a file, and of the blocks in it once they are unpacked, in bytes.
+#: The largest size of the header of a file, in bytes.
 MAX_HEADER = 64_000_000
 #: The end of the description in the header, and the packed blocks in it. A string may have at most 256 characters.
 _DESCRIPTION_END = re.compile(rb"\)\s*,\s*'2;1'\s*\)\s*;")
@@ -92,35 +87,25 @@ def _renamed(text: bytes, names: dict[bytes, bytes]) -> bytes:
     return b"".join(parts)
 
 
-def with_blocks(text: bytes, blocks: Mapping[str, Mapping[str, Any]]) -> bytes:
+def with_blocks(text: bytes, packed: str) -> bytes:
     """Return a STEP file of the kernel with blocks in the description of its header.
 
     Args:
         text: The file.
-        blocks: The blocks as plain values, by the names of their products.
+        packed: The blocks, see :func:`tacbench_cad.spec.storage.packed_blocks`.
     """
-    packed = base64.b64encode(zlib.compress(json.dumps(blocks, allow_nan=False).encode()))
     strings = [packed[i : i + _STRING_LENGTH] for i in range(0, len(packed), _STRING_LENGTH)]
     end = _DESCRIPTION_END.search(text)
     assert end is not None, "the kernel writes a description"
-    added = b"".join(b",\n'%b'" % string for string in (b"tacbench-cad blocks", *strings))
-    return text[: end.start()] + added + text[end.start() :]
+    added = "".join(f",\n'{string}'" for string in ("tacbench-cad blocks", *strings))
+    return text[: end.start()] + added.encode() + text[end.start() :]
 
 
 def blocks_in_header(text: bytes) -> bytes | None:
-    """Return the blocks in the header of a STEP file as JSON, or None if there are none.
+    """Return the packed blocks in the header of a STEP file, or None if there are none.
 
     Args:
         text: The beginning of the file.
-
-    Raises:
-        ValueError: The blocks are damaged.
     """
     found = _BLOCKS.search(text, 0, max(0, text.find(b"ENDSEC;")))
-    if found is None:
-        return None
-    try:
-        unpack = zlib.decompressobj()
-        return unpack.decompress(base64.b64decode(b"".join(re.findall(rb"'([^']*)'", found[1]))), MAX_HEADER)
-    except zlib.error as error:
-        raise ValueError from error
+    return None if found is None else b"".join(re.findall(rb"'([^']*)'", found[1]))

@@ -33,7 +33,7 @@ from tacbench_cad import __version__
 from tacbench_cad.formats.stl import require_finite
 from tacbench_cad.geometry.mesh import ExpectedGeometry, Mesh
 from tacbench_cad.geometry.part import PrintPart
-from tacbench_cad.spec.storage import block_values
+from tacbench_cad.spec.storage import packed_blocks
 from tacbench_cad.util.errors import CheckFailedError, MissingToolError, one_line
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.processes import read_isolated
@@ -58,8 +58,9 @@ MAX_PACKING = 200
 #: The length of the pieces in which a model is searched for components, in bytes.
 _CHUNK_BYTES = 1 << 20
 _MODEL = "3D/3dmodel.model"
-#: The name of the metadata with the blocks in the file, as plain values by the names of their objects.
-BLOCKS = "blocks"
+#: The name of the metadata with the packed blocks in the file. lib3mf refuses a text of 64 KB or more, so a longer one
+#: continues in ``blocks1``, ``blocks2`` and so on.
+BLOCKS, _MAX_TEXT = "blocks", 50_000
 #: The beginning of an object with its attributes, or of one of its components.
 _TAG = re.compile(rb"<(?:[\w.-]+:)?(object|component)\b([^>]*)")
 _ID, _OBJECT_ID = (re.compile(rb"(?:^|\s)%s\s*=\s*[\"']\s*(\d{1,20})" % name) for name in (b"id", b"objectid"))
@@ -162,9 +163,10 @@ def _write(
 ) -> None:
     """Write a model of parts, each with its position on the bed, or None if the part is not moved."""
     wrapper, module = _lib3mf()
-    blocks = {part.name: block_values(part.block) for part, _ in placed if part.block is not None}
-    if blocks:
-        entries = {**entries, BLOCKS: json.dumps(blocks, allow_nan=False)}
+    blocks = {part.name: part.block for part, _ in placed if part.block is not None}
+    packed = packed_blocks(blocks) if blocks else ""
+    for number, begin in enumerate(range(0, len(packed), _MAX_TEXT)):
+        entries = {**entries, f"{BLOCKS}{number or ''}": packed[begin : begin + _MAX_TEXT]}
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"{NAMESPACE}:{json.dumps(entries, sort_keys=True)}")
     model = wrapper.CreateModel()
     model.SetUnit(module.ModelUnit.MilliMeter)

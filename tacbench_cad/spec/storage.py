@@ -7,6 +7,7 @@ is stored as a spline through it, with the measured error.
 from __future__ import annotations
 
 import base64
+import json
 import zlib
 from collections.abc import Mapping
 from typing import Any, get_args
@@ -27,6 +28,8 @@ from tacbench_cad.util.convert import from_plain, to_plain
 from tacbench_cad.util.errors import InputError, located, one_of
 from tacbench_cad.util.types import Floats
 
+#: The largest size of the blocks of a file once they are unpacked, in bytes.
+MAX_UNPACKED = 64_000_000
 #: The number formats of packed poles. Single precision is used where it loses nothing.
 _FORMATS = {"float32": "<f4", "float64": "<f8"}
 
@@ -182,3 +185,25 @@ def block_from(values: Any, where: str = "") -> Block:
         raise InputError(f"{where}[block]", None, "is not a block that this program wrote") from None
     one_of(f"{where}[block] preset", str(block.get("preset")), PRESETS)
     return from_plain(Block, block, f"{where}[block] ")
+
+
+def packed_blocks(blocks: Mapping[str, Block]) -> str:
+    """Return the blocks of a file as a text of letters, digits, ``+``, ``/`` and ``=``, which every format can hold.
+
+    Args:
+        blocks: The blocks by the names of their bodies.
+    """
+    values = {name: block_values(block) for name, block in blocks.items()}
+    return base64.b64encode(zlib.compress(json.dumps(values, allow_nan=False).encode())).decode("ascii")
+
+
+def unpacked_blocks(text: str | bytes) -> bytes:
+    """Return the plain values of packed blocks as JSON.
+
+    Raises:
+        ValueError: The text is damaged.
+    """
+    try:
+        return zlib.decompressobj().decompress(base64.b64decode(text), MAX_UNPACKED)
+    except zlib.error as error:
+        raise ValueError from error

@@ -25,6 +25,7 @@ from tacbench_cad.making.manifest import read_rows, write_manifest
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.sampling import Tolerance
 from tacbench_cad.spec.storage import block_values
+from tacbench_cad.spec.textures import Texture
 
 #: The number of random requests of the long run.
 MANY = 200
@@ -132,6 +133,17 @@ def test_a_negative_origin_is_kept_in_the_file(form: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.usefixtures("no_preview")
+def test_a_height_map_larger_than_a_text_of_lib3mf_is_kept_in_the_file(tmp_path: Path) -> None:
+    pytest.importorskip("lib3mf")
+    heights = np.random.default_rng(1).normal(size=(140, 180)).cumsum(axis=0).cumsum(axis=1)
+    block = Block.of(Texture.from_heights(heights / np.ptp(heights), mm_per_pixel=0.17, name="map"))
+    path = tmp_path / "map.3mf"
+    FORMATS["3mf"].write(block_part(block), path)
+    metadata = read_3mf(path)[1]
+    assert "blocks1" in metadata
+    assert list(claimed_blocks(path, metadata).values()) == [block]
+
+
 def test_a_renamed_stl_file_is_recognised_by_the_manifest_beside_it(tmp_path: Path) -> None:
     words = [
         "--texture",

@@ -290,7 +290,6 @@ IN_BASE = (
         "check-gcode texture-1.gcode --texture 1",
         'no picture: pictures need matplotlib: pip install "tacbench-cad[plot]"',
     ),
-    ("split runs --out splits", "split_copy.json"),
 )
 #: Commands that need an extra, with the name of the extra.
 NEEDS_EXTRA = (
@@ -305,6 +304,7 @@ NEEDS_EXTRA = (
     ("export-runs runs --to tactile-data --out {out}", "lab"),
     ("variance runs", "analysis"),
     ("grade runs", "analysis"),
+    ("split runs --out {out}", "analysis"),
     ("classify runs -o {out}", "analysis"),
     ("report runs -o {out}.html", "analysis"),
     ("compare runs others -o {out}", "analysis"),

@@ -33,10 +33,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import schema
@@ -50,6 +49,9 @@ from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: The columns of the print, of whole numbers, of other numbers of a press, and of other facts of a press.
 _PRINT = ("texture", "printer", "filament", "copy", "session", "preset", "scale")
@@ -87,6 +89,8 @@ def read(paths: str | Path | Iterable[str | Path], *, series: bool = False, fram
         InputError: A folder has neither runs nor images, a run cannot be read or has no press, or a run has no series.
         CheckFailedError: A series is missing or incomplete.
     """
+    import pandas as pd  # the computer at the rig has no pandas
+
     given = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     rows: list[dict[str, Any]] = []
     for path in given:
@@ -195,6 +199,8 @@ def stationary(presses: pd.DataFrame) -> pd.DataFrame:
     Raises:
         InputError: A table of a run cannot be read.
     """
+    import pandas as pd
+
     rows = [
         (run.info.printed.name, str(run.folder), still.when, still.in_contact, str(run.folder / still.path))
         for run in runs_of(presses)

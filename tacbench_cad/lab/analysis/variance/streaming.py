@@ -31,7 +31,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -56,7 +56,8 @@ _CELL = ["combination", "texture"]
 _ORDER = ["level", "position", *_CELL, "print_number", "repeat"]
 
 
-class Moments(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moments:
     """The mean, variance and covariance of a few frames.
 
     Args:
@@ -81,7 +82,7 @@ def moments(frames: Sequence[NDArray[Any]] | NDArray[Any]) -> Moments:
         piece -= mean[which]
         gram += piece @ piece.T
         np.einsum("ij,ij->j", piece, piece, out=squares[which])
-    return Moments(mean, squares, gram / pixels)
+    return Moments(mean=mean, squares=squares, gram=gram / pixels)
 
 
 def usable(
