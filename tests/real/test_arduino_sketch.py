@@ -94,7 +94,7 @@ def test_the_counts_arrive_with_their_sign_and_all_bits(board: Board, counts: in
         mean = cell.mean(0.5)
         assert cell.garbled == 0
     assert mean.samples >= 8
-    # The mean of the noise is 0 over 17 samples.
+    # The noise has a standard deviation of 5 counts.
     assert mean.mean == pytest.approx(counts, abs=4.0)
     assert 2.0 < mean.spread < 7.0
 

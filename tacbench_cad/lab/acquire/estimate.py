@@ -82,7 +82,8 @@ def _seconds_per_press(study: Study, rig: RigSettings) -> float:
     """
     protocol, first = study.protocol, study.blocks[0]
     grid = protocol.positions.grid
-    ends = PressGrid(x_mm=tuple({grid.x_mm[0], grid.x_mm[-1]}), y_mm=tuple({grid.y_mm[0], grid.y_mm[-1]}))
+    x_mm, y_mm = (tuple(sorted({line[0], line[-1]})) for line in (grid.x_mm, grid.y_mm))
+    ends = PressGrid(x_mm=x_mm, y_mm=y_mm)
     touch = "sensor" if protocol.targets.touch == "taught" else protocol.targets.touch
     few = protocol.changed(grid=ends, touch=touch, stationary_frames=0, home_every=0, motion=None)
     simulated = rig.simulated(waits=False)
