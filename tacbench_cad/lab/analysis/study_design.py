@@ -294,7 +294,7 @@ class Design:
     def level_name(self, level: int | str) -> str:
         """Return the name of a level for figures and tables: ``1.91 N``, ``1.70 mm deep``, ``mean of all forces``."""
         depth = self.contact == "depth"
-        if not isinstance(level, int):
+        if isinstance(level, str):
             return "mean of all depths" if depth else "mean of all forces"
         value = self.level_values.get(level)
         if value is None:
