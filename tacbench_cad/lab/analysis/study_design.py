@@ -142,17 +142,6 @@ class Design:
         _ = design.level_values  # checks that a level has the same force in all runs
         return design
 
-    def at_level(self, level: int) -> Design:
-        """Return the design of the presses at one force level.
-
-        Raises:
-            InputError: No press has this level.
-        """
-        if level not in self.levels:
-            raise InputError("force-level", level, f"must be a level of the runs: {', '.join(map(str, self.levels))}")
-        presses = self.presses[self.presses["level"] == level].reset_index(drop=True)
-        return Design(presses=presses, runs=self.runs, unknown=self.unknown)
-
     def __len__(self) -> int:
         """Return the number of presses, also if the table has their series."""
         return len(self.first_steps)

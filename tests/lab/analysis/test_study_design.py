@@ -15,7 +15,7 @@ from helpers.studies import GRID, Plan, write_run, write_study
 from tacbench_cad import lab
 from tacbench_cad.extensions.printer_models.correction import corrected_for
 from tacbench_cad.extensions.printer_models.model import PrinterModel
-from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.study_design import Design, at_level
 from tacbench_cad.lab.study.spec import PrintedBlock
 from tacbench_cad.spec.block import Block
 from tacbench_cad.spec.protocol import PressGrid
@@ -42,9 +42,11 @@ def test_the_design_of_planned_presses(presses: pd.DataFrame) -> None:
     assert design.planned and design.contact == "force" and design.in_counts and not design.steps
     assert design.level_name(1) == "0.08 N" and design.level_name("all") == "mean of all forces"
     assert len(Design.of(presses.sample(frac=1.0, random_state=1))) == len(presses)
-    assert design.at_level(3).levels == (3,) and len(design.at_level(3)) == len(presses) // 2
-    with pytest.raises(InputError, match="must be a level of the runs: 1, 3"):
-        design.at_level(2)
+    for table in (presses, design.presses):
+        high = Design.of(at_level(table, 3))
+        assert high.levels == (3,) and len(high) == len(presses) // 2
+        with pytest.raises(InputError, match="must be a level of the runs: 1, 3"):
+            at_level(table, 2)
 
 
 def test_unknown_facts_of_other_peoples_presses(presses: pd.DataFrame) -> None:

@@ -18,7 +18,7 @@ from tacbench_cad.lab.analysis.classification.accuracy import PREDICTIONS
 from tacbench_cad.lab.analysis.classification.settings import ClassificationSettings, shown_protocol
 from tacbench_cad.lab.analysis.conclusions import shown_answers
 from tacbench_cad.lab.analysis.figures import save_results
-from tacbench_cad.lab.analysis.study_design import Design
+from tacbench_cad.lab.analysis.study_design import Design, at_level, data_key
 from tacbench_cad.lab.analysis.tables import Shown, records, write_settings
 from tacbench_cad.lab.runs.press_table import read
 from tacbench_cad.util.convert import read_json, to_plain
@@ -125,7 +125,8 @@ class Classification:
             if record.steps and not design.steps:
                 runs = [run.folder for run in design.runs]
                 design = Design.of(read(runs, series=True, frames=record.steps))
-            if record.data not in (design.data_key, *(design.at_level(level).data_key for level in design.levels)):
+            of_levels = (data_key(at_level(design.presses, level)) for level in design.levels)
+            if record.data not in (design.data_key, *of_levels):
                 what = "must be a classification of all presses of these runs; classify them again"
                 raise InputError("classify", str(folder), what)
         return cls(record=record, predictions=predictions)
