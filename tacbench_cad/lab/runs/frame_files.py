@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
+from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, replacing
 from tacbench_cad.util.npyfile import array_of
 from tacbench_cad.util.types import Bytes, Floats32
-from tacbench_cad.util.untrusted import require_within
 
 #: The keyword of the PNG text that lists the simulated devices.
 SIMULATED_KEYWORD = "simulated"
@@ -104,6 +104,49 @@ def write_png(path: Path, image: Frame) -> None:
         temporary.write_bytes(encoded(image, ())[0])
 
 
+def read_bytes(path: Path, within: Path | None, digest: str | None = None) -> bytes:
+    """Read the bytes of a frame's file.
+
+    Args:
+        path: The file.
+        within: The folder in which the file must lie, also if it is a link; None if there is none.
+        digest: The expected SHA-256 of the file; None to skip the check.
+
+    Raises:
+        CheckFailedError: The file cannot be read, is too large, is a link out of the folder, or was changed.
+    """
+    try:
+        data = untrusted.read_bytes(path, "frame", "image", within=within)
+    except InputError as error:
+        raise CheckFailedError(f"{path}: {error.allowed}") from None
+    if digest is not None and sha256(data) != digest:
+        raise CheckFailedError(f"{path}: was changed: its checksum differs from the recorded one")
+    return data
+
+
+def read_decoded(path: Path, within: Path | None, digest: str | None = None) -> Frame:
+    """Read and decode the file of a frame.
+
+    Args:
+        path: See :func:`read_bytes`.
+        within: See :func:`read_bytes`.
+        digest: See :func:`read_bytes`.
+
+    Raises:
+        CheckFailedError: Same as for :func:`read_bytes`, or the file is damaged. The message names it.
+    """
+    data = read_bytes(path, within, digest)
+    try:
+        return decoded(data, path.name)
+    except CheckFailedError as error:
+        raise CheckFailedError(f"{path}: {error}") from None
+
+
+def type_fault(frame: Frame) -> str | None:
+    """Describe a fault of a frame's type; None if there is none."""
+    return None if frame.dtype.kind in "iufb" else f"contains {frame.dtype}; it must contain real numbers"
+
+
 def decoded(data: bytes, name: str) -> Frame:
     """Decode a frame. An image becomes a uint8 array of shape (height, width) or (height, width, 3), in BGR.
 
@@ -173,7 +216,7 @@ def _size(data: bytes, kind: str) -> tuple[int, int] | None:
     try:
         with readers[kind](io.BytesIO(data)) as image:
             width, height = image.size
-            require_within("image", width * height / 1e6, MAX_MEGAPIXELS, "megapixels", "image")
+            untrusted.require_within("image", width * height / 1e6, MAX_MEGAPIXELS, "megapixels", "image")
             if kind in ("PNG", "JPEG"):
                 image.verify()
             else:

@@ -39,7 +39,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.frame_files import decoded
+from tacbench_cad.lab.runs.frame_files import read_decoded, type_fault
 from tacbench_cad.lab.runs.importing.companions import Paths
 from tacbench_cad.lab.runs.importing.grouping import Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import CORE
@@ -47,7 +47,6 @@ from tacbench_cad.lab.runs.importing.sources import ImportOptions
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.series import series_rows
 from tacbench_cad.lab.study.spec import PrintedBlock
-from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
 if TYPE_CHECKING:
@@ -222,15 +221,9 @@ def read_frame(path: str | Path, folder: str | Path | None = None) -> Frame:
     Raises:
         CheckFailedError: The file is missing or damaged. The message names it.
     """
-    within = Path(folder) if isinstance(folder, str | Path) else None
-    try:
-        frame = decoded(untrusted.read_bytes(Path(path), "frame", "image", within=within), str(path))
-    except InputError as error:
-        raise CheckFailedError(f"{path}: {error.allowed}") from None
-    except CheckFailedError as error:
-        raise CheckFailedError(f"{path}: {error}") from None
-    if frame.dtype.kind not in "iufb":
-        raise CheckFailedError(f"{path}: contains {frame.dtype}; it must contain real numbers")
+    frame = read_decoded(Path(path), Path(folder) if isinstance(folder, str | Path) else None)
+    if fault := type_fault(frame):
+        raise CheckFailedError(f"{path}: {fault}")
     return frame
 
 

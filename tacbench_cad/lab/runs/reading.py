@@ -13,7 +13,7 @@ import numpy as np
 
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.lab.runs import schema
-from tacbench_cad.lab.runs.frame_files import decoded, sha256
+from tacbench_cad.lab.runs.frame_files import read_bytes, read_decoded, type_fault
 from tacbench_cad.lab.runs.info import SCHEMA, SCHEMA_VERSION, RunInfo
 from tacbench_cad.lab.runs.origins import read_origins
 from tacbench_cad.lab.runs.printrecord import PrintRecord, read_record
@@ -236,11 +236,7 @@ class Run:
         Raises:
             CheckFailedError: Same as for :meth:`frame`.
         """
-        data = self.read_bytes(path, digest)
-        try:
-            frame = decoded(data, path)
-        except CheckFailedError as error:
-            raise CheckFailedError(f"{self.folder / path}: {error}") from None
+        frame = read_decoded(self.folder / path, self.folder, digest)
         fault = shape_fault(self.info, frame)
         if fault:
             raise CheckFailedError(f"{self.folder / path}: {fault}")
@@ -256,13 +252,7 @@ class Run:
         Raises:
             CheckFailedError: The file cannot be read, is too large, is a link out of the folder, or was changed.
         """
-        try:
-            data = untrusted.read_bytes(self.folder / path, "frame", "image", within=self.folder)
-        except InputError as error:
-            raise CheckFailedError(f"{self.folder / path}: {error.allowed}") from None
-        if digest is not None and sha256(data) != digest:
-            raise CheckFailedError(f"{self.folder / path}: was changed: its checksum differs from the recorded one")
-        return data
+        return read_bytes(self.folder / path, self.folder, digest)
 
 
 def shape_fault(info: RunInfo, frame: Frame) -> str | None:
@@ -270,9 +260,7 @@ def shape_fault(info: RunInfo, frame: Frame) -> str | None:
     shape = info.frame_shape
     if shape is not None and frame.shape != shape:
         return f"has shape {frame.shape}, but the frames of the sensor have shape {shape}"
-    if frame.dtype.kind not in "iufb":
-        return f"contains {frame.dtype}; it must contain real numbers"
-    return None
+    return type_fault(frame)
 
 
 def planned(info: RunInfo) -> Callable[[int, Any], None]:
