@@ -42,7 +42,7 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import read_decoded, type_fault
 from tacbench_cad.lab.runs.importing.companions import Paths
 from tacbench_cad.lab.runs.importing.grouping import Names, grouped
-from tacbench_cad.lab.runs.importing.import_formats import CORE
+from tacbench_cad.lab.runs.importing.import_formats import CORE, ImportFormat
 from tacbench_cad.lab.runs.importing.sources import ImportOptions
 from tacbench_cad.lab.runs.reading import Run, find_runs
 from tacbench_cad.lab.runs.series import series_rows
@@ -93,13 +93,14 @@ def read(paths: str | Path | Iterable[str | Path], *, series: bool = False, fram
     given = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     rows: list[dict[str, Any]] = []
     for path in given:
-        if not _is_images(path):
+        images = _images_in(path)
+        if images is None:
             for folder in find_runs([path]):
                 rows += _rows_of(Run.open(folder.absolute()), series, frames)
         elif series:
             raise InputError("path", str(path), "has no series: it is a folder of images, not of runs")
         else:
-            rows += _rows_of_images(path.absolute())
+            rows += _rows_of_images(path.absolute(), images)
     table = pd.DataFrame(rows, columns=[*COLUMNS, *((STEP, TIME) if series else ())])
     table = table.drop_duplicates(["folder", "run", "press", "frame"], ignore_index=True)
     types = dict.fromkeys(_WHOLE, "Int64") | dict.fromkeys((*_NUMBERS, "scale"), "float64") | {"in_band": "boolean"}
@@ -155,30 +156,28 @@ def _rows_of(run: Run, series: bool, frames: int | None) -> Iterator[dict[str, A
             }
 
 
-def _is_images(path: Path) -> bool:
-    """Return whether a folder has images, with a table or in a folder for each class, instead of runs."""
+def _images_in(path: Path) -> ImportFormat | None:
+    """Return the format of a folder of images, with a table or in a folder for each class; None for all others."""
+    if not path.is_dir() or any(path.rglob(schema.RUN_FILE)):
+        return None
     paths, options = Paths(given=(path,)), ImportOptions()
-    there = path.is_dir() and not any(path.rglob(schema.RUN_FILE))
-    return there and any(kind.recognises(path, paths, options) for name, kind in CORE.items() if name != "arrays")
+    formats = (CORE[name] for name in ("images", "folders"))
+    return next((kind for kind in formats if kind.recognises(path, paths, options)), None)
 
 
-def _rows_of_images(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a folder of images, with what their table or their folders say."""
-    paths, options = Paths(given=(path,)), ImportOptions()
-    kind = next(kind for kind in CORE.values() if kind.recognises(path, paths, options))
-    groups, left_out = grouped([kind.read(path, paths, options)], Names())
+def _rows_of_images(path: Path, kind: ImportFormat) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a folder of images of a format, with what their table or their folders say."""
+    groups, left_out = grouped([kind.read(path, Paths(given=(path,)), ImportOptions())], Names())
     if left_out:
         raise InputError("images", str(path), f"cannot be read: {left_out[0].line}")
     for group in groups:
         known = group.specimen
-        of_print = {name: getattr(known, name) for name in ("printer", "filament", "copy", "session")}
+        of_group = {name: getattr(known, name) for name in ("printer", "filament", "copy", "session")}
+        of_group |= {"run": known.name, "texture": known.label, "units": "counts", "planned": False}
         for number, sample, values in group.samples:
-            row = (
-                {name: values.get(name) for name in (*_WHOLE, *_NUMBERS, *_OTHER)} | of_print | {"texture": known.label}
-            )
-            row |= {"run": known.name, "press": number, "frame": str(sample.file)}
-            row["image_sha256"] = None
-            yield row | {"units": "counts", "contact": "force" if row["target_force_n"] else None, "planned": False}
+            row = of_group | {name: values.get(name) for name in (*_WHOLE, *_NUMBERS, *_OTHER)}
+            contact = "force" if row["target_force_n"] else None
+            yield row | {"press": number, "frame": str(sample.file), "contact": contact}
 
 
 def runs_of(presses: pd.DataFrame) -> tuple[Run, ...]:
