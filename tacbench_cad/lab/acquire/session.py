@@ -224,24 +224,25 @@ def _finished(rig: RigSettings, place: Place) -> bool:
         gauge={**run.info.gauge, "settings": recorded_gauge(rig.gauge)},
         sensor=run.info.sensor,
     )
-    return is_complete(place.folder, now)
+    return is_complete(run, now)
 
 
-def is_complete(folder: Path, info: RunInfo) -> bool:
+def is_complete(run: Run, info: RunInfo) -> bool:
     """Return whether a run is complete: all presses and frames are saved, and the position was checked after.
 
     A stage that has never compared x and y with its end stops in this run may be unable to check anything.
 
+    Args:
+        run: The run.
+        info: The description of the run now.
+
     Raises:
         InputError: The run was begun with other settings.
     """
-    if not (folder / RUN_FILE).exists():
-        return False
-    run = Run.open(folder)
     advice = "restore these settings, or choose another output folder"
     if not run.rows:
         advice = "the run contains no press yet, so delete its folder, or choose another output folder"
-    run.info.require_same(info, str(folder), advice)
+    run.info.require_same(info, str(run.folder), advice)
     still = [(frame.when, frame.in_contact) for frame in run.stationary_frames]
     count = run.info.plan.protocol.checks.stationary_frames
     done = {row.number for row in run.rows}

@@ -29,6 +29,7 @@ from tacbench_cad.lab.runs import schema
 from tacbench_cad.lab.runs.frame_files import encoded
 from tacbench_cad.lab.runs.info import RunInfo
 from tacbench_cad.lab.runs.printrecord import form
+from tacbench_cad.lab.runs.reading import Run
 from tacbench_cad.lab.simulate.appearances import CLEAN, look_named
 from tacbench_cad.lab.simulate.contact import contact_for
 from tacbench_cad.lab.simulate.prints import Printers, printer_of, seeded
@@ -207,7 +208,7 @@ def simulate_block(out: Path, info: RunInfo, options: SimulationOptions) -> Bloc
     cv2.setNumThreads(1)  # blocks run in parallel processes, so threads would only slow each other down
     folder, plan = out / info.printed.name, info.plan
     _record_print(folder, info, options)
-    if is_complete(folder, info):
+    if (folder / schema.RUN_FILE).exists() and is_complete(Run.open(folder), info):
         return BlockResult(folder=folder, presses=0, missed=0)
     rig = ideal_rig(plan.printed, plan.protocol.targets.contact, options)
     lay_block(rig, info, options)
