@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.rig.devices import OpenRig, open_rig
@@ -96,7 +96,7 @@ def main() -> int:
             study.required_rig,
             out,
             person=Typing(lambda prompt: "", print),
-            progress=Silent(),
+            progress=PressProgress(),
             opener=timed_rig,
             durable=False,
         )

@@ -23,7 +23,7 @@ from typing import Any
 
 from tacbench_cad.extensions.virtual_rig.machine import Stroke, along_path
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.study_file import virtual_study
 from tacbench_cad.lab.rig.devices import OpenRig, open_rig
@@ -87,7 +87,7 @@ class Timed(Closing):
         return end_mm
 
 
-class Parts(Silent):
+class Parts(PressProgress):
     """The parts of the time since the first press."""
 
     def __init__(self) -> None:

@@ -19,7 +19,7 @@ from tacbench_cad.geometry.part import PrintPart
 from tacbench_cad.util.errors import CheckFailedError
 from tacbench_cad.util.files import not_empty
 from tacbench_cad.util.types import Floats, Floats32, Indices
-from tacbench_cad.util.untrusted import open_input, read_bytes
+from tacbench_cad.util.untrusted import read_bytes
 
 #: The length of the header of a binary STL, in bytes.
 HEADER_BYTES = 80
@@ -87,16 +87,6 @@ def read_stl(path: Path) -> Mesh:
         raise CheckFailedError(f"{path}: the STL has no triangles")
     require_finite(path, corners)
     return Mesh(*weld(corners))
-
-
-def stl_header(path: Path) -> str:
-    """Return the text in the 80-byte header of a binary STL, without padding.
-
-    For an ASCII STL, the function returns the first 80 bytes of the file.
-    """
-    with open_input(path, kind="mesh") as stream:
-        data = stream.read(HEADER_BYTES)
-    return data.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def _is_binary(data: bytes) -> bool:

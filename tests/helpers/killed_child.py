@@ -14,7 +14,7 @@ from helpers.fakes import FakeSensor
 from helpers.rigs import FakeRig, info_of, printed, small_protocol
 from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.clock import Clock
@@ -31,7 +31,7 @@ def on_doubles(folder: Path, seed: int) -> None:
     info = info_of(rig, Protocol().changed(reference_every_s=1e7))
     print("ready", flush=True)
     with Signals() as signals:
-        press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
+        press_block(rig, info, folder / printed().name, signals=signals, progress=PressProgress())
 
 
 def sliding(folder: Path, seed: int) -> None:
@@ -44,7 +44,7 @@ def sliding(folder: Path, seed: int) -> None:
     info = info_of(rig, small_protocol(motion=slide, **values))
     print("ready", flush=True)
     with Signals() as signals:
-        press_block(rig, info, folder / printed().name, signals=signals, progress=Silent())
+        press_block(rig, info, folder / printed().name, signals=signals, progress=PressProgress())
 
 
 def on_virtual_rig(folder: Path, driver: str) -> None:
@@ -52,7 +52,7 @@ def on_virtual_rig(folder: Path, driver: str) -> None:
     chosen = emulated_study(driver, speed=100.0, out=folder)
     print("ready", flush=True)
     person = Typing(lambda prompt: "", lambda message: None)
-    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=Silent())
+    acquire_study(chosen.study, chosen.required_rig, folder, person=person, progress=PressProgress())
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, printed, small_protocol
 from tacbench_cad.lab.acquire.block_presses import press_block
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import ContactError, ForceLimitError, PositionLostError, RigError
 from tacbench_cad.lab.rig.gauge import Force
@@ -54,7 +54,7 @@ class DomePlate(Plate):
 
 
 @dataclass(kw_only=True)
-class Trial(Silent):
+class Trial(PressProgress):
     """A run with at most one slip, resumed until it is complete.
 
     Args:

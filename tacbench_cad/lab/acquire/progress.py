@@ -88,10 +88,6 @@ class PressProgress:
         """Report another message for the person."""
 
 
-#: Progress updates that show nothing.
-Silent = PressProgress
-
-
 class Several(PressProgress):
     """Passes every progress update on to several receivers.
 

@@ -12,7 +12,7 @@ from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_o
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.rig.gauge import Force
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-class ThreePresses(Silent):
+class ThreePresses(PressProgress):
     """A progress report that raises an error of the gauge after the third press."""
 
     def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
@@ -33,7 +33,7 @@ class ThreePresses(Silent):
             raise NoAnswerError("gauge: sends no data")
 
 
-def session(out: Path, progress: Silent) -> None:
+def session(out: Path, progress: PressProgress) -> None:
     study = study_of(small_protocol(repeats=1, stationary_frames=1), 1)
     rig = FakeRig()
     acquire_study(
@@ -86,11 +86,11 @@ def test_a_run_is_resumed_when_its_folder_is_writable_again(interrupted: Path, i
     before = contents(run)
     assert len(Run.open(run).rows) == 3
     with read_only(run / inner), pytest.raises(InputError, match="not writable") as caught:
-        session(interrupted, Silent())
+        session(interrupted, PressProgress())
     assert caught.value.exit_code == 2
     assert "\n" not in str(caught.value)
     after = contents(run)
     # Tables may have grown, but their old rows and all images are unchanged.
     assert all(after[name].startswith(content) for name, content in before.items())
-    session(interrupted, Silent())
+    session(interrupted, PressProgress())
     assert [row.number for row in Run.open(run).rows] == list(range(1, 9))

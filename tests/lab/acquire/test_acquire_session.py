@@ -10,7 +10,7 @@ from helpers.rigs import FakeRig, printed, rig_settings, small_protocol, study_o
 
 from tacbench_cad.lab.acquire.block_presses import BlockResult
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study, places
 from tacbench_cad.lab.rig.errors import NoAnswerError
 from tacbench_cad.lab.runs.reading import Run
@@ -43,7 +43,7 @@ def run(
         settings or rig_settings(),
         out,
         person=script.person,
-        progress=Silent(),
+        progress=PressProgress(),
         durable=False,
         opener=rig.opener,
     )

@@ -16,7 +16,7 @@ from helpers.rigs import small_protocol
 from tacbench_cad.extensions.virtual_rig import drivers
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.study_file import StudyFile
 from tacbench_cad.lab.rig.errors import ContactError, PositionLostError, RigError
@@ -32,7 +32,7 @@ CLEARANCE_MM = 1.5
 STANDS_S = 15.0
 
 
-class Trial(Silent):
+class Trial(PressProgress):
     """A session on a virtual rig with a fault after the second press.
 
     Args:

@@ -11,7 +11,7 @@ from helpers.rigs import LIMITS, printed, small_protocol, study_of
 
 from tacbench_cad.cli import main
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.devices import open_rig
 from tacbench_cad.lab.rig.errors import RigError
@@ -45,7 +45,7 @@ def test_simulated_devices_follow_a_users_stage(tmp_path: Path) -> None:
         RIG,
         tmp_path,
         person=Typing(lambda _: "", lambda _: None),
-        progress=Silent(),
+        progress=PressProgress(),
         durable=False,
     )
     run = Run.open(tmp_path / printed(4).name)

@@ -18,7 +18,7 @@ from helpers.fakes import Plate
 from helpers.rigs import FakeRig, info_of, small_protocol
 
 from tacbench_cad.lab.acquire.block_presses import BlockResult, press_block
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.rig.errors import (
@@ -40,7 +40,7 @@ TRAVEL_MM = 5.0
 IN_CONTACT_MM = -1.0
 
 
-class Notes(Silent):
+class Notes(PressProgress):
     """A progress report that keeps its messages."""
 
     def __init__(self) -> None:
@@ -335,7 +335,7 @@ def test_a_full_disk_lifts_the_sensor_and_the_run_can_be_resumed(
     monkeypatch.setattr(os, "fsync", full)
     opened = rig.rig()
     with pytest.raises(InputError, match="no space left"), Signals() as signals:
-        press_block(opened, info_of(opened, protocol), tmp_path / "run", signals=signals, progress=Silent())
+        press_block(opened, info_of(opened, protocol), tmp_path / "run", signals=signals, progress=PressProgress())
     assert rig.stage.at[2] >= TRAVEL_MM - 0.01
     monkeypatch.undo()
     pressed(rig, tmp_path / "run", protocol)

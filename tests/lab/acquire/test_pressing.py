@@ -12,7 +12,7 @@ import pytest
 
 from tacbench_cad import Block, lab
 from tacbench_cad.cli import main
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.runs.checking import check_run
 from tacbench_cad.lab.study.spec import StageSettings
 from tacbench_cad.spec.protocol import PressGrid
@@ -37,7 +37,7 @@ FEW: dict[str, Any] = {
     "depths_mm": (0.5, 1.0),
     "repeats": 1,
     "stationary_frames": 2,
-    "progress": Silent(),
+    "progress": PressProgress(),
 }
 
 

@@ -11,7 +11,7 @@ from helpers.slips import PROTOCOL, Trial, slipping
 
 from tacbench_cad.lab.acquire.block_presses import press_block
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.acquire.signals import Signals
 from tacbench_cad.lab.acquire.slips import HeightWatch
@@ -112,7 +112,7 @@ def test_a_slip_of_z_in_depth_mode_is_found_by_the_next_check(
     opened, info = rig.rig(), info_of(rig.rig(), protocol)
     wrong_mm: dict[int, float] = {}
 
-    class Slipping(Silent):
+    class Slipping(PressProgress):
         def pressed(self, done: int, force: Force | None, in_band: bool | None, reading: Path) -> None:
             wrong_mm[int(reading.stem.split("_")[1])] = abs(rig.stage.true[2] - rig.stage.at[2])
             if done == 6 and len(wrong_mm) == 6:
@@ -143,7 +143,9 @@ def test_a_wrong_first_homing_is_found_after_the_first_press(tmp_path: Path) -> 
 
     def session() -> None:
         with Signals() as signals:
-            press_block(opened, info_of(opened, protocol), tmp_path, signals=signals, progress=Silent(), durable=False)
+            press_block(
+                opened, info_of(opened, protocol), tmp_path, signals=signals, progress=PressProgress(), durable=False
+            )
 
     with pytest.raises(
         PositionLostError, match=r"homing is not repeatable: .* 1 press since the last good check was set aside"
@@ -165,7 +167,7 @@ def test_an_end_stop_that_closes_too_early_is_found_before_the_first_move(tmp_pa
     def session() -> None:
         person = Typing(lambda _: "", lambda _: None)
         acquire_study(
-            study, rig_settings(), tmp_path, person=person, progress=Silent(), durable=False, opener=rig.opener
+            study, rig_settings(), tmp_path, person=person, progress=PressProgress(), durable=False, opener=rig.opener
         )
 
     with pytest.raises(PositionLostError, match=r"two homings differ by 0\.00, 0\.00 and -0\.85 mm"):

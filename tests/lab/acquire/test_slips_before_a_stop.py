@@ -19,7 +19,7 @@ from helpers.rigs import small_protocol
 from tacbench_cad.extensions.virtual_rig import VirtualRig, drivers
 from tacbench_cad.extensions.virtual_rig.faults import Fault
 from tacbench_cad.lab.acquire.person import Typing
-from tacbench_cad.lab.acquire.progress import Silent
+from tacbench_cad.lab.acquire.progress import PressProgress
 from tacbench_cad.lab.acquire.safety import RunInterruptedError
 from tacbench_cad.lab.acquire.session import acquire_study
 from tacbench_cad.lab.rig.errors import RigError
@@ -42,7 +42,7 @@ class KilledError(BaseException):
 
 
 @dataclass
-class Trial(Silent):
+class Trial(PressProgress):
     """A run with a slip and a stop, on a firmware that outlives the sessions, resumed until it is complete.
 
     Args:
