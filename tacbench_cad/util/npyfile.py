@@ -16,6 +16,8 @@ from tacbench_cad.util.errors import CheckFailedError, InputError
 
 #: The largest allowed number of dimensions of an array.
 MAX_DIMENSIONS = 8
+#: The first bytes of NumPy files, and of pickled ones, which are refused.
+NUMPY_FILES = (b"\x93NUMPY", b"\x80")
 
 
 def _require_complete(stream: BinaryIO, texts: bool = False) -> None:

@@ -32,7 +32,7 @@ def add_references(runs: Sequence[Run], path: Path) -> list[Run]:
     frames = []
     for file in files:
         try:
-            frames.append(decoded(read_bytes(file, "reference", "image"), str(file)))
+            frames.append(decoded(read_bytes(file, "reference", "image")))
         except CheckFailedError as error:
             raise InputError("reference", str(file), str(error)) from None
         for run in without:

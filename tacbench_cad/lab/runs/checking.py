@@ -380,7 +380,7 @@ def _judge(
     if digest != expected:
         faults.append(("checksum", "was changed: its checksum differs from the checksum in its row"))
     try:
-        frame = decoded(data, path)
+        frame = decoded(data)
     except CheckFailedError as error:
         return None, [*faults, ("unreadable", str(error))], None
     fault = shape_fault(run.info, frame)

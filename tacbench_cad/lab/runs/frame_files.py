@@ -14,20 +14,23 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tacbench_cad.lab.rig.colours import INSIDE, from_outside
 from tacbench_cad.lab.rig.sensor import Frame, is_image
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.errors import CheckFailedError, InputError
 from tacbench_cad.util.files import refusing, replacing
-from tacbench_cad.util.npyfile import array_of
+from tacbench_cad.util.npyfile import NUMPY_FILES, array_of
 from tacbench_cad.util.types import Bytes, Floats32
 
 #: The keyword of the PNG text that lists the simulated devices.
 SIMULATED_KEYWORD = "simulated"
-#: The first bytes of PNG and JPEG files.
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+#: The formats of images by the first bytes of their files.
+_FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8": "JPEG", b"BM": "BMP", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
 #: The number of bytes of a PNG's signature and first chunk, IHDR. Text chunks may follow them.
 _HEAD_BYTES = 33
 #: The largest allowed number of pixels, in millions. A larger image is refused before it is decoded.
@@ -137,7 +140,7 @@ def read_decoded(path: Path, within: Path | None, digest: str | None = None) -> 
     """
     data = read_bytes(path, within, digest)
     try:
-        return decoded(data, path.name)
+        return decoded(data)
     except CheckFailedError as error:
         raise CheckFailedError(f"{path}: {error}") from None
 
@@ -147,35 +150,45 @@ def type_fault(frame: Frame) -> str | None:
     return None if frame.dtype.kind in "iufb" else f"contains {frame.dtype}; it must contain real numbers"
 
 
-def decoded(data: bytes, name: str) -> Frame:
-    """Decode a frame. An image becomes a uint8 array of shape (height, width) or (height, width, 3), in BGR.
+def image_format(data: bytes) -> str | None:
+    """Return the format of an image by the first bytes of its file: PNG, JPEG, BMP or TIFF; None for other files."""
+    return next((kind for start, kind in _FORMATS.items() if data.startswith(start)), None)
 
-    Args:
-        data: The bytes of the file.
-        name: The name of the file. Its suffix decides the format.
+
+def decoded(data: bytes) -> Frame:
+    """Decode the file of a frame. Its first bytes decide whether it is an image.
 
     Raises:
-        CheckFailedError: The bytes are not a complete PNG or JPEG image of at most :data:`MAX_MEGAPIXELS`, and not a
+        CheckFailedError: The bytes are not a complete image, its size or pixels are not allowed, and they are not a
             complete NumPy file.
     """
-    if name.endswith(".png"):
-        return decoded_image(data, "PNG")
-    return decoded_image(data, "JPEG") if name.endswith(".jpg") else array_of(data)
+    return array_of(data) if data.startswith(NUMPY_FILES) else as_frame(decoded_image(data))
 
 
-def decoded_image(data: bytes, kind: str) -> Frame:
-    """Decode an image, and check its size.
-
-    Args:
-        data: The bytes of the file.
-        kind: The format: PNG, JPEG, BMP or TIFF.
+def as_frame(image: Frame) -> Frame:
+    """Return the frame of a decoded image: without its alpha channel, and an image of 8 bits in BGR.
 
     Raises:
-        CheckFailedError: The image is too large, incomplete or damaged.
+        CheckFailedError: The image has transparent pixels.
+    """
+    if image.ndim == 3 and image.shape[2] == 4:
+        if not (image[..., 3] == np.iinfo(image.dtype).max).all():
+            raise CheckFailedError("has transparent pixels, whose colour is unknown")
+        image = np.ascontiguousarray(image[..., :3])
+    return from_outside(image, INSIDE)
+
+
+def decoded_image(data: bytes) -> NDArray[Any]:
+    """Decode an image with all of its channels, and check its size.
+
+    Raises:
+        CheckFailedError: It is not an image of a known format, or is too large, incomplete or damaged.
     """
     import cv2
 
-    image = None
+    kind, image = image_format(data), None
+    if kind is None:
+        raise CheckFailedError("is not a readable image (PNG, JPEG, BMP or TIFF) and not a NumPy file")
     if (size := _size(data, kind)) is not None:
         with contextlib.suppress(cv2.error):
             image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)

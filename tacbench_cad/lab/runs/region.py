@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Interval
 
 from tacbench_cad.lab.rig.sensor import Frame
-from tacbench_cad.lab.runs.frame_files import MAX_MEGAPIXELS, decoded, write_png
+from tacbench_cad.lab.runs.frame_files import MAX_MEGAPIXELS, decoded_image, write_png
 from tacbench_cad.util import untrusted
 from tacbench_cad.util.convert import read_json
 from tacbench_cad.util.errors import CheckFailedError, InputError
@@ -125,7 +125,7 @@ def parse_region(text: str, height: int, width: int) -> Region:
 def _mask_of(path: Path, height: int, width: int, within: Path | None = None) -> Bools:
     """Read a picture, and return its pixels that are brighter than half of the largest value."""
     try:
-        picture = decoded(untrusted.read_bytes(path, "roi", "image", within=within), str(path))
+        picture = decoded_image(untrusted.read_bytes(path, "roi", "image", within=within))
     except CheckFailedError as error:
         raise InputError("roi", str(path), str(error)) from None
     if picture.shape[:2] != (height, width):

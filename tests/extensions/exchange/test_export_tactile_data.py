@@ -20,7 +20,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 def image_of(path: Path) -> Any:
-    return decoded(path.read_bytes(), path.name)
+    return decoded(path.read_bytes())
 
 
 def test_images_table_and_parameters_have_the_paths_of_tactile_learning(run_folder: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from helpers.studies import GRID, WHEN, Frame, noise_image, write_study
 
 from tacbench_cad import lab
+from tacbench_cad.lab.runs.importing.importer import import_samples
 from tacbench_cad.lab.runs.press_table import COLUMNS, read_frame, stationary
 from tacbench_cad.util.errors import CheckFailedError, InputError
 
@@ -27,6 +28,32 @@ def write_images(folder: Path, *names: str) -> None:
     for number, name in enumerate(names):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(folder / name), np.full((6, 8), number, dtype=np.uint8))
+
+
+def test_images_of_every_format_are_read_as_the_import_stores_them(tmp_path: Path) -> None:
+    colours = np.random.default_rng(1).integers(0, 256, (12, 16, 3), dtype=np.uint8)
+    opaque = np.dstack([colours, np.full((12, 16), 255, dtype=np.uint8)])
+    folder = tmp_path / "frames" / "ridges"
+    folder.mkdir(parents=True)
+    written = {"a.PNG": colours, "b.jpeg": colours, "c.bmp": colours, "d.tif": colours, "e.TIFF": opaque}
+    for name, image in written.items():
+        cv2.imwrite(str(folder / name), image)
+    presses = lab.read(folder.parent).sort_values("frame")
+    report = import_samples([folder.parent], tmp_path / "runs")
+    assert report.ok
+    imported = {np.asarray(frame).tobytes() for frame in lab.iter_frames(lab.read(tmp_path / "runs"))}
+    frames = dict(zip((Path(path).name for path in presses["frame"]), lab.iter_frames(presses), strict=True))
+    assert frames.keys() == {*written}
+    assert {frame.tobytes() for frame in frames.values()} == imported
+    assert all(np.array_equal(frames[name], colours) for name in written if name != "b.jpeg")
+    deep = tmp_path / "deep" / "bumps" / "a.tif"  # an array that is no image of 8 bits is stored in RGB
+    deep.parent.mkdir(parents=True)
+    cv2.imwrite(str(deep), colours.astype(np.uint16) * 257)
+    assert np.array_equal(read_frame(deep), colours[..., ::-1].astype(np.uint16) * 257)
+    opaque[0, 0, 3] = 7
+    cv2.imwrite(str(folder / "e.TIFF"), opaque)
+    with pytest.raises(CheckFailedError, match=r"e\.TIFF: has transparent pixels"):
+        lab.frames(presses)
 
 
 def test_every_press_has_a_row_with_the_facts_of_its_print(study: Path) -> None:

@@ -137,9 +137,9 @@ def test_a_path_outside_the_run_is_refused(run_folder: Path) -> None:
     ("damage", "message"),
     [
         (lambda path: path.unlink(), "cannot be read"),
-        (lambda path: path.write_bytes(path.read_bytes()[:200]), "is not a readable PNG image"),
-        (lambda path: path.write_bytes(b"GIF89a"), "is not a readable PNG image"),
-        (lambda path: path.write_bytes(b""), "is not a readable PNG image"),
+        (lambda path: path.write_bytes(path.read_bytes()[:200]), "is not a readable"),
+        (lambda path: path.write_bytes(b"GIF89a"), "is not a readable"),
+        (lambda path: path.write_bytes(b""), "is not a readable"),
         (lambda path: path.write_bytes(encoded(np.zeros((8, 8), np.uint8), ())[0]), r"has shape \(8, 8\)"),
         (lambda path: (path.unlink(), path.mkdir()), "is a folder"),
     ],
@@ -218,7 +218,7 @@ def test_a_png_with_a_damaged_length_allocates_no_memory() -> None:
     data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
     tracemalloc.start()
     with pytest.raises(CheckFailedError, match="is not a readable PNG image"):
-        decoded(bytes(data), "a.png")
+        decoded(bytes(data))
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
 
@@ -339,7 +339,7 @@ class TestArbitraryBytes:
         data = bytearray(encoded(np.arange(600, dtype=np.uint8).reshape(20, 30), ("a",))[0])
         data[at % len(data)] = byte
         try:
-            assert decoded(bytes(data), "a.png").size
+            assert decoded(bytes(data)).size
         except CheckFailedError:
             return
 

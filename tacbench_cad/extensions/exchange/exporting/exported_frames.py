@@ -40,7 +40,7 @@ class ExportedSample:
         Raises:
             CheckFailedError: The file cannot be decoded.
         """
-        return decoded(self.data, self.suffix)
+        return decoded(self.data)
 
 
 class Samples:

@@ -15,9 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tacbench_cad.lab.rig.colours import INSIDE, Channels, from_outside
+from tacbench_cad.lab.rig.colours import Channels, from_outside
 from tacbench_cad.lab.rig.sensor import is_image
-from tacbench_cad.lab.runs.frame_files import JPEG, PNG, FrameFile, decoded, decoded_image, encoded, simulated_text
+from tacbench_cad.lab.runs.frame_files import (
+    FrameFile,
+    as_frame,
+    decoded_image,
+    encoded,
+    image_format,
+    simulated_text,
+)
 from tacbench_cad.lab.runs.importing.grouping import Fields, Group, GroupedSample, Names, grouped
 from tacbench_cad.lab.runs.importing.import_formats import sources_of
 from tacbench_cad.lab.runs.importing.sources import ImportOptions, LeftOutFile, Loaded, Sample, Source
@@ -39,7 +46,8 @@ PROBES = 3
 #: The number of samples of a run that are listed with the same reason for being left out. More samples share a line.
 MAX_ALIKE = 10
 
-_BMP, _TIFF = b"BM", (b"II*\0", b"MM\0*")
+#: The suffixes of the image files that are kept unchanged, by their format.
+_KEPT = {"PNG": ".png", "JPEG": ".jpg"}
 
 
 class Prepared(NamedTuple):
@@ -304,16 +312,11 @@ def prepared(loaded: Loaded, channels: Channels) -> Prepared:
     if not isinstance(loaded, bytes):
         frame, simulated = from_outside(_without_last_axis(loaded), channels), ""
     else:
-        suffix = next((suffix for start, suffix in ((PNG, ".png"), (JPEG, ".jpg")) if loaded.startswith(start)), "")
-        frame = decoded(loaded, suffix) if suffix else _other_image(loaded)
-        simulated = simulated_text(loaded) if suffix == ".png" else ""
-        if suffix and is_image(frame):
-            return Prepared(FrameFile.of(loaded, suffix), frame.shape, simulated)
-        if frame.ndim == 3 and frame.shape[2] == 4:
-            if not (frame[..., 3] == np.iinfo(frame.dtype).max).all():
-                raise CheckFailedError("has transparent pixels, whose colour is unknown")
-            frame = np.ascontiguousarray(frame[..., :3])
-        frame = from_outside(frame, INSIDE)
+        image, suffix = decoded_image(loaded), _KEPT.get(image_format(loaded) or "")
+        simulated = simulated_text(loaded)
+        if suffix and is_image(image):
+            return Prepared(FrameFile.of(loaded, suffix), image.shape, simulated)
+        frame = as_frame(image)
     if frame.dtype.kind not in "iufb" or not frame.size:
         raise CheckFailedError(f"contains {frame.dtype} of shape {frame.shape}; it must contain real numbers")
     file = FrameFile.of(*encoded(np.ascontiguousarray(frame), (simulated,) if simulated else ()))
@@ -324,12 +327,3 @@ def _without_last_axis(array: NDArray[Any]) -> NDArray[Any]:
     """Return a grey image of shape (height, width, 1), as many networks take it, without its last axis."""
     is_grey = array.ndim == 3 and array.shape[2] == 1 and is_image(array[..., 0])
     return array[..., 0] if is_grey else array
-
-
-def _other_image(data: bytes) -> NDArray[Any]:
-    """Decode a BMP or TIFF image. An incomplete or too large image is refused before it is decoded."""
-    if data.startswith(_BMP):
-        return decoded_image(data, "BMP")
-    if data[:4] in _TIFF:
-        return decoded_image(data, "TIFF")
-    raise CheckFailedError("is not a readable image (PNG, JPEG, BMP or TIFF)")
