@@ -19,7 +19,7 @@ from tacbench_cad.util.processes import Workers
 #: The time limit in s and the memory limit in MB of one case.
 MAX_SECONDS, MAX_MB = 30.0, 2000
 #: The number of cases of each kind in ``make test`` and in ``make test-long``.
-FEW, MANY = 6, 5000
+FEW, MANY = 3, 5000
 
 
 @pytest.fixture(scope="module")

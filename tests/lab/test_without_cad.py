@@ -35,20 +35,14 @@ def _tacbench(*commands: tuple[str | Path, ...]) -> str:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="virtual firmware needs pseudo-terminals")
 @pytest.mark.parametrize("driver", ["virtual-grbl", pytest.param("virtual-marlin", marks=pytest.mark.long)])
-def test_a_block_is_pressed_and_checked(driver: str, tmp_path: Path) -> None:
-    study = tmp_path / "study.toml"
-    study.write_text(STUDY.replace("virtual-grbl", driver))
-    _checked(("acquire", study, "--out", tmp_path / "runs"), tmp_path / "runs")
-
-
-def test_a_study_is_simulated_and_checked(tmp_path: Path) -> None:
-    study = tmp_path / "study.toml"
-    study.write_text(STUDY.partition("[stage]")[0])
-    _checked(("simulate", "--study", study, "--out", tmp_path / "runs", "--jobs", "1"), tmp_path / "runs")
-
-
-def _checked(command: tuple[str | Path, ...], runs: Path) -> None:
-    """Check that a complete simulated run of two presses was written. One process runs both commands to save time."""
-    assert "1 run, 2 presses: nothing wrong" in _tacbench(command, ("check-runs", runs))
-    (info,) = runs.glob("*/run.json")
-    assert "simulated TacTip" in info.read_text(encoding="utf-8")
+def test_a_block_is_pressed_simulated_and_checked(driver: str, tmp_path: Path) -> None:
+    pressed, simulated, runs = tmp_path / "pressed.toml", tmp_path / "simulated.toml", tmp_path / "runs"
+    pressed.write_text(STUDY.replace("virtual-grbl", driver))
+    simulated.write_text(STUDY.partition("[stage]")[0])
+    output = _tacbench(
+        ("acquire", pressed, "--out", runs / "a"),
+        ("simulate", "--study", simulated, "--out", runs / "b", "--jobs", "1"),
+        ("check-runs", runs),
+    )
+    assert "2 runs, 4 presses: nothing wrong" in output
+    assert all("simulated TacTip" in info.read_text(encoding="utf-8") for info in runs.glob("*/*/run.json"))

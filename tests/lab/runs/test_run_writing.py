@@ -340,20 +340,16 @@ def test_a_file_instead_of_a_folder_is_reported_and_vice_versa(name: str, tmp_pa
         pass
 
 
-def test_a_row_without_its_file_is_refused(run_folder: Path, make_info: Any) -> None:
-    (run_folder / "sensor_images" / "image_7.png").unlink()
+@pytest.mark.parametrize("replaced_by_a_folder", [False, True])
+def test_a_row_without_its_file_is_refused(replaced_by_a_folder: bool, run_folder: Path, make_info: Any) -> None:
+    image = run_folder / "sensor_images" / "image_7.png"
+    image.unlink()
+    if replaced_by_a_folder:
+        image.mkdir()
     with (
         pytest.raises(InputError, match=r"image_7.png: is missing, but targets.csv"),
         RunWriter.open(run_folder, make_info()),
     ):
-        pass
-
-
-def test_an_image_replaced_by_a_folder_is_refused(run_folder: Path, make_info: Any) -> None:
-    image = run_folder / "sensor_images" / "image_7.png"
-    image.unlink()
-    image.mkdir()
-    with pytest.raises(InputError, match=r"image_7.png: is missing"), RunWriter.open(run_folder, make_info()):
         pass
 
 

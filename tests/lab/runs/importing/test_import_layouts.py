@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.cases import mostly_long
 from PIL import Image
 
 from tacbench_cad.cli import main
@@ -69,9 +70,11 @@ def write_toolchain(folder: Path, images: str, count: int, seed: int, side: int 
     (folder / "meta.json").write_text(json.dumps({"robot": "abb", "num_poses": count}))
 
 
-@pytest.mark.parametrize(("images", "mode"), [("images", None), ("frames_bw", "1"), ("frames", None), ("", None)])
-@pytest.mark.parametrize("kind", [None, "tactip"])
-def test_an_older_folder_of_a_toolchain(images: str, mode: str | None, kind: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("images", "mode", "kind"),
+    [("images", None, None), ("frames_bw", "1", "tactip"), ("frames", None, None), ("", None, "tactip")],
+)
+def test_an_older_folder_of_a_toolchain(images: str, mode: str | None, kind: str | None, tmp_path: Path) -> None:
     data = tmp_path / "csv_train"
     write_toolchain(data, images, 12, 1, mode=mode)
     columns = {"Rx": "pose_4", "Ry": "pose_5", "Rz": "pose_6", "x": "pose_1", "repeat": "pose_id"}
@@ -91,8 +94,7 @@ def test_an_older_folder_of_a_toolchain(images: str, mode: str | None, kind: Any
         assert turned == (float(said["pose_1"]), None, *(float(said[f"pose_{n}"]) for n in (4, 5, 6)))
 
 
-@pytest.mark.parametrize("deeper", ["", "tactip-127/edge2d"])
-@pytest.mark.parametrize("kind", [None, "tactip"])
+@pytest.mark.parametrize(("deeper", "kind"), [("", "tactip"), ("tactip-127/edge2d", None)])
 def test_several_such_folders_side_by_side(deeper: str, kind: Any, tmp_path: Path, capsys: Capture) -> None:
     data = tmp_path / "data"
     for seed, name in ((100, "csv_train"), (200, "csv_val")):
@@ -140,7 +142,7 @@ CLASSES: dict[str, tuple[int, str, str | None, tuple[int, ...]]] = {
 }
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", mostly_long(CLASSES, "TacTip, thresholded", "DIGIT"))
 def test_classes_beside_other_files(name: str, tmp_path: Path, capsys: Capture) -> None:
     count, suffix, mode, shape = CLASSES[name]
     data = tmp_path / "classes"
@@ -173,16 +175,14 @@ def test_a_damaged_image_among_other_files_is_still_a_failure(tmp_path: Path, ca
     assert "1 left out" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("way", ["folder", "two files", "one file"])
-@pytest.mark.parametrize("shape", [(19, 150), (6, 10, 75)])
 @pytest.mark.parametrize(
-    "labels",
+    ("labels", "shape", "way"),
     [
-        lambda classes: classes,
-        lambda classes: classes.astype(float),
-        lambda classes: classes[:, None],
-        lambda classes: np.eye(20)[classes],
-        lambda classes: np.array([f"{label}" for label in classes]),
+        (lambda classes: classes, (19, 150), "folder"),
+        (lambda classes: classes.astype(float), (6, 10, 75), "two files"),
+        (lambda classes: classes[:, None], (19, 150), "one file"),
+        (lambda classes: np.eye(20)[classes], (6, 10, 75), "folder"),
+        (lambda classes: np.array([f"{label}" for label in classes]), (6, 10, 75), "one file"),
     ],
 )
 def test_arrays_with_an_array_of_labels(
