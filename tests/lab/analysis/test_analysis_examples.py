@@ -43,7 +43,7 @@ def test_a_pipeline_is_tested_on_unseen_copies(tmp_path: Path, capsys: pytest.Ca
     assert len(re.findall(r"[01]\.\d*", shown.splitlines()[-1])) == 2
 
 
-@pytest.mark.usefixtures("no_figures")
+@pytest.mark.usefixtures("no_figures", "few_trees")
 def test_optical_flow_is_a_feature_of_every_analysis(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

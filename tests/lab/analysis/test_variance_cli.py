@@ -96,6 +96,7 @@ def test_json_equals_the_csv(study: Path, written: tuple[Path, str], capsys: pyt
         assert {name: "" if ours[name] is None else str(ours[name]) for name in theirs} == theirs
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_the_function_gives_the_tables_of_the_command(study: Path, written: tuple[Path, str], tmp_path: Path) -> None:
     result = lab.variance(lab.read(study))
     texts = [" ".join(row).split() for _, table in result.shown() for row in table.texts]
