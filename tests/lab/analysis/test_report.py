@@ -275,6 +275,7 @@ def test_damaged_files_are_reported_and_the_rest_is_analysed(tmp_path: Path) -> 
     assert (tmp_path / "page_files" / "variance" / "variance.csv").is_file()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_images_that_were_not_imported_get_a_page(tmp_path: Path) -> None:
     for label, level in (("cork", 40), ("felt", 90)):
         (tmp_path / "photographs" / label).mkdir(parents=True)

@@ -265,6 +265,7 @@ def test_a_virtual_slide_study_is_analysed(
     assert (scores.loc[scores["tested_on"] == "all", "accuracy"] == 1.0).all()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_report_shows_the_variance_along_the_slide(tmp_path: Path) -> None:
     write_slides(tmp_path / "few", prints=PRINTERS[:1], still=1)
     report = ["report", str(tmp_path / "few"), "--series", "--no-classify", "--jobs", "1"]
